@@ -24,4 +24,4 @@ for law in planners.laws():
     worst = [getattr(proof, name).ratio.max() for name in ("velocity", "acceleration", "jerk")]
     off = 1e6 * proof.path_error.distance
     ratios = "".join(f"{ratio:12.3f}" for ratio in worst)
-    print(f"{law:14} {plan.trajectory.duration:6.3f}{ratios}{off:19.4f}  {proof.holds}")
+    print(f"{law:14} {plan.trajectory.duration:6.3f}{ratios}{off:19.4f}  {proof.is_valid}")

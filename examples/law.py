@@ -24,7 +24,7 @@ class SlowMiddle(TimeLaw):
         How much slower the tool is where all joints are in the middle, than where all are at a limit [1].
     """
 
-    keeps = DERIVATIVES  # velocity, acceleration and jerk: what the certificate judges
+    enforced = DERIVATIVES  # velocity, acceleration and jerk: what the certificate judges
 
     def __init__(self, *, slowness=2.0):
         self.slowness = slowness
@@ -34,11 +34,11 @@ class SlowMiddle(TimeLaw):
         robot, bound = joint_path.robot, self.need(limits, joint_path.robot)
         way = np.ptp(joint_path(joint_path.nodes), axis=0)
         moves = way > 1e-9 * way.max()
-        if not any(np.isfinite(bound[field][moves]).any() for field in self.keeps):
+        if not any(np.isfinite(bound[field][moves]).any() for field in self.enforced):
             moving = robot.joint_names[int(way.argmax())]
             raise NoSolution("no joint that moves has a limit", advice=f"a limit for {moving}")
         shape = refit(joint_path, self._progress(joint_path))
-        return fitted(robot, shape, limits, self.keeps)  # the same motion, as fast as the limits allow
+        return fitted(robot, shape, limits, self.enforced)  # the same motion, as fast as the limits allow
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

@@ -34,4 +34,4 @@ print(
     f"line: {plan.trajectory.duration:.3f} s, at most {1e6 * proof.path_error.distance:.2g} µm off the line at any instant"
 )
 worst = max(getattr(proof, name).ratio.max() for name in ("velocity", "acceleration", "jerk"))
-print(f"certificate holds: {proof.holds}; worst value over its limit: {worst:.6f}")
+print(f"certificate valid: {proof.is_valid}; worst value over its limit: {worst:.6f}")

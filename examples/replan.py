@@ -19,7 +19,7 @@ print(f"planned: {plan.trajectory.duration:.3f} s")
 now = 0.2 * plan.trajectory.duration  # the arm moves: its state is that of the plan at this time
 stop = planners.replan(plan, now, stop=True)
 print(f"stop at {now:.3f} s: at rest {stop.trajectory.duration:.3f} s later, on the path up to "
-      f"{stop.span[1] / line.end:.0%} of it; certificate holds: {stop.certificate.holds}")  # fmt: skip
+      f"{stop.span[1] / line.end:.0%} of it; certificate valid: {stop.certificate.is_valid}")  # fmt: skip
 
 # A person comes near: limit the tool speed to 0.25 m/s. The arm brakes until it respects this limit.
 slow = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=500.0, tool_speed=0.25)

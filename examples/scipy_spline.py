@@ -17,7 +17,7 @@ class ScipySpline(TimingPeer):
     settings = (
         "CubicSpline(bc_type='clamped') through 41 samples, scaled in time to the velocity and acceleration limits"
     )
-    keeps = ("velocity", "acceleration")
+    enforced = ("velocity", "acceleration")
 
     def __init__(self, limits):
         from scipy.interpolate import CubicSpline

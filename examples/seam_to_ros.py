@@ -31,4 +31,6 @@ if not plan:
 sent = planners.to_ros(plan, out, rate=125.0)  # 8 ms between points; what the controller executes is certified
 off = 1e6 * sent.certificate.path_error.distance
 print(f"{out}: {sent.points} points, {sent.trajectory.duration:.3f} s")
-print(f"as the controller executes it: certificate holds: {sent.certificate.holds}; at most {off:.2f} µm off the seam")
+print(
+    f"as the controller executes it: certificate valid: {sent.certificate.is_valid}; at most {off:.2f} µm off the seam"
+)

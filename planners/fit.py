@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from planners.certificate.examined import examined
+from planners.certificate.analysis import analyse_motion
 from planners.limits import MotionLimits, check_names
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -25,14 +25,14 @@ def stretch(
     robot: Robot,
     trajectory: Trajectory,
     limits: MotionLimits,
-    keeps: tuple[str, ...] | None = None,
+    enforced: tuple[str, ...] | None = None,
     path: Path | None = None,
 ) -> float:
     """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly."""
-    if keeps is not None:
-        check_names(keeps, "keeps")
-    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
-    chosen = [kind for kind in limits.kinds if keeps is None or kind.name in keeps]
+    if enforced is not None:
+        check_names(enforced, "enforced")
+    motion, bounds = analyse_motion(robot, trajectory, path), limits.bounds(robot.n)
+    chosen = [kind for kind in limits.kinds if enforced is None or kind.name in enforced]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
@@ -40,7 +40,7 @@ def keeps_all(
     robot: Robot, trajectory: Trajectory, limits: MotionLimits, names: tuple[str, ...], path: Path | None = None
 ) -> bool:
     """Say whether a motion keeps its limits, by the judgements of the certificate."""
-    motion, bounds = examined(robot, trajectory, path), limits.bounds(robot.n)
+    motion, bounds = analyse_motion(robot, trajectory, path), limits.bounds(robot.n)
     chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
@@ -49,11 +49,11 @@ def fitted(
     robot: Robot,
     trajectory: Trajectory,
     limits: MotionLimits,
-    keeps: tuple[str, ...] | None = None,
+    enforced: tuple[str, ...] | None = None,
     path: Path | None = None,
 ) -> Trajectory:
     """Return a motion from rest to rest, scaled in time so that it just keeps its limits."""
-    factor = stretch(robot, trajectory, limits, keeps, path)
+    factor = stretch(robot, trajectory, limits, enforced, path)
     if not factor > 0.0:
         return trajectory
     margin = 0.0
@@ -61,7 +61,7 @@ def fitted(
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
         trajectory = trajectory.slowed(factor * (1.0 + margin))
-        factor = stretch(robot, trajectory, limits, keeps, path)
+        factor = stretch(robot, trajectory, limits, enforced, path)
         if factor <= 1.0:
             break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
@@ -69,7 +69,7 @@ def fitted(
         if not 0.0 < factor < 1.0 - SPARE:
             break
         closer = trajectory.slowed(factor)
-        factor = stretch(robot, closer, limits, keeps, path)
+        factor = stretch(robot, closer, limits, enforced, path)
         if factor > 1.0:
             break
         trajectory = closer

@@ -13,7 +13,7 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
-from planners.certificate.failure import ALLOWANCES, Allow, check_allow, check_valid
+from planners.certificate.violation import ALLOWANCES, Allow, check_allow, check_valid
 from planners.following.stop import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
@@ -53,10 +53,10 @@ class Motion:
         The motion of its joints.
     law : str
         Name of the law that made it.
-    keeps : tuple of str
+    enforced : tuple of str
         The limits that the motion must respect: those that its law enforces, and those that the caller gave; by default all.
     tolerance : (2,) tuple of float, optional
-        Largest distance [m] and angle [rad] to the path with which its certificate holds.
+        Largest distance [m] and angle [rad] to the path with which its certificate is valid.
     span : (2,) tuple of float, optional
         The part of the path [s] that it is meant to cover, by default all.
     speed : float, optional
@@ -79,7 +79,7 @@ class Motion:
     limits: MotionLimits
     trajectory: Trajectory
     law: str = ""
-    keeps: tuple[str, ...] = ALL_LIMITS
+    enforced: tuple[str, ...] = ALL_LIMITS
     tolerance: tuple[float, float] | None = None
     span: tuple[float, float] | None = None
     speed: float | None = None
@@ -97,8 +97,10 @@ class Motion:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)
         self.limits.check_path(self.path)
-        if not isinstance(self.keeps, tuple) or any(k not in self.limits.names for k in self.keeps):
-            raise InvalidInput("keeps", repr(self.keeps)[:120], f"a tuple of some of {', '.join(self.limits.names)}")
+        if not isinstance(self.enforced, tuple) or any(k not in self.limits.names for k in self.enforced):
+            raise InvalidInput(
+                "enforced", repr(self.enforced)[:120], f"a tuple of some of {', '.join(self.limits.names)}"
+            )
 
         if self.tolerance is not None:
             object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))
@@ -126,7 +128,12 @@ class Motion:
         InvalidInput
             An option that `planners.certify` refuses.
         """
-        known: dict[str, Any] = {"law": self.law, "keeps": self.keeps, "tolerance": self.tolerance, "span": self.span}
+        known: dict[str, Any] = {
+            "law": self.law,
+            "enforced": self.enforced,
+            "tolerance": self.tolerance,
+            "span": self.span,
+        }
         known |= {"scene": self.scene, "margin": self.margin, "before": self.before}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 

@@ -18,9 +18,9 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, Tolerance, solver_for
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
-from planners.certificate.failure import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.certificate.statics import check_statics
 from planners.certificate.summary import plan_summary
+from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
 from planners.fit import fitted, stretch
 from planners.following.follow import Followed, JointPath, Stop, follow
@@ -183,7 +183,7 @@ class Plan:
         """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
         proof = self.certificate
         return Motion(
-            self.robot, self.path, self.limits, self.trajectory, self.law, proof.keeps, proof.tolerance, self.span,
+            self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
             self.speed, self.scene, self.margin, self.before,
         )  # fmt: skip
 
@@ -254,7 +254,7 @@ def plan(
     strict : bool
         Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
     tolerance : (2,) tuple of float
-        Largest distance [m] and angle [rad] between tool and path with which the certificate holds.
+        Largest distance [m] and angle [rad] between tool and path with which the certificate is valid.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     scene, margin : Scene and float, optional
@@ -326,17 +326,17 @@ def _check_wishes(duration: float | None, strict: bool) -> None:
 
 def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tuple[PlanStatus, Stop | None]:
     """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
-    if proof.holds:
+    if proof.is_valid:
         return PlanStatus.SOLVED, None
     status, advice = PlanStatus.NOT_PROVED, UNPROVED
     if proof.clearance is not None and proof.clearance.touches:
         status = PlanStatus.CONTACT
-    elif enforced is not None and replace(proof, keeps=enforced).holds:
+    elif enforced is not None and replace(proof, enforced=enforced).is_valid:
         status = PlanStatus.LIMITS_EXCEEDED
-        advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.failures)!r}"
-    first = proof.failures[0]
+        advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.violations)!r}"
+    first = proof.violations[0]
     place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
-    reason = f"the certificate is not valid: {'; '.join(proof.broken)}"
+    reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
     return status, Stop(status, place, first.joint, reason, advice)
 
 
@@ -360,9 +360,9 @@ class PlanRequest:
     allow: tuple[str, ...] = ()
 
     @property
-    def keeps(self) -> tuple[str, ...]:
+    def enforced(self) -> tuple[str, ...]:
         """The limits that the motion must respect: those that its law enforces, and given limits without an ``allow``."""
-        enforced = self.law.promises(self.limits)
+        enforced = self.law.list_enforced(self.limits)
         given = tuple(name for name in self.limits.given_names if name not in enforced)
         return (*enforced, *required_limits(given, self.allow))
 
@@ -370,11 +370,11 @@ class PlanRequest:
         """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
-            self.robot, self.path, trajectory, self.limits, law=self.law.name, keeps=self.keeps, rate=self.rate,
+            self.robot, self.path, trajectory, self.limits, law=self.law.name, enforced=self.enforced, rate=self.rate,
             tolerance=self.tolerance, span=self.span, scene=self.scene, margin=self.margin, before=self.before,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
-        status, stop = verdict(proof, self.law.promises(self.limits))
+        status, stop = verdict(proof, self.law.list_enforced(self.limits))
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, self.margin, seconds, self.before, self.start_error, self.stop_kind,
@@ -395,12 +395,12 @@ class PlanRequest:
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
-        field = max(proof.keeps, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
+        field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
         place = float(np.interp(t, proof.binding.t, proof.binding.s))
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
         if not ratio > 1.0:
-            what = proof.broken[0]
+            what = proof.reasons[0]
         stop = Stop(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
         return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
 
@@ -410,16 +410,16 @@ def _timed(request: PlanRequest, followed: Followed, duration: float | None, str
     if followed.stop is not None:
         return request._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
     assert followed.joint_path is not None
-    joints, keeps = followed.joint_path, request.law.promises(request.limits)
+    joints, enforced = followed.joint_path, request.law.list_enforced(request.limits)
     try:
-        check_statics(joints, request.limits, keeps)
+        check_statics(joints, request.limits, enforced)
         raw = check_motion(request.law, request.law.run(joints, request.limits), request.robot)
-        factor = stretch(request.robot, raw, request.limits, keeps, request.path)
+        factor = stretch(request.robot, raw, request.limits, enforced, request.path)
         exceeded = factor > 1.0
         if exceeded and strict:
-            proof = certify(request.robot, request.path, raw, request.limits, keeps=keeps)
+            proof = certify(request.robot, request.path, raw, request.limits, enforced=enforced)
             return request._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(request.robot, raw, request.limits, keeps, request.path) if exceeded else raw
+        trajectory = fitted(request.robot, raw, request.limits, enforced, request.path) if exceeded else raw
         slowed = trajectory.duration / raw.duration
         if duration is not None:
             trajectory = _lasting(trajectory, duration, request.law)
@@ -438,7 +438,7 @@ def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajector
             f"{law.speed:.6g} was asked, which takes {trajectory.duration:.9g} s",
             advice=f"no duration; or {law.name} without a speed, whose speed then follows from the duration",
         )
-    if law.keeps and duration < trajectory.duration:
+    if law.enforced and duration < trajectory.duration:
         raise NoSolution(
             f"{duration:.6g} s is shorter than the least duration that {law.name} finds, {trajectory.duration:.9g} s",
             advice="a longer duration, or higher limits",

@@ -11,14 +11,14 @@ from tests.oracles import REPOSITORY
 
 EXAMPLES = REPOSITORY / "examples"
 EXPECTED = {
-    "own_urdf": r"certificate holds: True",
+    "own_urdf": r"certificate valid: True",
     "own_method": r"lm +100\.0 % solved",
     "compare_laws": r"optimal +0\.\d+ .*True",
     "batch": r"3,000 of 3,000 solved",
     "reachability_map": r"\d+ of 1681 poses reached; proved out of reach: \d+",
-    "replan": r"certificate holds: True",
+    "replan": r"certificate valid: True",
     "report": r"report: .*report.html",
-    "seam_to_ros": r"certificate holds: True",
+    "seam_to_ros": r"certificate valid: True",
 }
 """What each prints, by its name."""
 ARGUMENTS = {"batch": ["3000"]}

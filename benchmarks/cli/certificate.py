@@ -64,7 +64,7 @@ def print_certificate(planned: Any) -> None:
     )  # fmt: skip
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)
-        name, required = field.replace("_", " "), "yes" if field in proof.keeps else "no"
+        name, required = field.replace("_", " "), "yes" if field in proof.enforced else "no"
         if not np.isnan(ratio):
             table.add_row(name, f"{ratio:.8g}", joint, f"{t:.4f}", required)
         elif field in DERIVATIVES:
@@ -83,16 +83,16 @@ def print_certificate(planned: Any) -> None:
     if planned.slowed > 1.0:
         slowed = f"slowed by {planned.slowed:.9g} until it kept what the law promises"
         out_console.print(slowed, highlight=False)
-    beyond = [f for f in ALL_LIMITS if f not in proof.keeps and proof.worst(f)[0] > 1.0]
+    beyond = [f for f in ALL_LIMITS if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
         words = ", ".join(f"{f.replace('_', ' ')} {much(proof.worst(f)[0])}" for f in beyond)
         out_console.print(f"not enforced by {planned.law}, and exceeded: {words}", style="yellow", highlight=False)
-    if proof.holds:
+    if proof.is_valid:
         kept = (
             "every required limit is respected at every instant"
-            if proof.keeps
+            if proof.enforced
             else f"joint ranges and path only; no limit is required of {planned.law}"
         )
         out_console.print(f"certificate valid: {kept}", style="green", highlight=False)
     else:
-        out_console.print("certificate NOT valid: " + "; ".join(proof.broken), style="yellow", highlight=False)
+        out_console.print("certificate NOT valid: " + "; ".join(proof.reasons), style="yellow", highlight=False)

@@ -166,7 +166,7 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
     """Plan, write and print; exit status 1 if there is no motion, or if ``--allow`` does not permit its violations."""
     import planners
-    from planners.certificate.failure import LIMIT_WORDS, forbidden, words_for
+    from planners.certificate.violation import LIMIT_WORDS, forbidden, words_for
 
     check_out(wish)
     allow = allowed_words(wish.allow)
@@ -268,7 +268,7 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
     limits = planners.MotionLimits.of(arm, **typed, **torques, **speeds)
     by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
-        if field in law.keeps and limits.value(field) is None and not (field == "acceleration" and by_torque):
+        if field in law.enforced and limits.value(field) is None and not (field == "acceleration" and by_torque):
             nothing = f"nothing, and {arm.name} has no limit of its own"
             raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
     return limits

@@ -107,7 +107,7 @@ def either(load: Callable[[str], Any], name: str) -> Any:
 
 def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
     """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
-    from planners.certificate.failure import check_allow
+    from planners.certificate.violation import check_allow
 
     words = [word.strip() for text in texts or () for word in text.split(",")]
     try:

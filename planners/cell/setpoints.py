@@ -89,9 +89,9 @@ def slowed_to(plan: Plan, duration: float) -> Plan:
     slower = replace(
         plan, _trajectory=moved.trajectory, _certificate=again, slowed=plan.slowed * duration / motion.duration
     )
-    if not plan or again.holds:
+    if not plan or again.is_valid:
         return slower
-    why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.broken)}"
+    why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.reasons)}"
     stop = Stop(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
     return replace(slower, status=PlanStatus.NOT_PROVED, stop=stop)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance, solver_for
-from planners.certificate.failure import Allow, check_valid
+from planners.certificate.violation import Allow, check_valid
 from planners.following.follow import JointPath, follow
 from planners.motion import Motion
 from planners.plan import FOLLOWED, Plan, verdict

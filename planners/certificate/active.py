@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.types import Array
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.parts import LimitedPart
 from planners.limits._extreme import plain
 
@@ -33,7 +33,7 @@ class Binding(NamedTuple):
         return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
 
 
-def active_constraints(motion: Examined, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
+def active_constraints(motion: MotionAnalysis, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
     """Return the peak ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
 
     Joint ratios are exact; tool ratios are taken at both ends of each segment.

@@ -15,18 +15,18 @@ from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
+from planners.certificate.analysis import MotionAnalysis, analyse_motion
 from planners.certificate.clearance import Clearance, clearance
-from planners.certificate.continuity import Jump, continuity_failures, continuous_order, largest_jump
+from planners.certificate.continuity import Jump, continuous_order, find_continuity_violations, largest_jump
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
-from planners.certificate.examined import Examined, examined
-from planners.certificate.failure import Failure, word_of_limit
 from planners.certificate.parts import judged_parts, limited_parts
 from planners.certificate.path_error import PathError
-from planners.certificate.position import position_failures, position_margins, position_times
+from planners.certificate.position import find_position_violations, position_margins, position_times
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
 from planners.certificate.summary import certificate_lines
+from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
 from planners.paths.base import Path
@@ -48,8 +48,8 @@ class Certificate:
         In the order of all arrays.
     law : str
         Name of the law that made it.
-    keeps : tuple of str
-        The limits that are promised: `holds` judges exactly these, and the position limits.
+    enforced : tuple of str
+        The limits that are enforced: `is_valid` judges exactly these, and the position limits.
     velocity, acceleration, jerk : Extreme
         Exact worst values over the limits; NaN ratios where there is no limit. Infinite jerk where acceleration jumps.
     torque, torque_rate : Extreme
@@ -70,7 +70,7 @@ class Certificate:
     path_error : PathError
         Tool against path: proved bounds for every instant.
     tolerance : (2,) tuple of float, or None
-        Largest distance [m] and angle [rad] to the path with which it holds; None where no tolerance is set.
+        Largest distance [m] and angle [rad] to the path with which it is valid; None where no tolerance is set.
     tool_speed, rotation_speed : ToolExtreme
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s]: proved bounds, their ratios to the limits (NaN
         where there is none) and when.
@@ -96,7 +96,7 @@ class Certificate:
 
     joint_names: tuple[str, ...]
     law: str
-    keeps: tuple[str, ...]
+    enforced: tuple[str, ...]
     duration: float
     velocity: Extreme
     acceleration: Extreme
@@ -174,51 +174,51 @@ class Certificate:
         return found.worst(self.joint_names if subject is None else (subject,))
 
     @cached_property
-    def failures(self) -> tuple[Failure, ...]:
-        """The promises that do not hold; empty where the certificate holds."""
-        moving = [] if self.rest[1] else [Failure("the motion does not end at rest", self.duration, "limits")]
+    def violations(self) -> tuple[Violation, ...]:
+        """The violations; empty where the certificate is valid."""
+        moving = [] if self.rest[1] else [Violation("the motion does not end at rest", self.duration, "limits")]
         return (
-            *self._violations(),
-            *continuity_failures(self.continuous, self.jump, self.joint_names),
-            *position_failures(self.position_margin, self.joint_names, self.t_position_margin),
-            *self.coverage.failures(self.tolerance, self.duration),
+            *self._limit_violations(),
+            *find_continuity_violations(self.continuous, self.jump, self.joint_names),
+            *find_position_violations(self.position_margin, self.joint_names, self.t_position_margin),
+            *self.coverage.find_violations(self.tolerance, self.duration),
             *moving,
-            *self.path_error.failures(self.tolerance),
-            *(() if self.clearance is None else self.clearance.failures()),
+            *self.path_error.find_violations(self.tolerance),
+            *(() if self.clearance is None else self.clearance.find_violations()),
         )
 
-    def _violations(self) -> list[Failure]:
-        """The promised limits that are violated."""
+    def _limit_violations(self) -> list[Violation]:
+        """Return the violations of enforced limits."""
         found = []
-        for field in self.keeps:
+        for field in self.enforced:
             ratio, subject, t = self.worst(field)
             if ratio > 1.0 + RATIO_ROUNDING:
                 much = f"{ratio:.9g} of its limit" if ratio < float("inf") else "unbounded"
                 words = f"{field} of {subject} is {much} at t = {t:.6g} s"
                 words += ", for this model of the masses" if field in LOADED else ""
                 joint = subject if subject in self.joint_names else None
-                found.append(Failure(words, t, word_of_limit(field), joint))
+                found.append(Violation(words, t, word_of_limit(field), joint))
         return found
 
     @property
-    def broken(self) -> tuple[str, ...]:
-        """The promises that do not hold, in words; empty where the certificate holds."""
-        return tuple(failure.words for failure in self.failures)
+    def reasons(self) -> tuple[str, ...]:
+        """Texts of the violations; empty where the certificate is valid."""
+        return tuple(violation.words for violation in self.violations)
 
     @property
-    def holds(self) -> bool:
-        """Whether all that the law promises is kept exactly, at every instant, and the motion runs through its path.
+    def is_valid(self) -> bool:
+        """Whether every enforced limit is respected at every instant, and the motion follows its whole path.
 
-        That is: the limits in ``keeps`` and the position limits, no jump of position or velocity, the tool within the
-        tolerance where there is one, all of the path run through forwards, rest at its end, and where a scene was given, every
-        distance proved to be above the margin.
+        The motion respects the limits in ``enforced`` and the position limits. Position and velocity do not jump. The tool
+        stays within the tolerance, if there is one. The motion passes the whole path forwards and ends at rest. With a scene,
+        every distance is proved to be above the margin.
         """
-        return not self.failures
+        return not self.violations
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files; infinite and undefined numbers as None."""
         out: dict[str, Any] = {
-            "law": self.law, "keeps": list(self.keeps), "holds": self.holds, "broken": list(self.broken),
+            "law": self.law, "enforced": list(self.enforced), "is_valid": self.is_valid, "reasons": list(self.reasons),
             "duration": self.duration, "rate": self.rate, "continuous": self.continuous, "rest": list(self.rest),
             "singular_value": self.singular_value, "t_singular_value": self.t_singular_value,
             "path_error": self.path_error.to_dict(), "coverage": self.coverage._asdict(), "joint_names": list(self.joint_names),
@@ -238,7 +238,7 @@ def certify(
     trajectory: Trajectory,
     limits: MotionLimits | None = None,
     *,
-    law: str = "", keeps: tuple[str, ...] | None = None, rate: float = 1000.0,
+    law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
     tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
     scene: Scene | None = None, margin: float = 0.0, before: tuple[MotionLimits, float] | None = None,
 ) -> Certificate:  # fmt: skip
@@ -255,12 +255,12 @@ def certify(
         The motion and its limits, by default the robot's own.
     law : str
         Name of the law that made it.
-    keeps : tuple of str, optional
+    enforced : tuple of str, optional
         The limits that it promises; by default all kinds that ``limits`` has, given or free.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     tolerance : (2,) tuple of float, optional
-        Largest distance [m] and angle [rad] to the path with which the certificate holds.
+        Largest distance [m] and angle [rad] to the path with which the certificate is valid.
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
     scene, margin : Scene and float, optional
@@ -277,28 +277,28 @@ def certify(
     ------
     InvalidInput
         Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``keeps``, a span that is none, limits for another path, an arm without shapes.
+        is not above 0, an unknown name in ``enforced``, a span that is none, limits for another path, an arm without shapes.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):
         raise InvalidInput("path", "None, with a tolerance or a span", "the Path that they belong to")
     span = (0.0, trajectory.end) if path is None else check_span(span, path)
-    keeps = limits.names if keeps is None else keeps
-    if unknown := [field for field in keeps if field not in limits.names]:
-        raise InvalidInput("keeps", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
+    enforced = limits.names if enforced is None else enforced
+    if unknown := [field for field in enforced if field not in limits.names]:
+        raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
     margin = check_scene(robot, scene, margin)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    promise = _Promise(law, keeps, rate, tolerance, scene, margin, before)
-    return _proved(examined(robot, trajectory, path, enough), limits, promise, span)
+    promise = _Promise(law, enforced, rate, tolerance, scene, margin, before)
+    return _proved(analyse_motion(robot, trajectory, path, enough), limits, promise, span)
 
 
 class _Promise(NamedTuple):
     """What a motion is judged by besides its limits, as `certify` describes it."""
 
     law: str
-    keeps: tuple[str, ...]
+    enforced: tuple[str, ...]
     rate: float
     tolerance: tuple[float, float] | None
     scene: Scene | None
@@ -306,9 +306,9 @@ class _Promise(NamedTuple):
     before: tuple[MotionLimits, float] | None
 
 
-def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
+def _proved(motion: MotionAnalysis, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
-    law, keeps, rate, tolerance, scene, margin, before = promise
+    law, enforced, rate, tolerance, scene, margin, before = promise
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
     judged = judged_parts(motion, parts)
@@ -317,7 +317,7 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
     return Certificate(
         joint_names=robot.joint_names,
         law=law,
-        keeps=keeps,
+        enforced=enforced,
         duration=trajectory.duration,
         sampled_jerk=sampled_jerk(trajectory, rate),
         rate=rate,
@@ -339,7 +339,7 @@ def _proved(motion: Examined, limits: MotionLimits, promise: _Promise, span: tup
     )
 
 
-def _effort(motion: Examined, limits: MotionLimits) -> dict[str, Any]:
+def _effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
     """Energy and steps of friction, where torque or its rate is limited."""
     if all(limits.value(name) is None for name in LOADED):
         return {}
@@ -348,7 +348,7 @@ def _effort(motion: Examined, limits: MotionLimits) -> dict[str, Any]:
     return {"energy": energy(torques), "friction_steps": steps}
 
 
-def _along(motion: Examined, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
+def _along(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
     """Distance to the path, places (m + 1,) at the knots, and the part of the path that is covered."""
     if not motion.has_path:
         end, nothing = motion.trajectory.end, (0.0, 0.0)

@@ -13,7 +13,7 @@ from optik.scene import Scene
 from optik.types import Flags
 from planners.certificate._clearance import search
 from planners.certificate.dividing import NARROWEST_SHARE
-from planners.certificate.failure import Failure
+from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 
 CLOSE = (0.05, 1e-4)
@@ -108,7 +108,7 @@ class Clearance:
         """Whether at every instant no links touch, and all distances to the scene are above the margin."""
         return all(kind.value > least for kind, least in self._kinds)
 
-    def failures(self) -> tuple[Failure, ...]:
+    def find_violations(self) -> tuple[Violation, ...]:
         """Contact, or that there is none is not proved; empty where the motion is free."""
         if self.proved:
             return ()
@@ -122,7 +122,7 @@ class Clearance:
             words = f"{1e3 * kind.found:.6g} mm between {where}{beyond}"
         else:
             words = f"contact of {where}"
-        return (Failure(words, kind.time, word),)
+        return (Violation(words, kind.time, word),)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files; infinite numbers as None."""

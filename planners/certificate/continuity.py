@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array, Flags
-from planners.certificate.failure import Failure
+from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 
 JUMP = 1e-5
@@ -84,13 +84,13 @@ def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
     return Jump(float(size[knot, joint]), float(trajectory.knots[knot]), joint)
 
 
-def continuity_failures(continuous: int, jump: Jump | None, joint_names: tuple[str, ...]) -> list[Failure]:
+def find_continuity_violations(continuous: int, jump: Jump | None, joint_names: tuple[str, ...]) -> list[Violation]:
     """Return the jump found by `largest_jump` as a violation; no motion may have one."""
     if continuous >= 1:
         return []
     what, unit = ("position", "rad or m") if continuous < 0 else ("velocity", "rad/s or m/s")
     if jump is None:
-        return [Failure(f"the {what} jumps", 0.0, "limits")]
+        return [Violation(f"the {what} jumps", 0.0, "limits")]
     name = joint_names[jump.joint]
     words = f"the {what} jumps by {jump.size:.3g} ({unit}) at t = {jump.t:.6g} s, joint {name}"
-    return [Failure(words, jump.t, "limits", name)]
+    return [Violation(words, jump.t, "limits", name)]

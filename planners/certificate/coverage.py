@@ -9,8 +9,8 @@ import numpy as np
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.failure import Failure
 from planners.certificate.path_error import Passage
+from planners.certificate.violation import Violation
 from planners.paths.base import Path
 
 FALLS = 100
@@ -37,19 +37,19 @@ class Coverage(NamedTuple):
     t_back: float
     missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
-    def failures(self, tolerance: tuple[float, float] | None, duration: float) -> list[Failure]:
+    def find_violations(self, tolerance: tuple[float, float] | None, duration: float) -> list[Violation]:
         """In which ways the motion does not run through its path, forwards."""
         late, early, back = (not np.less_equal(x, tolerance or COVERED).all() for x in self.missing)
         found = []
         if late:
             words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"
-            found.append(Failure(words, 0.0, "coverage"))
+            found.append(Violation(words, 0.0, "coverage"))
         if early:
             words = f"the motion ends at s = {self.end:.6g} of its path, not at {self.wanted[1]:.6g}"
-            found.append(Failure(words, duration, "coverage"))
+            found.append(Violation(words, duration, "coverage"))
         if back:
             words = f"the motion goes back along its path, to s = {self.back:.6g} at t = {self.t_back:.6g} s"
-            found.append(Failure(words, self.t_back, "coverage"))
+            found.append(Violation(words, self.t_back, "coverage"))
         return found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits import Extreme, MotionLimits, ToolExtreme
 from planners.splice import rest_of, start_of
 
@@ -16,13 +16,13 @@ from planners.splice import rest_of, start_of
 class LimitedPart(NamedTuple):
     """A part of a motion, its start time [s], and its limits."""
 
-    motion: Examined
+    motion: MotionAnalysis
     begin: float
     limits: MotionLimits
 
 
 def limited_parts(
-    motion: Examined, limits: MotionLimits, before: tuple[MotionLimits, float] | None
+    motion: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None
 ) -> tuple[LimitedPart, ...]:
     """Return the whole motion as one part, or its parts before and after the time at which the limits change."""
     if before is None:
@@ -38,11 +38,13 @@ def limited_parts(
         raise InvalidInput("before", f"limits on {', '.join(old.names)} until {t:.9g} s", expected)
     if t >= trajectory.end:
         return (LimitedPart(motion, 0.0, old),)
-    first, second = (Examined(motion.robot, part, path) for part in (start_of(trajectory, t), rest_of(trajectory, t)))
+    first, second = (
+        MotionAnalysis(motion.robot, part, path) for part in (start_of(trajectory, t), rest_of(trajectory, t))
+    )
     return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
 
 
-def judged_parts(motion: Examined, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
+def judged_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
     """Return the worst judgement of each kind of limit over the parts; infinite where a derivative jumps between two."""
     n = motion.robot.n
     found: dict[str, Any] = {}

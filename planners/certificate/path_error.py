@@ -10,10 +10,10 @@ from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds
 from planners.certificate.dividing import Closeness, Divided, joined, tiled
-from planners.certificate.failure import Failure
 from planners.certificate.nearest import Nearest
 from planners.certificate.path_bounds import Compared, PieceBounds, intervals
 from planners.certificate.progress import BEND, places_along
+from planners.certificate.violation import Violation
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -48,7 +48,7 @@ class PathError(NamedTuple):
         """Plain data for files; undefined numbers, of a motion without a path, as None."""
         return {name: x if np.isfinite(x) else None for name, x in self._asdict().items()}
 
-    def failures(self, tolerance: tuple[float, float] | None) -> list[Failure]:
+    def find_violations(self, tolerance: tuple[float, float] | None) -> list[Violation]:
         """How the tool leaves its path by more than the tolerance.
 
         Parameters
@@ -58,27 +58,27 @@ class PathError(NamedTuple):
 
         Returns
         -------
-        list of Failure
+        list of Violation
             Empty where it does not.
         """
         if tolerance is None:
             return []
-        failures: list[Failure] = []
+        violations: list[Violation] = []
         if not self.distance <= tolerance[0]:
             words = f"the tool is up to {self.distance:.3g} m off its path at t = {self.t_distance:.6g} s"
-            failures.append(_beyond(words, self.t_distance, self.found_distance, tolerance[0], "m"))
+            violations.append(_beyond(words, self.t_distance, self.found_distance, tolerance[0], "m"))
         if not self.angle <= tolerance[1]:
             words = f"the tool is turned by up to {self.angle:.3g} rad at t = {self.t_angle:.6g} s"
-            failures.append(_beyond(words, self.t_angle, self.found_angle, tolerance[1], "rad"))
-        return failures
+            violations.append(_beyond(words, self.t_angle, self.found_angle, tolerance[1], "rad"))
+        return violations
 
 
-def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Failure:
+def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Violation:
     """Return a deviation whose bound exceeds the tolerance; it is a violation if the largest value found also exceeds it."""
     words = f"{words}, and the tolerance is {tolerance:.3g} {unit}"
     if found > tolerance:
-        return Failure(words, t, "path")
-    return Failure(f"{words}: the largest value found is {found:.3g} {unit}", t, "not_proved")
+        return Violation(words, t, "path")
+    return Violation(f"{words}: the largest value found is {found:.3g} {unit}", t, "not_proved")
 
 
 class Passage(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.certificate.failure import Failure
+from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 
 
@@ -24,11 +24,13 @@ def position_times(robot: Robot, trajectory: Trajectory) -> Array:
     return np.where(lower, reach.t_least, reach.t_greatest)
 
 
-def position_failures(margins: Array, joint_names: tuple[str, ...], times: Array | None = None) -> list[Failure]:
+def find_position_violations(
+    margins: Array, joint_names: tuple[str, ...], times: Array | None = None
+) -> list[Violation]:
     """Return the largest violation of a position limit above 1e-9, from the margins and their times."""
     i = int(np.argmin(margins))
     if margins[i] >= -LIMIT_TOLERANCE:
         return []
     t = 0.0 if times is None else float(times[i])
     words = f"{joint_names[i]} exceeds its range by {-margins[i]:.3g} (rad or m) at t = {t:.6g} s"
-    return [Failure(words, t, "limits", joint_names[i])]
+    return [Violation(words, t, "limits", joint_names[i])]

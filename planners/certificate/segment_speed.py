@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array, Indices
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import Instants, MotionBounds
 from planners.certificate.dividing import Closeness, Divided, tiled
-from planners.certificate.examined import Examined
 from planners.certificate.nearest import Nearest
 from planners.certificate.tool_speed import SPEED_EXCESS, SPEED_INTERVALS, speeds_within
 from planners.paths.base import Path
@@ -32,7 +32,7 @@ class Limited(NamedTuple):
     bound: Array
 
 
-def segment_speed(motion: Examined, on_pieces: Array, part: int) -> tuple[float, float]:
+def segment_speed(motion: MotionAnalysis, on_pieces: Array, part: int) -> tuple[float, float]:
     """Bound the ratio of the tool's speed to the limit of the piece of the path that the tool is on, at every instant.
 
     Which piece it is on is told by the place s(t) that is nearest to the tool (`planners.certificate.path_error`). Where s(t)
@@ -68,7 +68,7 @@ class _Ratios(Divided[Limited]):
         return np.stack([ratio, np.zeros(ratio.size)], axis=1)
 
 
-def _stretches(motion: Examined, on_pieces: Array) -> tuple[Indices, Array, Array, Array]:
+def _stretches(motion: MotionAnalysis, on_pieces: Array) -> tuple[Indices, Array, Array, Array]:
     """Intervals of time (k,) in which one limit holds: their pieces of the motion, begins, ends [s] and limits."""
     passage, path = motion.along[1], motion.path
     t, s, inner = passage.t, passage.s, path.breaks[1:-1]

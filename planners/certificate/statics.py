@@ -53,9 +53,9 @@ def _with_rest(found: Proved, bound: Array, s: float, value: Array, friction: Ar
     )
 
 
-def check_statics(joint_path: JointPath, limits: MotionLimits, keeps: tuple[str, ...], since: float = 0.0) -> None:
+def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
     """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised."""
-    if limits.torque is None or "torque" not in keeps:
+    if limits.torque is None or "torque" not in enforced:
         return
     given = limits.bounds(joint_path.robot.n)["torque"]
     bound = np.stack([-given, given]) if given.ndim == 1 else given

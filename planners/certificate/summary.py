@@ -34,12 +34,12 @@ def plan_summary(plan: Plan, proof: Certificate | None) -> str:
 
 def certificate_lines(proof: Certificate) -> list[str]:
     """Return a summary of a certificate, at most eleven lines: validity, limits, path, tool, clearance."""
-    if proof.holds:
-        enforced = ", ".join(name for name in proof.keeps if not np.isnan(proof.worst(name)[0]))
+    if proof.is_valid:
+        enforced = ", ".join(name for name in proof.enforced if not np.isnan(proof.worst(name)[0]))
         status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
     else:
-        more = f" (and {len(proof.broken) - 1} more violations)" if len(proof.broken) > 1 else ""
-        status = f"certificate NOT valid: {shortened(proof.broken[0])}{more}"
+        more = f" (and {len(proof.reasons) - 1} more violations)" if len(proof.reasons) > 1 else ""
+        status = f"certificate NOT valid: {shortened(proof.reasons[0])}{more}"
     return [status, f"duration {proof.duration:.3g} s", *_limit_lines(proof), *_tool_lines(proof)]
 
 
@@ -52,7 +52,7 @@ def _limit_lines(proof: Certificate) -> list[str]:
     shown, lines = bounded[:MOST_LIMITS], []
     for name in (name for name in found if name in shown):
         ratio, subject, t = found[name]
-        enforced = "" if name in proof.keeps else ", not enforced"
+        enforced = "" if name in proof.enforced else ", not enforced"
         lines.append(f"peak / limit, {name}: {ratio:.3g} ({subject} at {t:.3g} s{enforced})")
     if len(bounded) > MOST_LIMITS:
         lines[-1] += f"; {len(bounded) - MOST_LIMITS} more limits with smaller ratios"

@@ -8,7 +8,7 @@ from pathlib import Path as FilePath
 from optik.errors import InvalidInput, OptikError
 from optik.files import content_of, suffix_of, write_whole
 from optik.registry import build_method, names
-from planners.certificate.failure import Allow
+from planners.certificate.violation import Allow
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, motion_of
 

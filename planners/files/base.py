@@ -21,9 +21,9 @@ from planners.motion import Motion
 from planners.paths import path_of
 from planners.trajectory import Trajectory
 
-CONTENT = "optik-motion/1"
+CONTENT = "optik-motion/2"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
-HEADER = ("format", "robot", "path", "limits", "law", "keeps", "tolerance")
+HEADER = ("format", "robot", "path", "limits", "law", "enforced", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
 OPTIONAL = ("span", "speed", "scene", "margin", "before")
 """Keys that a file has only where the motion has them, so that files without them stay as they were."""
@@ -145,7 +145,7 @@ def to_parts(motion: Motion) -> Parts:
         "path": motion.path.to_dict(),
         "limits": motion.limits.to_plain(),
         "law": motion.law,
-        "keeps": list(motion.keeps),
+        "enforced": list(motion.enforced),
         "tolerance": None if motion.tolerance is None else list(motion.tolerance),
     }
     if motion.span is not None:
@@ -172,7 +172,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         MotionLimits.from_plain(header["limits"], robot.n),
         _trajectory(parts.knots, parts.coefficients, robot.n),
         word(header["law"], "law"),
-        words(header["keeps"], "keeps"),
+        words(header["enforced"], "enforced"),
         None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
         None if header.get("span") is None else _pair(header["span"], "span"),
         None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),

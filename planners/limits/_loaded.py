@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.arm.inertia import Load
 from optik.types import Array
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.torque_slowing import slowing
 from planners.limits._extreme import Extreme
 from planners.limits._points import PathPoints
@@ -41,7 +41,7 @@ class LoadedLimit(Limit):
     def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
         """The rows (k, n, columns) of one load."""
 
-    def judge(self, motion: Examined, bound: Array) -> Extreme:
+    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme:
         """The proved bound; NaN where the limit is free. See `Limit.judge`."""
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
@@ -57,13 +57,13 @@ class LoadedLimit(Limit):
         when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
-    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
         """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
         return motion.torques.piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
-    def slowing(self, motion: Examined, bound: Array) -> float:
+    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
         """From the parts of the torques that go with powers of the speed; see `Limit.slowing`."""
         if not np.isfinite(bound).any():
             return 0.0

@@ -12,7 +12,7 @@ from optik.arm.limits import positive
 from optik.arm.plain import numbers
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.segment_speed import segment_speed
 from planners.limits._extreme import ToolExtreme
 from planners.limits._points import PathPoints
@@ -61,7 +61,7 @@ class ToolSpeedLimit(Limit):
         here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
         return np.asarray((norm / here)[:, None, None])
 
-    def judge(self, motion: Examined, bound: Array) -> ToolExtreme:
+    def judge(self, motion: MotionAnalysis, bound: Array) -> ToolExtreme:
         """The proved bound on the speed; see `Limit.judge`."""
         value, time = self._proved(motion)
         if not np.isfinite(bound).any():
@@ -72,10 +72,10 @@ class ToolSpeedLimit(Limit):
         return ToolExtreme(value, ratio, time)
 
     @abstractmethod
-    def _proved(self, motion: Examined) -> tuple[float, float]:
+    def _proved(self, motion: MotionAnalysis) -> tuple[float, float]:
         """Proved bound on the speed over the motion, and when it is nearly reached [s]."""
 
-    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
         """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         speeds = [np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends]
         if bound.size == 1:

@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits._extreme import Extreme, ToolExtreme
 from planners.limits._points import PathPoints
 from planners.limits._sides import checked_pair, is_pair
@@ -25,7 +25,7 @@ class Limit(ABC):
 
     A limit is a subclass in a file of its own in this folder that names itself ``METHOD``, or an object that is made known
     by `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in ``MotionLimits(extra=...)``,
-    in `TimeLaw.keeps` and in certificates.
+    in `TimeLaw.enforced` and in certificates.
 
     Attributes
     ----------
@@ -190,12 +190,12 @@ class Limit(ABC):
         return robot.joint_names if self.subject is None else (self.subject,)
 
     @abstractmethod
-    def judge(self, motion: Examined, bound: Array) -> Extreme | ToolExtreme:
+    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme | ToolExtreme:
         """Worst value over a whole motion: exact or a proved bound, not the largest of samples.
 
         Parameters
         ----------
-        motion : Examined
+        motion : MotionAnalysis
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].
@@ -207,12 +207,12 @@ class Limit(ABC):
         """
 
     @abstractmethod
-    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
         """Worst ratio to the bound on each piece of a motion, which tells the active constraint there.
 
         Parameters
         ----------
-        motion : Examined
+        motion : MotionAnalysis
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].
@@ -223,7 +223,7 @@ class Limit(ABC):
             Ratios [1]; 0 where free.
         """
 
-    def slowing(self, motion: Examined, bound: Array) -> float:
+    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
         """Least factor by which a motion is stretched in time so that it keeps the limit.
 
         A limit whose value has a part that no slowing changes (the torque against gravity) overrides this, and returns
@@ -231,7 +231,7 @@ class Limit(ABC):
 
         Parameters
         ----------
-        motion : Examined
+        motion : MotionAnalysis
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits._tool import ToolSpeedLimit
 
 
@@ -15,7 +15,7 @@ class RotationSpeed(ToolSpeedLimit):
     units: ClassVar[tuple[str, str]] = ("rad/s", "rad/s")
     part: ClassVar[slice] = slice(3, 6)
 
-    def _proved(self, motion: Examined) -> tuple[float, float]:
+    def _proved(self, motion: MotionAnalysis) -> tuple[float, float]:
         return motion.tool_speed.rotation, motion.tool_speed.t_rotation
 
 

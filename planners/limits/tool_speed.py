@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits._tool import ToolSpeedLimit
 
 
@@ -15,7 +15,7 @@ class ToolSpeed(ToolSpeedLimit):
     units: ClassVar[tuple[str, str]] = ("m/s", "m/s")
     part: ClassVar[slice] = slice(0, 3)
 
-    def _proved(self, motion: Examined) -> tuple[float, float]:
+    def _proved(self, motion: MotionAnalysis) -> tuple[float, float]:
         return motion.tool_speed.speed, motion.tool_speed.t_speed
 
 

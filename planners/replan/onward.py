@@ -49,7 +49,7 @@ def _motions(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[T
     """Return candidates in the order in which they come to rest: the law's motion and the remaining running motion."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
-    free = "jerk" not in request.keeps  # then a motion with limited jerk is not faster
+    free = "jerk" not in request.enforced  # then a motion with limited jerk is not faster
     if free and rests >= joints.end and start.rest is not None:
         yield start.rest
     law = mover(request)
@@ -75,7 +75,7 @@ def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch(plan.robot, rest, request.limits, request.keeps, plan.path)
+    slower = stretch(plan.robot, rest, request.limits, request.enforced, plan.path)
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
@@ -116,7 +116,7 @@ def _from_slow(
 
 def _slowed(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion from rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
-    enforced = request.keeps
+    enforced = request.enforced
     for found in _from_rest(request, plan.joint_path, start.at):
         try:
             slower = fitted(request.robot, found, request.limits, enforced, request.path)

@@ -17,7 +17,7 @@ def reason(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> 
     """Return why there is no motion: the state itself exceeds a limit, or the running motion does later."""
     limits, robot = request.limits, plan.robot
     try:
-        check_statics(plan.joint_path, request.limits, request.keeps, start.at.s)
+        check_statics(plan.joint_path, request.limits, request.enforced, start.at.s)
     except NoSolution as error:
         if not stop:
             return error
@@ -40,9 +40,9 @@ def reason(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> 
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
     proof = judged(request, plan, start, start.rest, StopKind.END).certificate
-    if not proof.keeps:
-        return NoSolution(f"{none} was found: {'; '.join(proof.broken)}", s=start.at.s, advice=advice)
-    field = max(proof.keeps, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
+    if not proof.enforced:
+        return NoSolution(f"{none} was found: {'; '.join(proof.reasons)}", s=start.at.s, advice=advice)
+    field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
     s = float(np.interp(t, proof.binding.t, proof.binding.s))
     what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"

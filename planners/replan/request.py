@@ -8,7 +8,7 @@ from dataclasses import replace
 from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
-from planners.certificate.failure import word_of_limit
+from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest
@@ -23,12 +23,12 @@ from planners.trajectory import Trajectory
 class RecordedLaw(TimeLaw):
     """A stand-in for the law of a plan: its name, the limits that it enforces, and the requested speed."""
 
-    keeps = ()
+    enforced = ()
 
     def __init__(self, plan: Plan) -> None:
-        self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.keeps  # type: ignore[misc]
+        self.name, self.speed, self._enforced = plan.law, plan.speed, plan.certificate.enforced  # type: ignore[misc]
 
-    def promises(self, limits: MotionLimits) -> tuple[str, ...]:
+    def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the limits that the plan's certificate enforces."""
         return tuple(name for name in self._enforced if name in limits.names)
 
@@ -49,7 +49,7 @@ def build_request(
     check_scene(plan.robot, scene, margin)
     law = law_for(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
-    limits, kept = plan.limits if limits is None else limits, plan.certificate.keeps
+    limits, kept = plan.limits if limits is None else limits, plan.certificate.enforced
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     if timing is None:  # limits that the plan was allowed to exceed

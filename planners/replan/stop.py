@@ -83,7 +83,7 @@ def _swept_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterat
 
 def scales_of(request: PlanRequest, plan: Plan) -> dict[str, float]:
     """Return the factor on each limit of a sweep: 1 if it is enforced, else the ratio that the running motion reaches."""
-    scales = dict.fromkeys(request.keeps, 1.0)
+    scales = dict.fromkeys(request.enforced, 1.0)
     if request.limits == plan.limits:
         for name in request.limits.names:
             if name not in scales and np.isfinite(reached := plan.certificate.worst(name)[0]):
@@ -94,7 +94,7 @@ def scales_of(request: PlanRequest, plan: Plan) -> dict[str, float]:
 def _refined(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
     """Return the best of a stop and of as many optima near its end as the time allows."""
     law, joints = request.law if isinstance(request.law, Optimal) else Optimal(), plan.joint_path
-    if best.span is None or best.within_limits_from or set(law.keeps) - set(request.keeps):
+    if best.span is None or best.within_limits_from or set(law.enforced) - set(request.enforced):
         return best
     way, longest = best.span[1] - start.at.s, 0.0
     if way < SHORTEST * joints.end:

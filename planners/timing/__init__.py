@@ -37,7 +37,7 @@ def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
         No such law; the nearest names are offered.
     InvalidInput
         An option that the law does not have, or out of range; a file that is no law, or whose
-        ``keeps`` is no tuple of names of limits.
+        ``enforced`` is no tuple of names of limits.
     """
     return check_law(build_method("planners.timing", law, "time law", **options))
 
@@ -60,6 +60,6 @@ def law_for(timing: str | os.PathLike[str] | TimeLaw) -> TimeLaw:
     UnknownName
         No such law; the nearest names are offered.
     InvalidInput
-        No law, a file that is no law, or a law whose ``keeps`` is no tuple of names of limits.
+        No law, a file that is no law, or a law whose ``enforced`` is no tuple of names of limits.
     """
     return make_law(timing) if isinstance(timing, str | os.PathLike) else check_law(timing)

@@ -71,7 +71,7 @@ class TimeLaw(ABC):
     """
 
     name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
-    keeps: ClassVar[tuple[str, ...]]
+    enforced: ClassVar[tuple[str, ...]]
     """Which limits the law promises to keep; the certificate judges exactly those."""
     counts_torque: ClassVar[bool] = False
     """Whether the law itself counts torques, so that limits on acceleration may be left out where torque is limited."""
@@ -149,7 +149,7 @@ class TimeLaw(ABC):
             A limit that the law needs is missing, or has another number of joints.
         """
         bound = limits.arrays(robot.n)
-        missing = [f for f in DERIVATIVES if f in self.keeps and not np.isfinite(bound[f]).any()]
+        missing = [f for f in DERIVATIVES if f in self.enforced and not np.isfinite(bound[f]).any()]
         if self.counts_torque and limits.torque is not None:
             missing = [f for f in missing if f != "acceleration"]
         if missing:
@@ -161,7 +161,7 @@ class TimeLaw(ABC):
             )
         return bound
 
-    def promises(self, limits: MotionLimits) -> tuple[str, ...]:
+    def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Names of the limits that a plan of this law keeps.
 
         A plan slows the law's motion until it keeps them, so a law that keeps any limit keeps the extra ones too. So it does
@@ -178,18 +178,18 @@ class TimeLaw(ABC):
         tuple of str
             What the law keeps, the torque and its rate where they are given, and the extra limits.
         """
-        if not self.keeps:
+        if not self.enforced:
             return ()
         of = {"torque": "acceleration", "torque_rate": "jerk"}
-        slowed = [name for name in LOADED if of[name] in self.keeps and limits.value(name) is not None]
-        return (*self.keeps, *(name for name in slowed if name not in self.keeps), *(limits.extra or ()))
+        slowed = [name for name in LOADED if of[name] in self.enforced and limits.value(name) is not None]
+        return (*self.enforced, *(name for name in slowed if name not in self.enforced), *(limits.extra or ()))
 
 
 def check_law(law: object) -> TimeLaw:
     """Check that an object is a time law that promises limits which exist, and return it."""
     if not isinstance(law, TimeLaw):
         raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
-    check_names(getattr(law, "keeps", None), f"keeps of the time law {law.name!r}")
+    check_names(getattr(law, "enforced", None), f"enforced of the time law {law.name!r}")
     return law
 
 

@@ -74,7 +74,7 @@ class ConstantSpeed(TimeLaw):
     """
 
     name: ClassVar[str] = "constant_speed"
-    keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def __init__(self, *, speed: float | None = None, ramp: float = 0.25) -> None:
         self.speed = None if speed is None else check_number(speed, "speed", "a tool speed above 0, or None", above=0.0)
@@ -94,7 +94,7 @@ class ConstantSpeed(TimeLaw):
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
         widest = _widest(distance.table, self.ramp, shortest)
         built = _built(joint_path, limits, distance, widest)
-        fastest = fitted(joint_path.robot, built, limits, self.promises(limits), joint_path.path)
+        fastest = fitted(joint_path.robot, built, limits, self.list_enforced(limits), joint_path.path)
         greatest = widest[0].v1 * built.duration / fastest.duration
         if self.speed is None:
             _check_crawl(joint_path, limits, distance, widest, greatest)
@@ -117,7 +117,7 @@ class ConstantSpeed(TimeLaw):
         self, joint_path: JointPath, limits: MotionLimits, distance: _Distance, speed: float, shortest: float
     ) -> Trajectory | None:
         """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
-        robot, promised, path = joint_path.robot, self.promises(limits), joint_path.path
+        robot, promised, path = joint_path.robot, self.list_enforced(limits), joint_path.path
         room = FIRST_ROOM
         for _ in range(ROOMS):
             ramps = _shortest(distance.table, speed, self.ramp, room, shortest)

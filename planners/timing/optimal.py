@@ -84,7 +84,7 @@ class Optimal(TimeLaw):
     """
 
     name: ClassVar[str] = "optimal"
-    keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
     counts_torque: ClassVar[bool] = True
 
     def __init__(self, *, intervals: int | None = None) -> None:
@@ -95,7 +95,7 @@ class Optimal(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path from rest to rest."""
         self.need(limits, joint_path.robot)
-        robot, promised = joint_path.robot, self.promises(limits)
+        robot, promised = joint_path.robot, self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals):
             loaded = problem.rows.loaded
@@ -121,7 +121,7 @@ class Optimal(TimeLaw):
         problem = programme(joint_path, limits, self.intervals, state, joint_path.end)
         found = None if problem is None else _solved(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
-            return fitted(joint_path.robot, found.motion, limits, self.promises(limits), joint_path.path)
+            return fitted(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
         if found is not None:
             return found.motion
         raise NoSolution(

@@ -36,7 +36,7 @@ class Quintic(TimeLaw):
     """
 
     name: ClassVar[str] = "quintic"
-    keeps: ClassVar[tuple[str, ...]] = ()
+    enforced: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, *, duration: float = 3.0, step: float = 0.02) -> None:
         self.duration = check_number(duration, "duration", "seconds above 0", above=0.0)

@@ -33,7 +33,7 @@ class RuckigLaw(TimeLaw):
     """
 
     name: ClassVar[str] = "ruckig"
-    keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path."""
@@ -42,7 +42,7 @@ class RuckigLaw(TimeLaw):
         ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
         law = law_of(ramps, [_solved(ramp) for ramp in ramps])
         return fitted(
-            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
+            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.list_enforced(limits), joint_path.path
         )
 
 

@@ -31,7 +31,7 @@ class Smooth(TimeLaw):
     """
 
     name: ClassVar[str] = "smooth"
-    keeps: ClassVar[tuple[str, ...]] = ALL_LIMITS
+    enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path."""
@@ -40,7 +40,7 @@ class Smooth(TimeLaw):
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
         return fitted(
-            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.promises(limits), joint_path.path
+            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.list_enforced(limits), joint_path.path
         )
 
 

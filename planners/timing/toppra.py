@@ -60,7 +60,7 @@ class Toppra(TimeLaw):
     """
 
     name: ClassVar[str] = "toppra"
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", *TOOL_SPEEDS, "torque")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", *TOOL_SPEEDS, "torque")
     counts_torque: ClassVar[bool] = True
 
     def __init__(self, *, grid: int = 200) -> None:

@@ -205,7 +205,7 @@ def test_a_csv_at_a_rate_is_a_table_at_that_rate_and_the_same_motion(typed: Any,
     assert typed("plan", "line", "--out", str(exact))[0] == 0
     motion = planners.load_motion(out)
     np.testing.assert_array_equal(motion.trajectory.coefficients, planners.load_motion(exact).trajectory.coefficients)
-    assert motion.certify().holds
+    assert motion.certify().is_valid
     rows = list(csv.reader(line for line in out.read_text().splitlines() if not line.startswith("# ")))[1:]
     table = np.array(rows, dtype=float)
     np.testing.assert_allclose(table[:-1, 0], np.arange(len(table) - 1) / rate)

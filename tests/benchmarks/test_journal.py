@@ -109,7 +109,7 @@ from benchmarks.peers.{kind}.base import {base}
 class Deadly({base}):
     distribution = package = "numpy"
     settings = "ends its process"
-    keeps = ()
+    enforced = ()
     calls = 0
 
     def __init__(self, given):

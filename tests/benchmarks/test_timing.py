@@ -116,7 +116,7 @@ def test_an_absent_peer_says_how_to_install_it(quick: RunFolder) -> None:
     assert entries["copp"]["absent"] == "not installed: pip install copp-py"
     assert "absent" not in entries["splines"]
     assert entries["reference"]["kind"] == "reference"
-    assert entries["quintic"]["keeps"] == []
+    assert entries["quintic"]["enforced"] == []
 
 
 def test_a_row_is_what_the_law_and_a_dense_look_say(quick: RunFolder) -> None:
@@ -292,7 +292,7 @@ def test_drake_finds_the_optimum_that_toppra_finds_and_takes_its_own_time() -> N
 
 def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
     class Elsewhere(TimingPeer):
-        settings, keeps = "", ()
+        settings, enforced = "", ()
 
         def __init__(self, limits: Any) -> None:
             pass
@@ -330,13 +330,13 @@ def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: s
         pytest.skip(peer.why)
     joints = joints_of(line)
     motion = peer.trajectory(joints, peer.call(joints))
-    proof = certify(line.robot, line.path, motion, limits, keeps=peer.keeps)
-    assert all(proof.worst(field)[0] < 1.3 for field in peer.keeps)
+    proof = certify(line.robot, line.path, motion, limits, enforced=peer.enforced)
+    assert all(proof.worst(field)[0] < 1.3 for field in peer.enforced)
     assert (proof.path_error.distance < 1e-6) == (name != "ruckig_joints")
     np.testing.assert_allclose(motion(0.0), joints(0.0), atol=1e-9)
     np.testing.assert_allclose(motion(motion.end), joints(joints.end), atol=1e-9)
     best = make_law("optimal").run(joints, limits).duration
-    assert (0.98 if "jerk" in peer.keeps and name != "ruckig_joints" else 0.5) * best < motion.duration < 1.1 * best
+    assert (0.98 if "jerk" in peer.enforced and name != "ruckig_joints" else 0.5) * best < motion.duration < 1.1 * best
 
 
 def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolder) -> None:
@@ -367,7 +367,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
     calls: list[int] = []
 
     class Failing(TimingPeer):
-        distribution, package, settings, keeps = "x", "x", "x", ()
+        distribution, package, settings, enforced = "x", "x", "x", ()
 
         def __init__(self, limits: Any) -> None: ...
 

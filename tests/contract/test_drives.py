@@ -61,7 +61,7 @@ def test_a_stop_ends_at_rest_and_the_rest_of_the_way_is_gone(name: str) -> None:
     drive = make_drive(name, paper6r())
     execution = drive.execute(line(), stop=lambda t: t > 0.1)
     assert execution.status is ExecutionStatus.STOPPED and not execution
-    assert execution.stop_plan is not None and execution.stop_plan.certificate.holds
+    assert execution.stop_plan is not None and execution.stop_plan.certificate.is_valid
     assert np.abs(execution.dq[-1]).max() < 1e-2
     assert np.abs(execution.q[-1] - goal()).max() > 0.01
     again = drive.resume(execution)

@@ -213,7 +213,7 @@ def findings(one: Problem, result: Plan, seed: int, rate: float, most: int) -> l
     if not result and result.status is not PlanStatus.NOT_PROVED:
         return untrue(one, result, seed)
     start = one.q_start if one.options["branch"] is None else None
-    unproved = [] if result or result.law == "quintic" else [f"not proved: {result.certificate.broken}"]
+    unproved = [] if result or result.law == "quintic" else [f"not proved: {result.certificate.reasons}"]
     return unproved + oracles.contradictions(result, start, rate, most, seed)
 
 

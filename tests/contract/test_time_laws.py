@@ -44,7 +44,7 @@ def motion(law: str, line: int, limits: str) -> Trajectory:
 
 def joint_limits(law: str) -> tuple[str, ...]:
     """What the law keeps of velocity, acceleration and jerk."""
-    return tuple(f for f in DERIVATIVES if f in make_law(law).keeps)
+    return tuple(f for f in DERIVATIVES if f in make_law(law).enforced)
 
 
 def instants(trajectory: Trajectory, count: int) -> Array:
@@ -58,9 +58,9 @@ def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
     built = make_law(law)
     assert isinstance(built, TimeLaw)
     assert built.name == short_name(law)
-    assert isinstance(built.keeps, tuple)
-    assert set(built.keeps) <= set(ALL_LIMITS)
-    assert built.keeps == joint_limits(law) + tuple(f for f in (*TOOL_SPEEDS, *LOADED) if f in built.keeps)
+    assert isinstance(built.enforced, tuple)
+    assert set(built.enforced) <= set(ALL_LIMITS)
+    assert built.enforced == joint_limits(law) + tuple(f for f in (*TOOL_SPEEDS, *LOADED) if f in built.enforced)
 
 
 @every_law
@@ -144,11 +144,11 @@ def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, l
 @every_line
 @every_set
 def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: str) -> None:
-    joint_path, bounds, keeps = joint_path_of(line), MotionLimits(*SETS[limits]), joint_limits(law)
-    certificate = certify(paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, keeps=keeps)
-    ratios = [certificate.worst(field)[0] for field in keeps]
+    joint_path, bounds, enforced = joint_path_of(line), MotionLimits(*SETS[limits]), joint_limits(law)
+    certificate = certify(paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, enforced=enforced)
+    ratios = [certificate.worst(field)[0] for field in enforced]
     assert max(ratios, default=0.0) <= PROMISE.get(law, 1.0)
-    assert certificate.holds == (max(ratios, default=0.0) <= 1.0)
+    assert certificate.is_valid == (max(ratios, default=0.0) <= 1.0)
     assert certificate.rest == (True, True)
     assert certificate.continuous >= 1
     assert (certificate.position_margin > 0.0).all()
@@ -157,16 +157,16 @@ def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: st
 
 @every_law
 def test_a_missing_limit_is_named(law: str) -> None:
-    keeps = joint_limits(law)
-    for missing in keeps:
-        given = {f: 10.0 for f in keeps if f != missing}
+    enforced = joint_limits(law)
+    for missing in enforced:
+        given = {f: 10.0 for f in enforced if f != missing}
         with pytest.raises(InvalidInput) as info:
             make_law(law).run(default_joint_path(), MotionLimits(**given))
         assert info.value.argument == "limits"
         assert missing in str(info.value)
         for other in given:
             assert other not in info.value.expected
-    make_law(law).run(default_joint_path(), MotionLimits(**dict.fromkeys(keeps, 10.0)))
+    make_law(law).run(default_joint_path(), MotionLimits(**dict.fromkeys(enforced, 10.0)))
 
 
 @every_law
@@ -190,7 +190,7 @@ def test_a_limit_of_one_joint_is_kept_by_that_joint(law: str, joint: int) -> Non
     for field in joint_limits(law):
         order = DERIVATIVES.index(field) + 1
         assert (slow.extrema(order).worst <= PROMISE.get(law, 1.0) * tight[field]).all()
-    if law_of.keeps:
+    if law_of.enforced:
         assert slow.duration > 1.2 * fast.duration
 
 
@@ -202,7 +202,7 @@ def test_limits_scaled_by_powers_of_a_factor_scale_the_time(law: str, line: int)
     joint_path, law_of = joint_path_of(line), make_law(law)
     one = law_of.run(joint_path, MotionLimits(1.0, 4.0, 30.0)).duration
     other = law_of.run(joint_path, MotionLimits(k, 4.0 * k**2, 30.0 * k**3)).duration
-    assert other == pytest.approx(one / k if law_of.keeps else one, rel=1e-3)
+    assert other == pytest.approx(one / k if law_of.enforced else one, rel=1e-3)
 
 
 @every_law
@@ -245,11 +245,11 @@ def test_a_speed_of_the_tool_is_kept_and_used_by_the_laws_that_promise_it(law: s
     trajectory = law_of.run(joint_path, limits)
     reached, slow = tool_speeds(trajectory, field)
     assert reached == pytest.approx(slow, rel=1e-6)
-    if field in law_of.keeps:
+    if field in law_of.enforced:
         assert reached <= limit * PROMISE.get(law, 1.0 + 1e-9)
         assert reached >= 0.98 * limit
         for order, name in enumerate(DERIVATIVES, start=1):
-            if name in law_of.keeps:
+            if name in law_of.enforced:
                 assert trajectory.extrema(order).worst.max() <= SETS["fast"][order - 1] * PROMISE.get(law, 1.0)
     else:
         assert reached > limit
@@ -338,13 +338,15 @@ def sharp_corners() -> Plan:
     return plan(robot, Polyline(poses, blend=1e-4), cases.START, limits=MotionLimits(2.0, 10.0, 100.0))
 
 
-@pytest.mark.parametrize("law", [law for law in everything("planners.timing") if make_law(law).keeps], ids=short_name)
+@pytest.mark.parametrize(
+    "law", [law for law in everything("planners.timing") if make_law(law).enforced], ids=short_name
+)
 def test_sharp_corners_are_kept_to_and_certified(law: str) -> None:
     followed = sharp_corners().joint_path
     assert followed is not None
     limits = MotionLimits(2.0, 10.0, 100.0)
     proof = plan(paper6r(), followed.path, cases.START, timing=law, limits=limits, allow="jerk").certificate
-    assert proof.holds
+    assert proof.is_valid
     assert max(proof.path_error[:2]) <= 1e-6
     s = proof.binding.s
     assert (np.diff(s) >= 0.0).all()

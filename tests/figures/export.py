@@ -23,7 +23,7 @@ import numpy as np
 import planners
 from optik.errors import InvalidMotion
 from planners.cell.drives import make_drive
-from planners.certificate.failure import ALLOWANCES
+from planners.certificate.violation import ALLOWANCES
 from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import panda
 from tests.planners.invalid import KINDS, SAMPLES, interpolated_contact, invalid, to_point

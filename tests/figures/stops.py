@@ -44,7 +44,7 @@ def measure(case: int) -> Row:
             row[f"{name}_wrong"] = wrong(found)
         else:
             row[f"{name}_reason"] = "" if found.stop is None else found.stop.reason
-    if case % COMPARED == 0 and refined and "jerk" in made.certificate.keeps:
+    if case % COMPARED == 0 and refined and "jerk" in made.certificate.enforced:
         row["best"] = best_of_ten(made, t, refined)
     return row
 

@@ -122,7 +122,7 @@ def _at_the_times_said(plan: Plan, joints: Joints) -> Iterator[str]:
             if np.isfinite(bound[j]) and not np.isclose(extreme.ratio[j], extreme.value[j] / bound[j], rtol=1e-12):
                 yield f"{field} of joint {j}: ratio {extreme.ratio[j]} of {extreme.value[j]} over {bound[j]}"
     room = proof.position_margin.min()
-    if proof.holds and room < -LIMIT_TOLERANCE:
+    if proof.is_valid and room < -LIMIT_TOLERANCE:
         yield f"holds with a margin of {room}"
 
 
@@ -195,7 +195,7 @@ def _torques(plan: Plan, joints: Joints, t: Array) -> dict[str, float]:
 
 
 def _verdict(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
-    """`holds` against what is found for the law's promises."""
+    """`is_valid` against what is found for the law's promises."""
     proof, robot = plan.certificate, plan.robot
     worst = {f: 0.0 for f in ("velocity", "acceleration", "jerk", "tool_speed", "rotation_speed")}
     worst |= _torques(plan, joints, t[:: max(1, len(t) // TORQUES)])
@@ -208,12 +208,12 @@ def _verdict(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
         ("tool_speed", "rotation_speed"), (slice(0, 3), slice(3, 6)), plan.limits.tool, strict=True
     ):
         worst[field] = float(np.linalg.norm(twist[:, part], axis=1).max() / limit)
-    kept = {f: worst[f] for f in proof.keeps}
-    if proof.holds and any(x > 1.0 + 1e-9 for x in kept.values()):
+    kept = {f: worst[f] for f in proof.enforced}
+    if proof.is_valid and any(x > 1.0 + 1e-9 for x in kept.values()):
         yield f"holds, but {kept}"
-    if not proof.holds and all(x < 1.0 - 1e-3 for x in kept.values()) and proof.tolerance is not None:
+    if not proof.is_valid and all(x < 1.0 - 1e-3 for x in kept.values()) and proof.tolerance is not None:
         off = proof.path_error
         if off.distance <= proof.tolerance[0] and off.angle <= proof.tolerance[1] and proof.position_margin.min() >= 0:
-            yield f"does not hold ({proof.broken}), but {kept}"
-    if plan.law != "quintic" and not proof.holds:
-        yield f"a law that promises, and does not hold: {proof.broken}"
+            yield f"does not hold ({proof.reasons}), but {kept}"
+    if plan.law != "quintic" and not proof.is_valid:
+        yield f"a law that promises, and does not hold: {proof.reasons}"

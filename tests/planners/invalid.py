@@ -106,7 +106,7 @@ def interpolated_contact(rng: np.random.Generator, rate: float = 20.0) -> Plan |
         if hit > 0.005 and free - hit > 1e-4:
             scene = Scene(spheres=[(point, 0.5 * (free + hit))])
             proof = replace(plan, scene=scene).motion.certify()
-            return replace(plan, scene=scene, _certificate=proof) if proof.holds else None
+            return replace(plan, scene=scene, _certificate=proof) if proof.is_valid else None
     return None
 
 

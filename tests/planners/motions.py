@@ -11,7 +11,7 @@ from scipy.interpolate import PPoly
 
 from optik.errors import InvalidInput
 from planners import MotionLimits, Plan, Trajectory, load_motion, plan, save
-from planners.certificate.failure import ALLOWANCES
+from planners.certificate.violation import ALLOWANCES
 from planners.limits import ALL_LIMITS
 from planners.motion import Motion
 from tests.planners import cases
@@ -53,7 +53,7 @@ def is_same(a: Motion, b: Motion) -> bool:
         limits
         and a.robot == b.robot
         and a.robot.source == b.robot.source
-        and (a.law, a.keeps, a.tolerance) == (b.law, b.keeps, b.tolerance)
+        and (a.law, a.enforced, a.tolerance) == (b.law, b.enforced, b.tolerance)
         and same_bits(a.trajectory.knots, b.trajectory.knots)
         and same_bits(a.trajectory.coefficients, b.trajectory.coefficients)
         and type(a.path) is type(b.path)

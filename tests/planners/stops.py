@@ -121,10 +121,10 @@ def contradictions(plan: Plan, execution: Execution, ratios: dict[str, float]) -
         return
     assert execution.stop_plan.span is not None
     proof = certify(
-        plan.robot, plan.path, motion, plan.limits, keeps=plan.certificate.keeps,
+        plan.robot, plan.path, motion, plan.limits, enforced=plan.certificate.enforced,
         tolerance=plan.certificate.tolerance, span=(0.0, min(execution.stop_plan.span[1], end)),
     )  # fmt: skip
-    yield from proof.broken
+    yield from proof.reasons
     yield from (f"{name} comes to {ratio:.9g}" for name, ratio in ratios.items() if ratio > 1.0 + 1e-9)
     if np.abs(motion(motion.end, 1)).max() > 1e-9 or np.abs(execution.dq[-1]).max() > 1e-9:
         yield "does not end at rest"

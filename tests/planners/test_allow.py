@@ -31,8 +31,8 @@ from planners.cell.drives.ideal import IdealDrive
 from planners.cell.setpoints import whole_periods
 from planners.cell.stored import plan_of
 from planners.certificate.clearance import Clearance, Closest
-from planners.certificate.failure import ALLOWANCES
 from planners.certificate.path_error import PathError
+from planners.certificate.violation import ALLOWANCES
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.contacts import panda
 from tests.planners.invalid import KINDS, Invalid, interpolated_contact, invalid, to_point
@@ -97,7 +97,7 @@ def test_lines_of_a_controller_that_touch_are_not_written(tmp_path: Path) -> Non
         made = interpolated_contact(np.random.default_rng([3, case]))
         if made is None or made.scene is None:
             continue
-        assert made.certificate.holds
+        assert made.certificate.is_valid
         save(made, tmp_path / "motion.npz")
         try:
             sent = to_ros(made, tmp_path / "lines.json", rate=20.0, interpolation="linear")
@@ -158,18 +158,18 @@ def test_a_given_limit_that_the_law_does_not_enforce_must_be_respected(tmp_path:
     assert usual and usual.certificate.worst("jerk")[0] == np.inf, "the limit is the robot's: it is shown"
     for limits in (GIVEN, replace(OWN, jerk=5.0)):
         made = line(timing="toppra", limits=limits)
-        assert not made and not made.certificate.holds and made.has_motion
+        assert not made and not made.certificate.is_valid and made.has_motion
         assert made.status is PlanStatus.LIMITS_EXCEEDED and made.stop is not None
         assert "jerk of joint1 is unbounded" in made.stop.reason and "allow=('jerk',)" in made.stop.advice
         with pytest.raises(InvalidMotion):
             made.save(tmp_path / "motion.json")
         assert line(timing="toppra", limits=limits, allow="limits").status is PlanStatus.LIMITS_EXCEEDED
         allowed = line(timing="toppra", limits=limits, allow="jerk")
-        assert allowed and "jerk" not in allowed.certificate.keeps
+        assert allowed and "jerk" not in allowed.certificate.enforced
         allowed.save(tmp_path / "motion.json")
-        assert load_motion(tmp_path / "motion.json").certify().holds
+        assert load_motion(tmp_path / "motion.json").certify().is_valid
         made.save(tmp_path / "motion.json", allow="jerk")
-        assert load_motion(tmp_path / "motion.json").certify().broken == made.certificate.broken
+        assert load_motion(tmp_path / "motion.json").certify().reasons == made.certificate.reasons
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01])
@@ -178,7 +178,7 @@ def test_a_law_that_enforces_nothing_is_held_to_what_was_given(share: float) -> 
     limits = MotionLimits(velocity=share * reached.velocity.value.max())
     made = line(timing="quintic", limits=limits)
     assert bool(made) == (share > 1.0)
-    assert made.certificate.keeps == ("velocity",)
+    assert made.certificate.enforced == ("velocity",)
     assert line(timing="quintic", limits=limits, allow=("limits",))
     assert bool(line(timing="quintic", limits=limits, allow="jerk")) == (share > 1.0)
 
@@ -190,7 +190,7 @@ def test_a_contact_or_a_deviation_stays_the_status_where_a_given_limit_is_exceed
 
 def test_what_a_plan_was_given_holds_for_its_stop() -> None:
     running = line(limits=replace(OWN, tool_speed=0.3))
-    assert "tool_speed" in replan(running, 0.3 * running.trajectory.end, stop=True).certificate.keeps
+    assert "tool_speed" in replan(running, 0.3 * running.trajectory.end, stop=True).certificate.enforced
 
 
 # ---------------------------------------------------------------- the words
@@ -202,9 +202,9 @@ def test_what_a_plan_was_given_holds_for_its_stop() -> None:
 def test_a_bound_beyond_the_tolerance_is_a_violation_only_if_a_value_is(found: float, bound: float, word: Any) -> None:
     for distance in (True, False):
         error = PathError(*((bound, 0.0, found, 0.0) if distance else (0.0, bound, 0.0, found)), 0.1, 0.2)
-        words = [failure.allow for failure in error.failures((1.0, 1.0))]
+        words = [violation.allow for violation in error.find_violations((1.0, 1.0))]
         assert words == ([] if word is None else [word])
-    assert [f.allow for f in PathError(*(float("nan"),) * 6).failures((1.0, 1.0))] == ["not_proved"] * 2
+    assert [f.allow for f in PathError(*(float("nan"),) * 6).find_violations((1.0, 1.0))] == ["not_proved"] * 2
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_a_bound_beyond_the_tolerance_is_a_violation_only_if_a_value_is(found: f
 )
 def test_a_distance_that_is_not_proved_is_no_contact(found: float, value: float, word: Any) -> None:
     near = Clearance(Closest(value, found, 0.5, ("hand", "box")), None, 0.01, ())
-    assert [failure.allow for failure in near.failures()] == ([] if word is None else [word])
+    assert [violation.allow for violation in near.find_violations()] == ([] if word is None else [word])
 
 
 # ---------------------------------------------------------------- the command line
@@ -231,7 +231,7 @@ def test_a_typed_limit_that_is_exceeded_ends_with_1_unless_it_is_allowed(tmp_pat
     assert list(tmp_path.iterdir()) == []
     allowed = run(*command, "--jerk", "5", "--allow", "jerk", "--out", file)
     assert allowed.exit_code == 0 and "certificate valid" in allowed.output
-    assert load_motion(file).certify().holds
+    assert load_motion(file).certify().is_valid
     unknown = run(*command, "--allow", "everything")
     assert isinstance(unknown.exception, InvalidInput) and "--allow: expected some of" in str(unknown.exception)
 
@@ -266,7 +266,7 @@ def test_a_jump_is_named_with_its_size_joint_and_time(order: int) -> None:
     else:  # it starts to move at the second piece, and is still moving at the end
         c[0, 1, 2] = 0.5
     trajectory = Trajectory(PPoly(c, [0.0, 0.4, 1.0]))
-    broken = certify(paper6r(), None, trajectory, MotionLimits()).broken
+    broken = certify(paper6r(), None, trajectory, MotionLimits()).reasons
     what, size = (("position", 0.02), ("velocity", 0.5))[order]
     assert f"the {what} jumps by {size} " in broken[0]
     assert broken[0].endswith("at t = 0.4 s, joint joint3")
@@ -279,9 +279,9 @@ def test_a_range_that_is_left_is_named_with_its_time() -> None:
     rise = top - START[4]
     c[:2, 0, 4] = -rise / 0.49, 2.0 * rise / 0.7
     proof = certify(paper6r(), None, Trajectory(PPoly(c, [0.0, 1.0])), MotionLimits())
-    failure = next(f for f in proof.failures if "exceeds its range" in f.words)
-    assert failure.words.startswith("joint5 exceeds its range by 0.03 (rad or m) at t = 0.7")
-    assert (failure.allow, failure.joint) == ("limits", "joint5") and failure.t == pytest.approx(0.7)
+    violation = next(f for f in proof.violations if "exceeds its range" in f.words)
+    assert violation.words.startswith("joint5 exceeds its range by 0.03 (rad or m) at t = 0.7")
+    assert (violation.allow, violation.joint) == ("limits", "joint5") and violation.t == pytest.approx(0.7)
 
 
 def test_a_plan_whose_certificate_is_of_other_limits_is_not_executed() -> None:

@@ -101,12 +101,12 @@ def test_a_violation_between_the_samples_of_a_controller_is_found() -> None:
     limits = MotionLimits(velocity=0.2)
     sampled, _ = trajectory.sample(1000.0)
     assert np.abs(trajectory(sampled, 1)).max() <= 0.15, "what a millisecond grid sees"
-    certificate = certified(trajectory, limits, keeps=("velocity",))
+    certificate = certified(trajectory, limits, enforced=("velocity",))
     ratio, joint, when = certificate.worst("velocity")
     assert ratio >= 1.5 * (1.0 - 1e-12)
     assert joint == "joint3"
     assert 0.5001 < when < 0.5009
-    assert not certificate.holds
+    assert not certificate.is_valid
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -125,13 +125,13 @@ def test_each_broken_limit_is_reported_with_its_joint_and_time(joint: int, field
     assert name == NAMES[joint]
     assert min(abs(t - u * T) for u in when) <= 1e-4
     assert getattr(broken, field).ratio[joint] == ratio
-    assert not broken.holds
-    assert len(broken.broken) == 1
-    assert broken.broken[0].startswith(f"{field} of {NAMES[joint]} is 1.5 of its limit at t = ")
-    assert float(broken.broken[0].split("t = ")[1].split()[0]) == pytest.approx(t, abs=1e-5)
-    kept = judged(trajectory, MotionLimits(**{field: 1.5 * limit * (1 + 1e-12)}), keeps=(field,))
-    assert kept.holds
-    assert kept.broken == ()
+    assert not broken.is_valid
+    assert len(broken.reasons) == 1
+    assert broken.reasons[0].startswith(f"{field} of {NAMES[joint]} is 1.5 of its limit at t = ")
+    assert float(broken.reasons[0].split("t = ")[1].split()[0]) == pytest.approx(t, abs=1e-5)
+    kept = judged(trajectory, MotionLimits(**{field: 1.5 * limit * (1 + 1e-12)}), enforced=(field,))
+    assert kept.is_valid
+    assert kept.reasons == ()
 
 
 def test_only_the_joint_whose_own_limit_is_broken_is_named() -> None:
@@ -140,10 +140,10 @@ def test_only_the_joint_whose_own_limit_is_broken_is_named() -> None:
     for joint in range(6):
         limit = 10.0 * worst
         limit[joint] = worst[joint] / 1.01
-        certificate = judged(trajectory, MotionLimits(velocity=limit), keeps=("velocity",))
+        certificate = judged(trajectory, MotionLimits(velocity=limit), enforced=("velocity",))
         assert certificate.worst("velocity")[1] == NAMES[joint]
-        assert len(certificate.broken) == 1
-        assert f"velocity of {NAMES[joint]} is 1.01 " in certificate.broken[0]
+        assert len(certificate.reasons) == 1
+        assert f"velocity of {NAMES[joint]} is 1.01 " in certificate.reasons[0]
 
 
 def _all_joints_move() -> Array:
@@ -156,15 +156,15 @@ def _all_joints_move() -> Array:
 def test_what_a_law_does_not_promise_is_shown_but_not_judged() -> None:
     trajectory = step_of(0, 0.04, 0.8)
     limits = MotionLimits(1e-3, 1e6, 1e6)
-    assert judged(trajectory, limits, keeps=("acceleration", "jerk")).holds
-    certificate = judged(trajectory, limits, keeps=())
-    assert certificate.holds
+    assert judged(trajectory, limits, enforced=("acceleration", "jerk")).is_valid
+    certificate = judged(trajectory, limits, enforced=())
+    assert certificate.is_valid
     assert certificate.velocity.ratio[0] > 1.0
-    assert not judged(trajectory, limits).holds
+    assert not judged(trajectory, limits).is_valid
 
 
 def test_where_there_is_no_limit_there_is_no_ratio() -> None:
-    certificate = certified(step_of(1, 0.04, 0.8), MotionLimits(velocity=2.0), keeps=("velocity",))
+    certificate = certified(step_of(1, 0.04, 0.8), MotionLimits(velocity=2.0), enforced=("velocity",))
     assert np.isnan(certificate.jerk.ratio).all()
     assert np.isfinite(certificate.jerk.value).all()
     assert np.isnan(certificate.worst("jerk")[0])
@@ -184,10 +184,10 @@ def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, bey
     size = (upper[joint] - START[joint] + beyond) if upward else (lower[joint] - START[joint] - beyond)
     certificate = judged(step_of(joint, size, 2.0))
     assert certificate.position_margin[joint] == pytest.approx(-beyond, abs=1e-12)
-    assert certificate.holds == (beyond <= 1e-9)
+    assert certificate.is_valid == (beyond <= 1e-9)
     if beyond > 1e-9:
-        assert len(certificate.broken) == 1
-        words = certificate.broken[0].split(" exceeds its range by ")
+        assert len(certificate.reasons) == 1
+        words = certificate.reasons[0].split(" exceeds its range by ")
         assert words[0] == NAMES[joint]
         assert float(words[1].split()[0]) == pytest.approx(beyond, rel=6e-3, abs=1e-12)
     others = np.delete(np.arange(6), joint)
@@ -202,7 +202,7 @@ def test_a_position_limit_passed_between_the_samples_is_found() -> None:
     c[3, 0, 4], c[4, 0, 4] = -(room + 1e-6) / 0.25, (room + 1e-6) / 0.25  # a parabola that peaks at t = 0.5
     certificate = certified(Trajectory(PPoly(c, [0.0, 1.0])))
     assert certificate.position_margin[4] == pytest.approx(-1e-6, abs=1e-12)
-    assert not certificate.holds
+    assert not certificate.is_valid
 
 
 # ---------------------------------------------------------------- continuity
@@ -249,7 +249,7 @@ def test_rest_is_a_velocity_of_zero() -> None:
     certificate = certified(Trajectory(PPoly(still, [0.0, 1.0])), MotionLimits(1.0, 1.0, 1.0))
     assert certificate.rest == (True, True)
     assert certificate.continuous == 3
-    assert certificate.broken == (f"the motion ends at s = 0 of its path, not at {default_line().end:.6g}",)
+    assert certificate.reasons == (f"the motion ends at s = 0 of its path, not at {default_line().end:.6g}",)
 
 
 def bang_bang(joint: int, a: float, T: float) -> Trajectory:
@@ -270,7 +270,7 @@ def test_a_jump_of_acceleration_is_infinite_jerk_of_that_joint_at_its_largest_ju
     np.testing.assert_array_equal(certificate.jerk.ratio[others], 0.0)
     assert certificate.continuous == 1
     assert certificate.worst("jerk") == (np.inf, "joint4", 0.5)
-    assert certificate.broken == ("jerk of joint4 is unbounded at t = 0.5 s",)
+    assert certificate.reasons == ("jerk of joint4 is unbounded at t = 0.5 s",)
     assert certificate.acceleration.value[3] == pytest.approx(0.5, rel=1e-12)
 
 
@@ -286,13 +286,13 @@ def test_a_jump_of_velocity_is_infinite_acceleration_and_breaks_it() -> None:
     c[4, 0, 1], c[4, 1, 1], c[5, 1, 1] = 0.2, -0.2, START[1] + 0.1
     certificate = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), MotionLimits(2.0, 10.0, 100.0))
     assert certificate.continuous == 0
-    assert not certificate.holds
+    assert not certificate.is_valid
     assert (certificate.acceleration.value[1], certificate.acceleration.time[1]) == (np.inf, 0.5)
     assert certificate.worst("acceleration") == (np.inf, "joint2", 0.5)
     np.testing.assert_array_equal(np.delete(certificate.acceleration.value, 1), 0.0)
     assert certificate.velocity.value[1] == pytest.approx(0.2)
-    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), keeps=())
-    assert any("velocity jumps" in words for words in unpromised.broken), "no law may promise a motion with a kink"
+    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), enforced=())
+    assert any("velocity jumps" in words for words in unpromised.reasons), "no law may promise a motion with a kink"
 
 
 def test_a_jump_of_position_breaks_the_certificate() -> None:
@@ -301,10 +301,10 @@ def test_a_jump_of_position_breaks_the_certificate() -> None:
     c[5, 1, 1] += 0.1
     certificate = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), MotionLimits(2.0, 10.0, 100.0))
     assert certificate.continuous == -1
-    assert not certificate.holds
+    assert not certificate.is_valid
     assert certificate.worst("velocity") == (np.inf, "joint2", 0.5)
-    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), keeps=())
-    assert any("position jumps" in words for words in unpromised.broken), "no law may promise a motion with a leap"
+    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), enforced=())
+    assert any("position jumps" in words for words in unpromised.reasons), "no law may promise a motion with a leap"
 
 
 # ---------------------------------------------------------------- jerk as a controller sees it
@@ -392,18 +392,18 @@ def test_a_path_that_crosses_itself_is_followed_in_its_order() -> None:
 
 def test_a_tolerance_is_part_of_the_promise() -> None:
     trajectory = paper_motion()
-    assert certified(trajectory, keeps=(), tolerance=(1e-5, 1e-5)).holds
-    words = certified(trajectory, keeps=(), tolerance=(1e-7, 1e-5)).broken
+    assert certified(trajectory, enforced=(), tolerance=(1e-5, 1e-5)).is_valid
+    words = certified(trajectory, enforced=(), tolerance=(1e-7, 1e-5)).reasons
     assert len(words) == 1
     assert "off its path" in words[0]
-    words = certified(trajectory, keeps=(), tolerance=(1e-5, 1e-7)).broken
+    words = certified(trajectory, enforced=(), tolerance=(1e-5, 1e-7)).reasons
     assert "turned" in words[0]
 
 
 def test_a_tolerance_below_a_nanometre_is_proved_where_it_is_kept() -> None:
     trajectory = make_law("optimal").run(default_joint_path(), MotionLimits(2.0, 10.0, 100.0))
     certificate = certified(trajectory, tolerance=(1e-12, 1e-12))
-    assert certificate.holds
+    assert certificate.is_valid
     assert max(certificate.path_error.distance, certificate.path_error.angle) <= 1e-12
 
 
@@ -417,10 +417,10 @@ def test_a_tolerance_that_cannot_be_meant_is_refused(wrong: Any) -> None:
 def test_limits_of_the_tool_are_judged() -> None:
     trajectory = paper_motion()
     fastest = certified(trajectory).tool_speed.value
-    slow = certified(trajectory, MotionLimits(tool_speed=0.5 * fastest), keeps=("tool_speed",))
+    slow = certified(trajectory, MotionLimits(tool_speed=0.5 * fastest), enforced=("tool_speed",))
     assert slow.worst("tool_speed")[:2] == (pytest.approx(2.0), "tool")
-    assert slow.broken[0].startswith("tool_speed of tool is 2")
-    assert certified(trajectory, MotionLimits(tool_speed=1.001 * fastest), keeps=("tool_speed",)).holds
+    assert slow.reasons[0].startswith("tool_speed of tool is 2")
+    assert certified(trajectory, MotionLimits(tool_speed=1.001 * fastest), enforced=("tool_speed",)).is_valid
 
 
 def test_the_binding_limit_is_that_of_the_worst_joint_of_each_piece() -> None:
@@ -510,8 +510,8 @@ def test_plain_data_are_strict_json_and_say_what_the_certificate_says(limits: Mo
     certificate = certified(trajectory, limits, law="some law")
     data = json.loads(json.dumps(certificate.to_dict(), allow_nan=False))
     assert data["law"] == "some law"
-    assert data["holds"] is certificate.holds
-    assert data["broken"] == list(certificate.broken)
+    assert data["is_valid"] is certificate.is_valid
+    assert data["reasons"] == list(certificate.reasons)
     assert data["joint_names"] == NAMES
     assert data["path_error"]["distance"] == certificate.path_error.distance
     for field in DERIVATIVES:
@@ -521,8 +521,8 @@ def test_plain_data_are_strict_json_and_say_what_the_certificate_says(limits: Mo
 
 
 def test_what_it_is_a_certificate_of() -> None:
-    certificate = certified(paper_motion(), law="quintic", keeps=(), rate=500.0)
-    assert (certificate.law, certificate.keeps, certificate.duration) == ("quintic", (), 3.0)
+    certificate = certified(paper_motion(), law="quintic", enforced=(), rate=500.0)
+    assert (certificate.law, certificate.enforced, certificate.duration) == ("quintic", (), 3.0)
     assert certificate.joint_names == tuple(NAMES)
 
 
@@ -538,8 +538,8 @@ def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> N
         certified(cases.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
     assert info.value.argument == "trajectory"
     with pytest.raises(InvalidInput) as info:
-        certified(paper_motion(), keeps=("velocty",))
-    assert info.value.argument == "keeps"
+        certified(paper_motion(), enforced=("velocty",))
+    assert info.value.argument == "enforced"
 
 
 def test_a_rate_that_tells_nothing_is_refused() -> None:
@@ -564,7 +564,7 @@ def test_things_of_another_kind_are_refused_by_name(argument: str, wrong: Any) -
 def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:
     motion = paper_motion()
     proof = certify(ROBOT, None, motion, ROOMY)
-    assert proof.holds
+    assert proof.is_valid
     assert np.isnan(proof.path_error.distance)
     assert proof.to_dict()["path_error"]["distance"] is None
     np.testing.assert_array_equal(proof.binding.s, motion.knots)

@@ -43,7 +43,7 @@ def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Or
     if proof.touches:
         at = oracle.near(motion(np.array([proof.time])), *within)
         assert min(at.scene[0], at.own[0]) <= COAL_ERROR
-        assert proof.found <= 0.0 and not np.isfinite(proof.value) and proof.failures()
+        assert proof.found <= 0.0 and not np.isfinite(proof.value) and proof.find_violations()
         return proof
     t = [instants(motion, rate)]
     t += [kind.time + np.linspace(-5e-3, 5e-3, around) for kind in (proof.scene, proof.own)]
@@ -221,7 +221,7 @@ def test_the_margin_must_be_exceeded() -> None:
     assert free is not None
     wide = clearance(panda(), motion, table(), free.found + 1e-3)
     assert wide.touches and not wide.proved
-    assert "margin" in wide.failures()[0].words and "box" in wide.failures()[0].words
+    assert "margin" in wide.find_violations()[0].words and "box" in wide.find_violations()[0].words
     near = clearance(panda(), motion, table(), 0.99 * free.value)
     assert near.proved and near.scene is not None and near.scene.value > near.margin
     assert near.own is not None and 0.0 < near.own.value < near.margin, "links need not keep the margin"

@@ -44,17 +44,17 @@ def backwards(motion: Trajectory) -> Trajectory:
 
 def test_the_whole_motion_holds(whole: Trajectory) -> None:
     proof = judged(whole)
-    assert proof.broken == ()
+    assert proof.reasons == ()
     assert proof.coverage.wanted == (0.0, LINE.end)
     np.testing.assert_allclose([proof.coverage.begin, proof.coverage.end], [0.0, LINE.end], rtol=0.0, atol=1e-9)
 
 
 def test_half_of_a_motion_does_not_hold(whole: Trajectory) -> None:
     half = pieces(whole, 0, whole.knots.size // 2)
-    words = judged(half).broken
+    words = judged(half).reasons
     assert any("the motion ends at s = " in w for w in words)
     assert "the motion does not end at rest" in words
-    second = judged(pieces(whole, whole.knots.size // 2, whole.knots.size - 1)).broken
+    second = judged(pieces(whole, whole.knots.size // 2, whole.knots.size - 1)).reasons
     assert len(second) == 1
     assert second[0].startswith("the motion begins at s = ")
 
@@ -63,15 +63,15 @@ def test_a_part_that_was_asked_for_holds(whole: Trajectory) -> None:
     m = whole.knots.size // 2
     part = pieces(whole, m, whole.knots.size - 1)
     s = judged(whole).binding.s[m]
-    assert judged(part, span=(s, LINE.end)).holds
-    assert not judged(part, span=(s - 3e-5, LINE.end)).holds
+    assert judged(part, span=(s, LINE.end)).is_valid
+    assert not judged(part, span=(s - 3e-5, LINE.end)).is_valid
     for wrong in ((0.1, 0.05), (-0.1, 0.1), (0.0, 2.0 * LINE.end), (0.0,), "ab"):
         with pytest.raises(InvalidInput, match="span"):
             judged(part, span=wrong)
 
 
 def test_a_motion_backwards_does_not_hold(whole: Trajectory) -> None:
-    words = judged(backwards(whole)).broken
+    words = judged(backwards(whole)).reasons
     assert any("begins at s = 0.233" in w for w in words)
     assert any("ends at s = 0 " in w for w in words)
     assert any("goes back along its path" in w for w in words)
@@ -91,10 +91,10 @@ def test_a_step_back_on_the_way_does_not_hold(size: float) -> None:
     p, v, a = np.array(s).T[..., None]
     q, q1, q2 = (joints(p[:, 0], order) for order in (0, 1, 2))
     motion = Trajectory(through(np.array(t), q, q1 * v, q1 * a + q2 * v * v))
-    proof = judged(motion, keeps=())
+    proof = judged(motion, enforced=())
     assert proof.coverage.missing[2][0] == pytest.approx(size, rel=0.01)
-    assert len(proof.broken) == (size > COVERED[0])
-    assert proof.holds or "goes back along its path" in proof.broken[0]
+    assert len(proof.reasons) == (size > COVERED[0])
+    assert proof.is_valid or "goes back along its path" in proof.reasons[0]
 
 
 @pytest.mark.parametrize("tolerance", [None, (3e-4, 2e-5)])
@@ -107,7 +107,7 @@ def test_what_may_be_missing_is_the_tolerance_and_no_more(
     for share in (1.0, 1.01):
         missing = np.zeros((3, 2))
         missing[way, part] = share * (tolerance or COVERED)[part]
-        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).failures(tolerance, 2.0)  # type: ignore[arg-type]
+        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).find_violations(tolerance, 2.0)  # type: ignore[arg-type]
         assert [(words in x.words, x.t) for x in found] == ([(True, (0.0, 2.0, 0.7)[way])] if share > 1.0 else [])
 
 
@@ -119,7 +119,7 @@ def test_a_step_back_between_two_knots_does_not_hold() -> None:
     c[:, 0, 0] = np.polyadd([1.2, -3.0, 2.0, 0.0, 0.0, START[0]], 8.0 * np.poly([0, 0, 0.5, 1, 1]))  # swings by 0.09
     motion = Trajectory(PPoly(c, [0.0, 1.0]))
     assert (np.diff(motion(np.linspace(0.0, 1.0, 101))[:, 0]) < 0.0).any()
-    words = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, keeps=()).broken
+    words = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, enforced=()).reasons
     assert len(words) == 1
     assert "goes back along its path" in words[0]
 
@@ -129,16 +129,16 @@ def test_standing_still_on_a_circle_does_not_hold() -> None:
     circle = Arc.about(T, T[:3, 3] + np.array([0.05, 0, 0]), [0, 1, 0], 2 * np.pi)
     still = Trajectory(PPoly(np.concatenate([np.zeros((5, 1, 6)), START[None, None]]), np.array([0.0, 1.0])))
     proof = certify(ROBOT, circle, still, LIMITS, tolerance=(1e-5, 1e-5))
-    assert proof.broken == (f"the motion ends at s = 0 of its path, not at {circle.end:.6g}",)
+    assert proof.reasons == (f"the motion ends at s = 0 of its path, not at {circle.end:.6g}",)
 
 
 def test_a_tenth_of_a_circle_does_not_hold_and_all_of_it_does() -> None:
     T = ROBOT.fk(START)
     circle = Arc.about(T, T[:3, 3] + np.array([0.03, 0, 0]), [0, 1, 0], 2 * np.pi)
     made = plan(ROBOT, circle, START, limits=LIMITS)
-    assert made.certificate.holds
+    assert made.certificate.is_valid
     tenth = pieces(made.trajectory, 0, made.trajectory.knots.size // 10)
-    assert not certify(ROBOT, circle, tenth, LIMITS, tolerance=(1e-5, 1e-5)).holds
+    assert not certify(ROBOT, circle, tenth, LIMITS, tolerance=(1e-5, 1e-5)).is_valid
 
 
 @pytest.mark.parametrize("back", [2e-6, 3e-5, 2e-4])
@@ -157,7 +157,7 @@ def test_a_short_stretch_back_between_two_knots_is_as_long_as_its_extrema_say(ba
     motion = Trajectory(through(t, q, dq, ddq))
     x = motion(np.linspace(0.0, t[-1], 200_001))[:, 0]
     assert (np.maximum.accumulate(x) - x).max() == pytest.approx(back, rel=1e-4)
-    proof = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, keeps=())
+    proof = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, enforced=())
     T = ROBOT.fk(np.array([START, goal]))  # joint 1 turns the tool about an axis
     radius = np.linalg.norm(T[1, :3, 3] - T[0, :3, 3]) / (2.0 * np.sin(0.1))
     assert proof.coverage.missing[2] == pytest.approx((back * radius, back), rel=1e-2)
@@ -198,7 +198,7 @@ def test_a_slow_joint_that_jumps_beside_a_fast_one_is_seen(jump: float) -> None:
     way = JointLine(ROBOT, START, START + np.array([1.0, 0, 0, 0, 0, 0]))
     proof = certify(ROBOT, way, two_paces(jump), big)
     assert proof.continuous == 0
-    assert not proof.holds
+    assert not proof.is_valid
     assert proof.acceleration.value[1] == np.inf
     assert proof.jerk.value[1] == np.inf
     assert np.isfinite(proof.acceleration.value[0])
@@ -238,7 +238,7 @@ def test_a_plan_whose_certificate_does_not_hold_is_not_proved_but_can_be_looked_
     assert made.stop is not None
     assert "certificate is not valid" in made.stop.reason
     assert made.trajectory.end > 0.0
-    assert not made.certificate.holds
+    assert not made.certificate.is_valid
     data = made.to_dict()
     assert data["status"] == "not_proved"
-    assert data["certificate"]["holds"] is False
+    assert data["certificate"]["is_valid"] is False

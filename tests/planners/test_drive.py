@@ -88,8 +88,8 @@ def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) ->
     count = round(slower.trajectory.end / period)
     assert slower.trajectory.end == count * period
     assert 0.0 <= slower.trajectory.end - line().trajectory.end < period
-    assert slower and slower.certificate.holds and slower.certificate is not line().certificate
-    assert slower.certificate.keeps == line().certificate.keeps
+    assert slower and slower.certificate.is_valid and slower.certificate is not line().certificate
+    assert slower.certificate.enforced == line().certificate.enforced
     assert slower.slowed == pytest.approx(slower.trajectory.end / line().trajectory.end, rel=1e-12)
     share = np.linspace(0.0, 1.0, 50)
     there = line().trajectory(share * line().trajectory.end)
@@ -293,7 +293,7 @@ def test_a_plan_whose_law_keeps_no_jerk_is_stopped_and_resumed_too(law: str, lim
     assert (
         stopped.status is ExecutionStatus.STOPPED
         and stopped.stop_plan is not None
-        and stopped.stop_plan.certificate.holds
+        and stopped.stop_plan.certificate.is_valid
     )
     for order, limit in ((1, 2.0), (2, 10.0)):
         own = running.trajectory.extrema(order).worst

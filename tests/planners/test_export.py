@@ -47,7 +47,7 @@ def test_a_json_is_strict_json_and_an_npz_holds_plain_arrays(tmp_path: Path) -> 
     motion = motion_of(planned())
     save(motion, tmp_path / "motion.json")
     data = json.loads((tmp_path / "motion.json").read_text(), parse_constant=pytest.fail)
-    assert data["format"] == "optik-motion/1"
+    assert data["format"] == "optik-motion/2"
     assert same_bits(data["coefficients"], motion.trajectory.coefficients)
     assert Robot.from_dict(data["robot"]) == motion.robot
     save(motion, tmp_path / "motion.NPZ")
@@ -100,12 +100,12 @@ def set_to(*keys: Any, value: Any) -> Callable[[dict[str, Any]], None]:
 
 
 NAN, INF = float("nan"), float("inf")
-KEYS = ("format", "robot", "path", "limits", "law", "keeps", "knots", "coefficients")
+KEYS = ("format", "robot", "path", "limits", "law", "enforced", "knots", "coefficients")
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     **{f"no {key}": (lambda d, key=key: d.pop(key), key) for key in KEYS},
     "a key too many": (set_to("colour", value=1), "colour unknown"),
-    "another format": (set_to("format", value="optik-plan/1"), "expected 'optik-motion/1'; got 'optik-plan/1'"),
-    "a later format": (set_to("format", value="optik-motion/2"), "optik-motion/2"),
+    "another format": (set_to("format", value="optik-plan/1"), "expected 'optik-motion/2'; got 'optik-plan/1'"),
+    "a later format": (set_to("format", value="optik-motion/3"), "optik-motion/2"),
     "no robot": (set_to("robot", value=None), "robot"),
     "a robot without a tool": (lambda d: d["robot"].pop("tool"), "tool missing"),
     "a robot of five joint names": (lambda d: d["robot"]["joint_names"].pop(), "robot.prismatic"),
@@ -122,8 +122,8 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "limits of two joints": (set_to("limits", "jerk", value=[1.0, 1.0]), "limits.jerk"),
     "a tool speed for each joint": (set_to("limits", "tool_speed", value=[1.0] * 6), "limits.tool_speed"),
     "a law that is no word": (set_to("law", value=3), "law"),
-    "a promise that does not exist": (set_to("keeps", value=["snap"]), "keeps"),
-    "promises that are no list": (set_to("keeps", value="jerk"), "keeps"),
+    "a promise that does not exist": (set_to("enforced", value=["snap"]), "enforced"),
+    "promises that are no list": (set_to("enforced", value="jerk"), "enforced"),
     "no time": (set_to("knots", value=[]), "knots"),
     "times that do not start at 0": (set_to("knots", 0, value=0.1), "knot 0 at 0.1 s"),
     "times that repeat": (lambda d: set_to("knots", 1, value=d["knots"][2])(d), "knot 2"),
@@ -331,9 +331,9 @@ def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
         ("limits", MotionLimits([1.0, 2.0])),
         ("trajectory", None),
         ("law", None),
-        ("keeps", ["jerk"]),
-        ("keeps", ("snap",)),
+        ("enforced", ["jerk"]),
+        ("enforced", ("snap",)),
     ):
-        fields = {k: getattr(motion, k) for k in ("robot", "path", "limits", "trajectory", "law", "keeps")}
+        fields = {k: getattr(motion, k) for k in ("robot", "path", "limits", "trajectory", "law", "enforced")}
         with pytest.raises(OptikError):
             Motion(**(fields | {field: wrong}))

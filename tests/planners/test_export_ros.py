@@ -50,7 +50,7 @@ def hop(T: float = 0.5, size: float = 0.05, **options: Any) -> Motion:
     c = np.zeros((6, 1, 6))
     c[5, 0] = START
     c[:3, 0] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])[:, None]
-    fields: dict[str, Any] = {"limits": MotionLimits(), "keeps": ()} | options
+    fields: dict[str, Any] = {"limits": MotionLimits(), "enforced": ()} | options
     trajectory = Trajectory(PPoly(c, [0.0, T]))
     return Motion(paper6r(), way_of(trajectory), trajectory=trajectory, **fields)
 
@@ -74,8 +74,8 @@ def at_its_limits(kind: str) -> Motion:
     trajectory = Trajectory(PPoly(c, s.x))
     orders = (1, 2, 3) if kind == "jerk" else (1, 2)
     limits = MotionLimits(*(trajectory.extrema(order).worst * (1.0 + 1e-9) for order in orders))
-    keeps = ("velocity", "acceleration", "jerk")[: len(orders)]
-    return Motion(paper6r(), way_of(trajectory), limits, trajectory, "phases", keeps)
+    enforced = ("velocity", "acceleration", "jerk")[: len(orders)]
+    return Motion(paper6r(), way_of(trajectory), limits, trajectory, "phases", enforced)
 
 
 def read(file: Path) -> Any:
@@ -167,7 +167,7 @@ def test_the_controller_is_sent_the_exact_states_of_the_motion_uniformly_slowed(
             at = nearest if abs(nearest - at) < 1e-9 else at
             wanted = exact(source, at, order) / sent.factor**order
             np.testing.assert_allclose(message["points"][i][field], wanted, rtol=0, atol=1e-7 * 10.0**order)
-    assert sent.certificate.holds
+    assert sent.certificate.is_valid
     assert sent.certificate.path_error.distance < 1e-6
 
 
@@ -223,14 +223,14 @@ def test_what_the_controller_would_exceed_is_slowed_and_said_or_refused(
     kind: str, rate: float | None, tmp_path: Path
 ) -> None:
     motion = at_its_limits(kind)
-    assert motion.certify().holds
-    as_it_is = replace(motion, keeps=())
+    assert motion.certify().is_valid
+    as_it_is = replace(motion, enforced=())
     unslowed = to_ros(as_it_is, tmp_path / "motion.json", rate=rate)
-    assert max(unslowed.certificate.worst(field)[0] for field in motion.keeps) > 1.001
+    assert max(unslowed.certificate.worst(field)[0] for field in motion.enforced) > 1.001
     sent = to_ros(motion, tmp_path / "motion.json", rate=rate)
     assert 1.0005 * unslowed.factor < sent.factor < 1.5
-    assert sent.certificate.holds
-    assert 0.7 < max(sent.certificate.worst(field)[0] for field in motion.keeps) <= 1.0
+    assert sent.certificate.is_valid
+    assert 0.7 < max(sent.certificate.worst(field)[0] for field in motion.enforced) <= 1.0
     with pytest.raises(NoSolution, match=r"leaves its limits; 1\.\d+ times as long it would not"):
         to_ros(motion, tmp_path / "strict.json", rate=rate, strict=True)
     assert not (tmp_path / "strict.json").exists()
@@ -250,7 +250,7 @@ def tool_speeds(trajectory: Trajectory, t: Array) -> Array:
 def test_a_tool_speed_that_was_asked_is_kept_and_the_end_is_held(rate: float | None, tmp_path: Path) -> None:
     motion = weld()
     sent = to_ros(motion, tmp_path / "motion.json", rate=rate)
-    assert sent.certificate.holds
+    assert sent.certificate.is_valid
     end = motion.trajectory.duration
     speeds = tool_speeds(sent.trajectory, np.linspace(0.3 * end, 0.7 * end, 50))
     np.testing.assert_allclose(speeds, 0.05, rtol=1e-6)
@@ -299,7 +299,7 @@ def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_p
     for motion, options in ((weld(None), {}), (weld(), {"keep_speed": False})):
         sent = to_ros(motion, tmp_path / "motion.json", rate=125.0, **options)
         assert sent.factor > 1.01
-        assert sent.certificate.holds
+        assert sent.certificate.is_valid
     with pytest.raises(InvalidInput, match="keep_speed"):
         to_ros(weld(), tmp_path / "motion.json", keep_speed="no")  # type: ignore[arg-type]
 
@@ -321,17 +321,17 @@ def test_a_tool_speed_that_cannot_be_kept_is_refused_with_what_it_would_be(tmp_p
 
 def test_a_motion_at_its_limits_keeps_them_at_its_knots_without_being_slowed(tmp_path: Path) -> None:
     sent = to_ros(at_its_limits("jerk"), tmp_path / "motion.json", strict=True)
-    assert sent.certificate.holds
+    assert sent.certificate.is_valid
     assert 1.0 <= sent.factor < 1.0 + 1e-8
 
 
 def test_what_an_interpolation_cannot_keep_is_shown_and_not_hidden(tmp_path: Path) -> None:
     motion = planned()
     linear = to_ros(motion, tmp_path / "motion.json", rate=200.0, interpolation="linear")
-    assert not linear.certificate.holds
+    assert not linear.certificate.is_valid
     assert linear.certificate.worst("acceleration")[0] == np.inf
     cubic = to_ros(motion, tmp_path / "motion.json", rate=200.0, interpolation="cubic")
-    assert [f for f in motion.keeps if cubic.certificate.worst(f)[0] > 1.0] == ["jerk"]
+    assert [f for f in motion.enforced if cubic.certificate.worst(f)[0] > 1.0] == ["jerk"]
 
 
 def test_a_motion_that_passes_a_joints_range_is_not_written(tmp_path: Path) -> None:
@@ -354,7 +354,7 @@ def test_a_start_on_the_move_is_neither_slowed_nor_stretched(tmp_path: Path) -> 
         to_ros(moving, tmp_path / "motion.json", rate=75.0)
     rest = rest_of(hop().trajectory, 0.3)
     limits = MotionLimits(acceleration=rest.extrema(2).worst * (1.0 + 1e-9))
-    limited = replace(hop(), trajectory=rest, path=way_of(rest), limits=limits, keeps=("acceleration",))
+    limited = replace(hop(), trajectory=rest, path=way_of(rest), limits=limits, enforced=("acceleration",))
     with pytest.raises(NoSolution, match="starts on the move and cannot be slowed"):
         to_ros(limited, tmp_path / "motion.json", interpolation="cubic", rate=20.0)
 

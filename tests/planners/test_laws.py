@@ -425,7 +425,7 @@ def test_the_certificate_of_toppra_says_the_exact_acceleration_jumps_included(
 ) -> None:
     law = make_law("toppra")
     trajectory = law.run(joint_path, limits)
-    certificate = certify(paper6r(), joint_path.path, trajectory, limits, law="toppra", keeps=law.keeps)
+    certificate = certify(paper6r(), joint_path.path, trajectory, limits, law="toppra", enforced=law.enforced)
     worst = np.zeros(6)
     for k in range(len(trajectory.knots) - 1):
         for t in np.linspace(trajectory.knots[k], trajectory.knots[k + 1], 9):

@@ -13,7 +13,7 @@ import pytest
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.fit import fitted, stretch
 from planners.limits import (
     ALL_LIMITS,
@@ -44,10 +44,10 @@ class Weighted(Limit):
     def rows(self, at: PathPoints, bound: Array) -> Array:
         return np.asarray((np.abs(at.q(1)) @ WEIGHTS)[:, None, None] / bound[0])
 
-    def piece_ratios(self, motion: Examined, bound: Array) -> Array:
+    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
         return np.asarray((motion.trajectory.piece_worst(1) @ WEIGHTS)[:, None] / bound)
 
-    def judge(self, motion: Examined, bound: Array) -> ToolExtreme:
+    def judge(self, motion: MotionAnalysis, bound: Array) -> ToolExtreme:
         ratios = self.piece_ratios(motion, bound)[:, 0]
         k = int(ratios.argmax())
         return ToolExtreme(float(ratios[k] * bound[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
@@ -60,11 +60,11 @@ class Loaded(DerivativeLimit):
     units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
     order: ClassVar[int] = 2
 
-    def judge(self, motion: Examined, bound: Array) -> Extreme:
+    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme:
         found = motion.trajectory.extrema(2)
         return Extreme(found.worst + 1.0, (found.worst + 1.0) / bound, found.t_worst)
 
-    def slowing(self, motion: Examined, bound: Array) -> float:
+    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
         if (bound <= 1.0).any():
             return np.inf
         return scale_of(float((motion.trajectory.extrema(2).worst / (bound - 1.0)).max()), 2)
@@ -92,7 +92,7 @@ def test_laws_keep_a_limit_from_outside_and_certificates_prove_it(law: str) -> N
     found = plan(paper6r(), default_line(), START, limits=limits, timing=law, allow="jerk")
     assert found
     proof = found.certificate
-    assert "weighted_speed" in proof.keeps
+    assert "weighted_speed" in proof.enforced
     assert 0.97 < weighted(found.trajectory) / bound <= proof.worst("weighted_speed")[0] * (1.0 + 1e-9) <= 1.0 + 1e-9
     assert proof.worst("weighted_speed")[1] == "arm"
     assert proof.to_dict()["weighted_speed"]["value"] == proof.extra["weighted_speed"].value
@@ -114,16 +114,16 @@ def test_a_violation_is_named() -> None:
     law = plan(paper6r(), default_line(), START, limits=OUR).trajectory
     limits = MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 0.5 * weighted(law), "loaded_acceleration": 5.0})
     proof = certify(paper6r(), default_line(), law, limits)
-    assert not proof.holds
-    assert any("weighted_speed of arm is 2.0" in words for words in proof.broken)
-    assert any(words.startswith("loaded_acceleration of joint") for words in proof.broken)
-    only = certify(paper6r(), default_line(), law, limits, keeps=ALL_LIMITS)
-    assert only.holds
+    assert not proof.is_valid
+    assert any("weighted_speed of arm is 2.0" in words for words in proof.reasons)
+    assert any(words.startswith("loaded_acceleration of joint") for words in proof.reasons)
+    only = certify(paper6r(), default_line(), law, limits, enforced=ALL_LIMITS)
+    assert only.is_valid
     assert only.worst("weighted_speed")[0] > 1.9
     with pytest.raises(InvalidInput, match="weighted_speed"):
         only.worst("snap")
     with pytest.raises(InvalidInput, match="weighted_speed"):
-        certify(paper6r(), default_line(), law, limits, keeps=("snap",))
+        certify(paper6r(), default_line(), law, limits, enforced=("snap",))
 
 
 @pytest.mark.parametrize("suffix", [".json", ".npz", ".csv"])
@@ -134,7 +134,7 @@ def test_files_hold_it_under_its_name(tmp_path: Path, suffix: str, monkeypatch: 
     save(motion, file)
     again = load_motion(file)
     assert again.limits == limits
-    assert again.keeps == motion.keeps == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
+    assert again.enforced == motion.enforced == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
     assert again.certify().worst("weighted_speed") == motion.certify().worst("weighted_speed")
     monkeypatch.setattr(_known, "_ADDED", {})
     with pytest.raises(InvalidInput, match="weighted_speed, loaded_acceleration unknown"):
@@ -227,8 +227,8 @@ def test_each_limit_is_one_file_that_says_its_name_units_and_order() -> None:
 
 def test_a_motion_promises_only_what_its_limits_have() -> None:
     found = plan(paper6r(), default_line(), START, limits=OUR)
-    with pytest.raises(InvalidInput, match="keeps"):
-        Motion(paper6r(), default_line(), OUR, found.trajectory, keeps=("weighted_speed",))
+    with pytest.raises(InvalidInput, match="enforced"):
+        Motion(paper6r(), default_line(), OUR, found.trajectory, enforced=("weighted_speed",))
 
 
 def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None:

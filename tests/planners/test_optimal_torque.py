@@ -69,7 +69,7 @@ def judged(joint_path: JointPath, limits: MotionLimits) -> float:
     robot = joint_path.robot
     motion = Optimal().run(joint_path, limits)
     proof = certify(robot, joint_path.path, motion, limits, tolerance=(1e-4, 1e-4))
-    assert proof.holds, proof.broken
+    assert proof.is_valid, proof.reasons
     for name in ("torque", "torque_rate", "velocity", "jerk"):
         assert proof.worst(name)[0] <= 1.0 + 1e-12
     return motion.duration / Optimal(intervals=400).run(joint_path, limits).duration

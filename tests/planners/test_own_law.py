@@ -21,7 +21,7 @@ LIMITS = MotionLimits(2.0, 10.0, 100.0)
 class Sluggish(TimeLaw):
     """A law that states no name, as in a notebook: the paper's, without promises."""
 
-    keeps: Any = ()
+    enforced: Any = ()
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         return Quintic(duration=2.0).run(joint_path, limits)
@@ -53,28 +53,30 @@ def test_a_law_in_a_file_has_the_file_s_name(tmp_path: Path) -> None:
     assert planners.make_law(file).name == "unhurried"
 
 
-@pytest.mark.parametrize("keeps", ["velocity", ("velocity", "jrek"), ["velocity"], (1,), None])
-def test_promises_that_are_no_limits_are_refused_before_anything_runs(keeps: Any, tmp_path: Path) -> None:
-    law = type("Wrong", (Untimed,), {"keeps": keeps})()
-    file = tmp_path / f"wrong_{abs(hash(str(keeps)))}.py"
-    file.write_text(f"from {__name__} import Untimed\nclass METHOD(Untimed):\n    keeps = {keeps!r}\n")
+@pytest.mark.parametrize("enforced", ["velocity", ("velocity", "jrek"), ["velocity"], (1,), None])
+def test_promises_that_are_no_limits_are_refused_before_anything_runs(enforced: Any, tmp_path: Path) -> None:
+    law = type("Wrong", (Untimed,), {"enforced": enforced})()
+    file = tmp_path / f"wrong_{abs(hash(str(enforced)))}.py"
+    file.write_text(f"from {__name__} import Untimed\nclass METHOD(Untimed):\n    enforced = {enforced!r}\n")
     running = planned(Sluggish())
     for use in (
         lambda: planned(law),
         lambda: planners.replan(running, state=1.0, timing=law),
         lambda: planners.make_law(file),
     ):
-        with pytest.raises(InvalidInput, match=r"keeps of the time law 'wrong.*velocity, acceleration, jerk") as caught:
+        with pytest.raises(
+            InvalidInput, match=r"enforced of the time law 'wrong.*velocity, acceleration, jerk"
+        ) as caught:
             use()
-        assert repr(keeps[-1] if isinstance(keeps, tuple) else keeps) in str(caught.value)
+        assert repr(enforced[-1] if isinstance(enforced, tuple) else enforced) in str(caught.value)
 
 
-@pytest.mark.parametrize("keeps", ["velocity", ("jrek",)])
-def test_motions_are_fitted_to_limits_that_exist(keeps: Any) -> None:
+@pytest.mark.parametrize("enforced", ["velocity", ("jrek",)])
+def test_motions_are_fitted_to_limits_that_exist(enforced: Any) -> None:
     trajectory = Quintic(duration=2.0).run(default_joint_path(), LIMITS)
     for use in (fitted, stretch):
-        with pytest.raises(InvalidInput, match="keeps"):
-            use(paper6r(), trajectory, LIMITS, keeps)
+        with pytest.raises(InvalidInput, match="enforced"):
+            use(paper6r(), trajectory, LIMITS, enforced)
 
 
 def test_what_a_law_returns_must_be_a_trajectory_of_the_arm() -> None:

@@ -53,7 +53,7 @@ class Refusing(TimeLaw):
     """Finds no motion."""
 
     name: ClassVar[str] = "refusing"
-    keeps: ClassVar[tuple[str, ...]] = ()
+    enforced: ClassVar[tuple[str, ...]] = ()
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         raise NoSolution("it will not", s=0.125, joint="joint2", advice="ask again")
@@ -73,9 +73,9 @@ def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> N
     again = make_law(law).run(default_joint_path(), LIMITS)
     assert result.trajectory.duration == pytest.approx(result.slowed * again.duration, rel=1e-9)
     assert result.slowed == 1.0 if law != "toppra" else 1.0 <= result.slowed < 1.001
-    assert result.certificate.holds
+    assert result.certificate.is_valid
     assert result.certificate.law == law
-    assert result.certificate.keeps == make_law(law).keeps
+    assert result.certificate.enforced == make_law(law).enforced
     assert result.certificate.duration == result.trajectory.duration
     np.testing.assert_array_equal(result.certificate.velocity.value, result.trajectory.extrema(1).worst)
 
@@ -271,7 +271,7 @@ def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -
     with pytest.raises(InvalidInput, match="acceleration and jerk") as info:
         plan(robot, line, q, timing="ruckig")
     assert info.value.argument == "limits"
-    assert plan(robot, line, q, timing="ruckig", limits=MotionLimits(3.0, 10.0, 100.0)).certificate.holds
+    assert plan(robot, line, q, timing="ruckig", limits=MotionLimits(3.0, 10.0, 100.0)).certificate.is_valid
     assert plan(robot, line, q, timing="quintic"), "the paper's law needs none"
 
 
@@ -325,7 +325,7 @@ def test_a_plan_that_fails_says_its_reason_and_saves_nothing(tmp_path: Path) -> 
 def test_what_a_law_promises_and_passes_is_slowed_or_refused() -> None:
     slowed = planned(timing="toppra", samples=151)
     assert slowed.slowed > 1.0
-    assert slowed.certificate.holds
+    assert slowed.certificate.is_valid
     assert max(slowed.certificate.worst(f)[0] for f in ("velocity", "acceleration")) <= 1.0
     strict = planned(timing="toppra", samples=151, strict=True)
     assert strict.status is PlanStatus.LIMITS_EXCEEDED
@@ -339,7 +339,7 @@ def test_a_duration_is_met_exactly_or_refused_with_the_least() -> None:
     free = planned(timing="optimal")
     longer = planned(timing="optimal", duration=2.0)
     assert longer.trajectory.duration == pytest.approx(2.0, abs=1e-12)
-    assert longer.certificate.holds
+    assert longer.certificate.is_valid
     refused = planned(timing="optimal", duration=0.9 * free.trajectory.duration)
     assert refused.status is PlanStatus.TIMING_INFEASIBLE
     assert refused.stop is not None
@@ -353,7 +353,7 @@ def test_a_goal_may_be_a_pose_or_joints() -> None:
     np.testing.assert_allclose(line.path.goal, default_line().goal, atol=1e-12)
     joints = plan(ROBOT, START + 0.2, START, limits=LIMITS)
     assert isinstance(joints.path, JointLine)
-    assert joints.certificate.holds
+    assert joints.certificate.is_valid
     np.testing.assert_allclose(joints.trajectory(joints.trajectory.end), START + 0.2, atol=1e-9)
 
 
@@ -421,7 +421,7 @@ def test_replan_goes_on_from_the_very_state(stop: bool) -> None:
     t = 0.4 * first.trajectory.end
     again = replan(first, t, stop=stop, limits=MotionLimits(2.5, 15.0, 200.0))
     assert again
-    assert again.certificate.holds
+    assert again.certificate.is_valid
     assert again.certificate.rest == (False, True)
     for order, tolerance in ((0, 1e-9), (1, 1e-8), (2, 1e-6)):
         np.testing.assert_allclose(again.trajectory(0.0, order), first.trajectory(t, order), rtol=0.0, atol=tolerance)
@@ -476,7 +476,7 @@ def test_limits_of_the_tool_are_kept_from_a_moving_state() -> None:
     limits = MotionLimits(2.0, 10.0, 100.0, tool_speed=0.3)
     first = plan(ROBOT, default_line(), START, limits=limits)
     again = replan(first, 0.3 * first.trajectory.end, limits=MotionLimits(2.0, 12.0, 120.0, tool_speed=0.305))
-    assert again.certificate.holds
+    assert again.certificate.is_valid
     assert again.certificate.worst("tool_speed")[0] > 0.99
 
 
@@ -542,7 +542,7 @@ def test_a_plan_replaces_an_older_one_and_takes_a_string(tmp_path: Path) -> None
     target = tmp_path / "plan.json"
     target.write_text("the old plan")
     planned().save(str(target))
-    assert json.loads(target.read_text())["format"] == "optik-motion/1"
+    assert json.loads(target.read_text())["format"] == "optik-motion/2"
     assert [f.name for f in tmp_path.iterdir()] == ["plan.json"]
 
 

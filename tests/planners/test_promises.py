@@ -37,8 +37,8 @@ def step_of(joint: int, size: float, T: float) -> Trajectory:
 def test_a_limit_is_kept_to_rounding_and_no_more(field: str, over: float, holds: bool) -> None:
     trajectory = step_of(2, 0.04, 0.8)
     worst = float(trajectory.extrema(DERIVATIVES.index(field) + 1).worst[2])
-    certificate = certified(trajectory, MotionLimits(**{field: worst / (1.0 + over)}), keeps=(field,))
-    assert any(field in words for words in certificate.broken) != holds
+    certificate = certified(trajectory, MotionLimits(**{field: worst / (1.0 + over)}), enforced=(field,))
+    assert any(field in words for words in certificate.reasons) != holds
 
 
 @pytest.mark.parametrize(("order", "first"), [(0, 0), (1, 1), (2, 2)])

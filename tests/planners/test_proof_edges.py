@@ -24,9 +24,9 @@ from planners import Trajectory
 from planners.certificate import clearance as module
 from planners.certificate import continuity, position, sampled_jerk
 from planners.certificate._clearance import _around, _level
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
 from planners.certificate.effort import energy
-from planners.certificate.examined import Examined
 from planners.certificate.path_error import PathError
 from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
 from planners.hermite import through
@@ -292,7 +292,7 @@ def test_ratios_at_the_ends_of_pieces_are_of_the_side_of_the_torque(seed: int) -
     size = (0.01, 1.0)[seed % 2]
     motion = polynomial((0.7, size * rng.normal(size=(6, 1))), (0.4, size * rng.normal(size=(6, 1))))
     bound = np.array([[-rng.uniform(0.5, 2.0)], [rng.uniform(3.0, 9.0)]])
-    torques = Examined(robot, motion).torques
+    torques = MotionAnalysis(robot, motion).torques
     mass, viscous = torques.models[0][1].bodies[0][0], torques.models[0][1].viscous[0]
     for rate in (False, True):
         found = torques.piece_ratios(bound, rate=rate)
@@ -319,14 +319,14 @@ def test_a_joint_without_a_limit_frees_no_other_joint(name: str) -> None:
     free, far = bound.copy(), bound.copy()
     free[1], far[1] = np.inf, 1e15
     limited = [0, 2]
-    mine, theirs = (kind.judge(Examined(robot, motion), x) for x in (free, far))
+    mine, theirs = (kind.judge(MotionAnalysis(robot, motion), x) for x in (free, far))
     assert (mine.ratio[limited] > 1e-6).all() and np.isnan(mine.ratio[1])
     np.testing.assert_allclose(mine.ratio[limited], theirs.ratio[limited], rtol=1e-4)
     np.testing.assert_allclose(mine.value[limited], theirs.value[limited], rtol=1e-4)
     for slowing in (kind.slowing, *([partial(Limit.slowing, kind)] if kind.homogeneous else [])):
-        one, other = (slowing(Examined(robot, motion), x) for x in (free, far))
+        one, other = (slowing(MotionAnalysis(robot, motion), x) for x in (free, far))
         assert one > 0.0 and one == pytest.approx(other, rel=1e-4)
-    one, other = (kind.piece_ratios(Examined(robot, motion), x) for x in (free, far))
+    one, other = (kind.piece_ratios(MotionAnalysis(robot, motion), x) for x in (free, far))
     np.testing.assert_allclose(one[:, limited], other[:, limited], rtol=1e-9)
     assert one[:, limited].max() > 0.0
     q = rng.normal(size=(4, 5, 3))
@@ -347,7 +347,7 @@ def test_the_work_of_a_piece_that_begins_and_ends_moving_is_its_kinetic_energy(s
     c = np.array([0.2, -0.3, 0.5, 1.0, 2.0, 0.3]) * rng.uniform(0.5, 1.5, 6)
     motion = polynomial((h, c[2:, None]))  # a cubic: power is a cubic, and the rule exact
     v = motion(np.array([0.0, h]), 1)[:, 0]
-    found = energy(Examined(robot, motion).torques)
+    found = energy(MotionAnalysis(robot, motion).torques)
     assert found.net == pytest.approx(0.5 * mass * (v[1] ** 2 - v[0] ** 2), rel=1e-10)
     power = mass * motion(np.array([0.0, 0.5 * h, h]), 1)[:, 0] * motion(np.array([0.0, 0.5 * h, h]), 2)[:, 0]
     assert found.power == pytest.approx(power.max(), rel=1e-12)
@@ -361,7 +361,7 @@ def test_the_work_of_a_piece_that_begins_and_ends_moving_is_its_kinetic_energy(s
 
 
 def proved_energy(robot: Robot, motion: Trajectory) -> float:
-    return energy(Examined(robot, motion).torques).net
+    return energy(MotionAnalysis(robot, motion).torques).net
 
 
 # ---------------------------------------------------------------- thresholds
@@ -437,15 +437,15 @@ def test_a_tool_off_its_path_is_named_just_beyond_the_tolerance(
 ) -> None:
     sizes_ = distance * tolerance[0], angle * tolerance[1]
     off = PathError(*sizes_, *sizes_, 0.3, 0.7)
-    found = [(x.t, "turned" in x.words) for x in off.failures(tolerance)]
+    found = [(x.t, "turned" in x.words) for x in off.find_violations(tolerance)]
     assert found == [(0.3, False)] * (distance > 1.0) + [(0.7, True)] * (angle > 1.0)
-    assert off.failures(None) == []
+    assert off.find_violations(None) == []
 
 
 def test_a_joint_leaves_its_range_just_beyond_the_tolerance() -> None:
     for share in (1.0, 1.01):
         margins = np.array([0.3, -share * position.LIMIT_TOLERANCE, 0.1])
-        found = position.position_failures(margins, ("a", "b", "c"))
+        found = position.find_position_violations(margins, ("a", "b", "c"))
         assert [x.joint for x in found] == (["b"] if share > 1.0 else [])
     limits = JointLimits([-0.5], [2.0])
     robot = Robot("bar", np.eye(4)[None], np.array([False]), np.eye(4), limits)

@@ -95,7 +95,7 @@ def test_an_execution_follows_the_controller_by_the_robots_clock(port):
     with drive.transport:
         done = drive.execute(plan, watch=seen.append)
     assert done and done.status == "done" and done.fault is None, done.reason
-    assert done.plan.certificate.holds and abs(done.motion.end - 1.5) < 1e-3
+    assert done.plan.certificate.is_valid and abs(done.motion.end - 1.5) < 1e-3
     np.testing.assert_allclose(done.q[-1], plan.trajectory(plan.trajectory.end), atol=1e-9)
     # What the joint states say is what was sent, at the instants of the robot's clock: its points reproduce the motion.
     assert len(done.t) > 20 and np.abs(done.q - done.setpoints.q).max() < 1e-5
@@ -108,7 +108,7 @@ def test_a_stop_replaces_the_goal_at_an_instant_of_the_controllers_clock_and_res
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
         assert stopped.status == "stopped" and stopped.stop_plan is not None, (stopped.reason, stopped.notes)
-        assert stopped.stop_plan.certificate.holds and stopped.motion.end < 3.9
+        assert stopped.stop_plan.certificate.is_valid and stopped.motion.end < 3.9
         # Older controllers go to the first point of the stop by a quintic of their own; newer ones go on along the plan.
         assert np.abs(stopped.q - stopped.setpoints.q).max() < off
         np.testing.assert_allclose(
@@ -270,7 +270,9 @@ def test_nothing_is_sent_whose_certificate_does_not_hold_now(port, plan):
     moving = planners.replan(plan, 1.0)
     with drive.transport:
         refused = drive.execute(stale)
-        assert stale.certificate.holds and refused.status == "refused" and "velocity" in refused.reason, refused.reason
+        assert stale.certificate.is_valid and refused.status == "refused" and "velocity" in refused.reason, (
+            refused.reason
+        )
         assert "begins in motion" in drive.execute(moving).reason
         free = {"timing": "quintic", "allow": ("limits", "jerk")}  # a law that enforces nothing
         quintic = planners.plan(plan.robot, plan.path, limits=plan.limits, **free)
@@ -320,7 +322,7 @@ def test_the_motion_of_a_law_without_jerk_limits_can_be_stopped():
     q, limits = robot.limits.middle, planners.MotionLimits(velocity=2.0, acceleration=10.0)
     smooth = planners.plan(robot, q + 0.2, q, limits=limits, timing="toppra", duration=1.5)
     stops = stops_for(message_for(smooth, None)[0], 0.5, None)
-    assert len(stops.found) == 2 and all(stop.plan.certificate.holds for stop in stops.found), stops.reason
+    assert len(stops.found) == 2 and all(stop.plan.certificate.is_valid for stop in stops.found), stops.reason
 
 
 def test_stops_are_computed_before_the_arm_moves_and_in_bounded_time(plan, monkeypatch):
@@ -331,7 +333,7 @@ def test_stops_are_computed_before_the_arm_moves_and_in_bounded_time(plan, monke
         first = stop.message["points"][0]
         np.testing.assert_allclose(first["positions"], sent.trajectory(stop.t), atol=1e-9)
         np.testing.assert_allclose(first["velocities"], sent.trajectory(stop.t, 1), atol=1e-9)
-        assert stop.plan.certificate.holds and stop.plan.limits == sent.limits
+        assert stop.plan.certificate.is_valid and stop.plan.limits == sent.limits
     monkeypatch.setattr(sys.modules[stops_for.__module__], "PREPARING", 1e-6)
     assert len(stops_for(sent, 0.1, None).found) <= 2
 
@@ -429,7 +431,7 @@ def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
     s = np.linspace(0.0, made.joint_path.end, 50)
     np.testing.assert_allclose(found.joint_path(s), made.joint_path(s), atol=1e-6)
     assert planners.replan(found, 0.5 * found.trajectory.end, stop=True)
-    hasty = replace(made.motion, limits=made.limits.scaled(0.05), keeps=("velocity",))
+    hasty = replace(made.motion, limits=made.limits.scaled(0.05), enforced=("velocity",))
     with pytest.raises(NoSolution, match="certificate of this motion is not valid"):
         plan_of(hasty)
 

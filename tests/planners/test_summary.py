@@ -64,9 +64,9 @@ def test_a_certificate_prints_its_validity_and_every_peak(made: dict[str, planne
     ratio, joint, t = proof.worst("velocity")
     assert f"peak / limit, velocity: {ratio:.3g} ({joint} at {t:.3g} s)" in lines
     low = planners.certify(ARM, None, made["solved"].trajectory, planners.MotionLimits(velocity=0.5))
-    assert not low.holds
+    assert not low.is_valid
     lines = short(str(low))
-    assert lines[0].startswith(f"certificate NOT valid: {low.broken[0]}")
+    assert lines[0].startswith(f"certificate NOT valid: {low.reasons[0]}")
     assert "path error" not in str(low)
 
 

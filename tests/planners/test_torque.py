@@ -14,8 +14,8 @@ from optik import DHRow, JointLimits, Robot
 from optik.arm.inertia import Inertia
 from optik.types import Array
 from planners import Trajectory
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.effort import energy, friction_steps
-from planners.certificate.examined import Examined
 from planners.certificate.torque_bounds import cubic_range, direction, fourth_bounds, sizes, slope_range
 from planners.certificate.torque_slowing import slowing
 from planners.hermite import through
@@ -256,16 +256,16 @@ def test_steps_of_friction_are_listed() -> None:
     there = Trajectory(
         PPoly(np.stack([rest_to_rest, -rest_to_rest + [0, 0, 0, 0, 0, 1.0]], axis=1)[:, :, None], [0.0, 1.0, 2.0])
     )
-    motion = Examined(robot, there)
+    motion = MotionAnalysis(robot, there)
     steps = friction_steps(robot, there, motion.torques, motion.rest)
     assert [x for s in steps for x in (s.t, s.size)] == pytest.approx([0.0, 0.7, 1.0, 1.4, 2.0, 0.7])
     inside = turning((1.0, (-0.5 * 3.0, 1.0, 0.0)))
-    motion = Examined(robot, inside)
+    motion = MotionAnalysis(robot, inside)
     steps = friction_steps(robot, inside, motion.torques, motion.rest)
     assert [(s.t, s.joint, s.size) for s in steps] == [
         (pytest.approx(1.0 / 3.0), robot.joint_names[0], pytest.approx(1.4))
     ]
-    assert friction_steps(pendulum(), inside, Examined(pendulum(), inside).torques, (False, False)) == ()
+    assert friction_steps(pendulum(), inside, MotionAnalysis(pendulum(), inside).torques, (False, False)) == ()
 
 
 # ---------------------------------------------------------------- payload in an interval, sides, speed
@@ -285,7 +285,7 @@ def test_each_side_is_judged_by_its_own_limit() -> None:
     robot, motion = loaded(), swing(np.random.default_rng(8), 6, 8, 0.8)
     torque = values(robot, motion, np.linspace(0.0, motion.end, 20001), robot.loads[0])[:, 0]
     lower, upper = -np.full(6, 3.0), np.full(6, 11.0)
-    found = Examined(robot, motion).torques.proved(np.stack([lower, upper]), rate=False)
+    found = MotionAnalysis(robot, motion).torques.proved(np.stack([lower, upper]), rate=False)
     expected = np.maximum(torque.min(axis=0) / lower, torque.max(axis=0) / upper)
     assert found.ratio == pytest.approx(expected, rel=1e-3)
     assert (found.upper == (torque.max(axis=0) / upper >= torque.min(axis=0) / lower)).all()
@@ -295,20 +295,20 @@ def test_each_side_is_judged_by_its_own_limit() -> None:
 @pytest.mark.parametrize("share", [0.6, 3.0])
 def test_the_slowing_just_keeps_the_limit(rate: bool, share: float) -> None:
     robot, motion = loaded(coulomb=0.3), swing(np.random.default_rng(9), 6, 40, 0.8)
-    standing = Examined(robot, motion.slowed(1e3)).torques
+    standing = MotionAnalysis(robot, motion.slowed(1e3)).torques
     one = np.stack([-np.ones(6), np.ones(6)])
     still = 0.0 if rate else standing.proved(one, rate=rate).ratio
     size = still + share * (proved(robot, motion, rate=rate).ratio - still)
     bound = np.stack([-size, size])
-    factor = slowing(Examined(robot, motion).torques, bound, rate=rate)
+    factor = slowing(MotionAnalysis(robot, motion).torques, bound, rate=rate)
     assert (factor > 1.0) == (share < 1.0)
-    slowed = Examined(robot, motion.slowed(factor)).torques.proved(bound, rate=rate).ratio.max()
+    slowed = MotionAnalysis(robot, motion.slowed(factor)).torques.proved(bound, rate=rate).ratio.max()
     assert slowed == pytest.approx(1.0, rel=1e-2)
 
 
 def test_no_slowing_helps_against_gravity_and_none_is_needed_without_limits() -> None:
     robot, motion = loaded(), swing(np.random.default_rng(9), 6, 8, 0.8)
-    torques = Examined(robot, motion).torques
+    torques = MotionAnalysis(robot, motion).torques
     assert slowing(torques, np.full((2, 6), 1e-3) * [[-1.0], [1.0]], rate=False) == np.inf
     assert slowing(torques, np.full((2, 6), np.inf) * [[-1.0], [1.0]], rate=False) == 0.0
 
@@ -318,7 +318,7 @@ def test_the_energy_is_what_goes_into_motion_and_height() -> None:
     robot, t = pendulum(), np.linspace(0.0, 1.5, 41)
     course = np.polynomial.Polynomial([-0.5, 0.0, 0.0, 20.0, -30.0, 12.0], domain=[0.0, 1.5], window=[0.0, 1.0])
     motion = Trajectory(through(t, *(course.deriv(k)(t)[:, None] if k else course(t)[:, None] for k in range(3))))
-    found = energy(Examined(robot, motion).torques)
+    found = energy(MotionAnalysis(robot, motion).torques)
     heights = (robot.fk(motion(np.array([0.0, motion.end]))) @ [0.5, 0.0, 0.0, 1.0])[:, 2]
     assert found.net == pytest.approx(2.0 * 9.80665 * (heights[1] - heights[0]), rel=1e-7)
     x = np.linspace(0.0, motion.end, 100_001)

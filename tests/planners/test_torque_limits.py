@@ -88,7 +88,7 @@ def test_laws_keep_torque_and_its_rate(law: str, payload: float | tuple[float, f
         found = plan(arm, default_line(), START, limits=limits, timing=law)
         assert found, found.stop
         proof = found.certificate
-        assert proof.holds and "torque" in proof.keeps
+        assert proof.is_valid and "torque" in proof.enforced
         for name, bound in (("torque", limits.torque), ("torque_rate", limits.torque_rate)):
             if bound is None:
                 assert np.isnan(proof.judged(name).ratio).all()
@@ -118,7 +118,7 @@ def test_quintic_promises_no_torque_and_is_certified() -> None:
 class Own(TimeLaw):
     """A law that knows nothing of torques."""
 
-    keeps = DERIVATIVES
+    enforced = DERIVATIVES
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         only = limits.only(DERIVATIVES)
@@ -130,7 +130,7 @@ def test_a_law_that_knows_no_torques_is_slowed_until_it_keeps_them_or_refused() 
     torque = static(free) + 0.5 * np.maximum(needed(free, rate=False) - static(free), 1e-2)
     limits = MotionLimits(*OUR, torque=torque, torque_rate=0.9 * needed(free, rate=True))
     found = plan(robot(), default_line(), START, limits=limits, timing=Own())
-    assert found and found.slowed > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.keeps)
+    assert found and found.slowed > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.enforced)
     assert found.certificate.worst("torque")[0] == pytest.approx(1.0, abs=1e-4)
     refused = plan(robot(), default_line(), START, limits=limits, timing=Own(), strict=True)
     assert refused.status == "limits_exceeded" and refused.stop is not None and "torque" in refused.stop.reason
@@ -141,7 +141,7 @@ def test_a_certificate_names_the_torque_that_a_motion_passes() -> None:
     free = plan(arm, default_line(), START, limits=MotionLimits(*OUR), timing="toppra")
     torque = static(free) + 0.5 * np.maximum(needed(free, rate=False) - static(free), 1e-2)
     certificate = certify(arm, default_line(), free.trajectory, MotionLimits(*OUR, torque=torque))
-    assert certificate.worst("torque")[0] > 1.0 and any("torque of joint" in words for words in certificate.broken)
+    assert certificate.worst("torque")[0] > 1.0 and any("torque of joint" in words for words in certificate.reasons)
 
 
 @pytest.mark.parametrize("law", ["optimal", "smooth", "constant_speed"])

@@ -64,7 +64,7 @@ def test_a_show_has_the_motion_the_path_and_the_certificate(show: Show) -> None:
     ends = planned().path.pose(np.array([0.0, planned().path.end]))[:, :3, 3]
     np.testing.assert_allclose(show.path[[0, -1]], ends, atol=1e-12)
     facts = dict(show.facts)
-    assert facts["Certificate"] == "holds"
+    assert facts["Certificate"] == "valid"
     assert facts["Duration"] == f"{motion.duration:.4f} s"
     assert show_of(planned().motion).facts == show.facts
 

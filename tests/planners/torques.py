@@ -13,7 +13,7 @@ from optik.arm.inertia import Inertia
 from optik.dynamics import torques_batch
 from optik.types import Array
 from planners import Trajectory
-from planners.certificate.examined import Examined
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.torque import Proved
 from planners.hermite import through
 from tests import oracles
@@ -66,4 +66,4 @@ def values(robot: Robot, trajectory: Trajectory, t: Array, load: Any) -> Array:
 def proved(robot: Robot, trajectory: Trajectory, *, rate: bool, **options: Any) -> Proved:
     """The proof with limits of 1: its ratios are torques."""
     bound = np.stack([-np.ones(robot.n), np.ones(robot.n)])
-    return Examined(robot, trajectory).torques.proved(bound, rate=rate, **options)
+    return MotionAnalysis(robot, trajectory).torques.proved(bound, rate=rate, **options)

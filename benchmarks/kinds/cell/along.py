@@ -44,12 +44,12 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
     joints = JointPath(robot, line, s, q, derivatives, IKRecord(e[:, 0], e[:, 1], np.zeros(POSES, dtype=np.int64), s))
     limits, timed = MotionLimits.of(robot), make_law(law)
     try:
-        keeps = timed.promises(limits)
-        trajectory = fitted(robot, timed.run(joints, limits), limits, keeps, line)
+        enforced = timed.list_enforced(limits)
+        trajectory = fitted(robot, timed.run(joints, limits), limits, enforced, line)
     except NoSolution as error:
         stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, stop, None, None)
-    proof = Motion(robot, line, limits, trajectory, law, keeps, WIDE).certify()
-    why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.broken)}", "")
-    status, found = (PlanStatus.SOLVED, None) if proof.holds else (PlanStatus.NOT_PROVED, why)
+    proof = Motion(robot, line, limits, trajectory, law, enforced, WIDE).certify()
+    why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
+    status, found = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
     return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)

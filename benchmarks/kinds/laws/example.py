@@ -17,7 +17,7 @@ from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
 from planners.certificate.certificate import Certificate, certify
-from planners.certificate.failure import LIMIT_WORDS
+from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import JointPath, follow
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, over, sides
 from planners.plan import Plan, make_law, plan

@@ -52,7 +52,7 @@ def blank(law: str, entry: str) -> dict[str, Any]:
 def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
     """What a motion keeps, by its certificate, and what sampling finds of its deviation."""
     facts: dict[str, Any] = {
-        "status": "solved", "duration": motion.duration, "holds": proof.holds, "broken": "; ".join(proof.broken),
+        "status": "solved", "duration": motion.duration, "holds": proof.is_valid, "broken": "; ".join(proof.reasons),
         "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
         "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
         "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
@@ -65,7 +65,7 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
             facts |= {field: round(ratio, RATIO_DECIMALS), f"{field}_joint": joint, f"{field}_time": when}
     facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
     # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
-    facts["follows"] = replace(proof, keeps=(), tolerance=None).holds
+    facts["follows"] = replace(proof, enforced=(), tolerance=None).is_valid
     facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
     return facts
 

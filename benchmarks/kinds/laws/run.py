@@ -31,7 +31,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
 from planners.certificate.certificate import certify
-from planners.certificate.failure import LIMIT_WORDS
+from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import Followed, JointPath, follow
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
@@ -52,7 +52,7 @@ class Timer:
         What reports call it.
     role : str
         ``law``, ``peer`` or ``reference``.
-    keeps : tuple of str
+    enforced : tuple of str
         What it promises.
     call : callable
         The timed part, from a joint path.
@@ -70,7 +70,7 @@ class Timer:
 
     label: str
     role: str
-    keeps: tuple[str, ...]
+    enforced: tuple[str, ...]
     call: Callable[[JointPath], Any]
     motion: Callable[[JointPath, Any], Trajectory]
     law: TimeLaw | None
@@ -148,8 +148,8 @@ def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
     """Facts on every law and peer by label, for the report."""
     found: dict[str, dict[str, Any]] = {}
     for entry in (*block.laws, *([block.reference] if block.reference else [])):
-        keeps = [name for name in make_law(entry.name, **entry.options).keeps if name not in entry.without]
-        found[entry.label] = facts_on(entry, keeps=keeps)
+        enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
+        found[entry.label] = facts_on(entry, enforced=enforced)
     for entry in block.peers:
         peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
         built: TimingPeer | Absent | None = None
@@ -158,7 +158,11 @@ def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
                 arm = block.lines[0].load()
                 built = build_timing_peer(entry.name, peer_limits(block.limits[0].of(arm), arm.n))
         absent = {"absent": built.why} if isinstance(built, Absent) else {}
-        about = {"version": version_of(entry.name, TIMING_PEERS), "settings": peer.settings, "keeps": list(peer.keeps)}
+        about = {
+            "version": version_of(entry.name, TIMING_PEERS),
+            "settings": peer.settings,
+            "enforced": list(peer.enforced),
+        }
         found[entry.label] = facts_on(entry) | about | absent
     return found
 
@@ -215,7 +219,7 @@ def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
     peer = build_timing_peer(entry.name, peer_limits(limits, n))
     if isinstance(peer, Absent):
         return None
-    return Timer(entry.label, "peer", peer.keeps, peer.call, peer.trajectory, None, limits, peer.took_ms)
+    return Timer(entry.label, "peer", peer.enforced, peer.call, peer.trajectory, None, limits, peer.took_ms)
 
 
 def _crashed(entry: Entry, why: str) -> Timer:
@@ -229,8 +233,8 @@ def _crashed(entry: Entry, why: str) -> Timer:
 
 def _ours(entry: Entry, limits: MotionLimits) -> Timer:
     law, within = make_law(entry.name, **entry.options), told(limits, entry)
-    keeps = tuple(name for name in law.keeps if name not in entry.without)
-    return Timer(entry.label, entry.role, keeps, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
+    enforced = tuple(name for name in law.enforced if name not in entry.without)
+    return Timer(entry.label, entry.role, enforced, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
 
 
 def _times(
@@ -283,7 +287,7 @@ def _judged(
     if isinstance(motion, str):
         return {"status": "timing_infeasible", "reason": motion}
     ms, proof = _median_ms(  # the first call of a path prepares what all later ones use
-        lambda: certify(line.robot, line.path, motion, limits, law=c.label, keeps=c.keeps), 1
+        lambda: certify(line.robot, line.path, motion, limits, law=c.label, enforced=c.enforced), 1
     )
     if c.law is None:
         facts = facts_of(line.robot, line.path, motion, proof, limits)
@@ -311,7 +315,7 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
         return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
     proof = planned.certificate
     if c.told is not limits:
-        proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, keeps=c.keeps)
+        proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=c.enforced)
     facts = facts_of(line.robot, line.path, planned.trajectory, proof, limits)
     return timed_plan | facts | {"slowed": planned.slowed}
 

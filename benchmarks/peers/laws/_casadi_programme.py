@@ -31,7 +31,7 @@ class CasadiProgramme(TimingPeer):
 
     distribution = "casadi"
     package = "casadi"
-    keeps: ClassVar[tuple[str, ...]] = DERIVATIVES
+    enforced: ClassVar[tuple[str, ...]] = DERIVATIVES
     solver: ClassVar[str]
     options: ClassVar[dict[str, Any]]
 

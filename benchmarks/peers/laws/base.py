@@ -31,7 +31,7 @@ class TimingPeer(ABC):
         Name of its package, for ``import``; imported in ``__init__`` only.
     settings : str
         How it is set up and called, for the report.
-    keeps : tuple of str
+    enforced : tuple of str
         Limits that it promises to keep.
 
     Raises
@@ -43,7 +43,7 @@ class TimingPeer(ABC):
     distribution: ClassVar[str]
     package: ClassVar[str]
     settings: ClassVar[str]
-    keeps: ClassVar[tuple[str, ...]]
+    enforced: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def __init__(self, limits: dict[str, Array]) -> None:

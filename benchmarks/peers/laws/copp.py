@@ -30,7 +30,7 @@ class Copp(TimingPeer):
         "then once more at its own result (a and b): two passes; s(t) at the stations from s_to_t_topp3, its own polynomials "
         "between"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
     stations: ClassVar[int] = COPP_STATIONS
     """Number of equally spaced stations in s."""
 

@@ -27,7 +27,7 @@ class CoppTorque(Copp):
         f"friction included, viscous friction exact at the speed of the pass before; topp2_ra, then {COPP_PASSES} passes of "
         "topp3_socp as of copp; no limits on the torque's rate"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk", "torque")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk", "torque")
     stations: ClassVar[int] = TORQUE_STATIONS
 
     def _constrained(self, joint_path: JointPath, s: Array) -> Any:

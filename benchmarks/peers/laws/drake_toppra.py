@@ -33,13 +33,13 @@ class DrakeToppra(TimingPeer):
         "On its own grid of 130 to 190 points (CalcGridPoints) a call takes a quarter of the time, and motions exceed their "
         "accelerations by up to 1.6 % instead of 0.2 %. In a worker process, whose times leave out the pipe"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         if why := self.missing():
             raise NotInstalled(why)
         self._jerk = limits["jerk"]
-        self._worker = _worker(*(tuple(limits[name].tolist()) for name in self.keeps))
+        self._worker = _worker(*(tuple(limits[name].tolist()) for name in self.enforced))
 
     @classmethod
     def missing(cls) -> str:

@@ -27,7 +27,7 @@ class RuckigJoints(TimingPeer):
         "joint, otherwise defaults (time synchronisation): the motion keeps the limits and leaves the line by centimetres, "
         "as its deviation shows; a bound on what ignoring the path gains, not a law for it"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import ruckig

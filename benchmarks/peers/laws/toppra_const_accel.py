@@ -28,7 +28,7 @@ class ToppraConstAccel(TimingPeer):
         f"SplineInterpolator through the samples of the joint path, {TOPPRA_INTERVALS} equal grid intervals, "
         "JointVelocityConstraint, JointAccelerationConstraint (interpolation scheme), ParametrizeConstAccel; no jerk limits"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import toppra

@@ -25,7 +25,7 @@ class ToppraSpline(TimingPeer):
         "JointAccelerationConstraint, TOPPRA on its automatic grid, ParametrizeSpline: all as in its documentation; "
         "no jerk limits"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         import toppra

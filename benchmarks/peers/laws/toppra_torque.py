@@ -29,7 +29,7 @@ class ToppraTorque(ToppraConstAccel):
         "inverse dynamics and Coulomb friction, without viscous friction, which it does not know; ParametrizeConstAccel; no "
         "limits on jerk or on the torque's rate"
     )
-    keeps: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "torque")
+    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "torque")
 
     def __init__(self, limits: dict[str, Array]) -> None:
         super().__init__(limits)

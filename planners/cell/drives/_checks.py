@@ -15,7 +15,7 @@ from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongS
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
 from planners.certificate.certificate import Certificate
-from planners.certificate.failure import Allow, check_valid
+from planners.certificate.violation import Allow, check_valid
 from planners.plan import Plan
 
 GREATEST_STEP = 1.0 + 1e-6
@@ -49,7 +49,7 @@ def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> 
 
     By default the plan's own certificate is judged.
     """
-    if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.holds)):
+    if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.is_valid)):
         return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
     proof = plan.certificate if proof is None else proof
     try:

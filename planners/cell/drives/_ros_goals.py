@@ -11,7 +11,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._stop import stop_from
-from planners.certificate.failure import Allow
+from planners.certificate.violation import Allow
 from planners.files._ros.export import JointNames, ros_message
 from planners.motion import Motion
 from planners.plan import Plan
@@ -70,13 +70,13 @@ def message_for(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple
 def motor_motion(plan: Plan) -> Motion:
     """Return the motion of a plan; it must also respect the limits on velocity, acceleration and torque."""
     motion = plan.motion
-    return replace(motion, keeps=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.keeps))
+    return replace(motion, enforced=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.enforced))
 
 
 def exceeded(plan: Plan) -> str:
     """Say which limits a motion passes that its law does not promise."""
     proof = plan.certificate
-    found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.keeps}
+    found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.enforced}
     words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]
     return f"beyond limits that {plan.law} does not promise: {', '.join(words)}" if words else ""
 

@@ -22,7 +22,7 @@ from planners.cell.drives._run import Commands, Run, Steps, commands
 from planners.cell.drives._stop import nothing_sent, resumed
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
 from planners.cell.setpoints import setpoints, whole_periods
-from planners.certificate.failure import Allow, check_allow
+from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 
 BRAKING = 10.0

@@ -11,7 +11,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
 from planners.cell.setpoints import slowed_to
-from planners.certificate.failure import Allow, check_allow, required_limits
+from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
@@ -34,7 +34,7 @@ def relaxed(plan: Plan, allow: Allow) -> Plan:
     allowed = check_allow(allow)
     if not allowed:
         return plan
-    proof = replace(plan.certificate, keeps=required_limits(plan.certificate.keeps, allowed))
+    proof = replace(plan.certificate, enforced=required_limits(plan.certificate.enforced, allowed))
     scene = None if "contact" in allowed else plan.scene
     return replace(plan, _certificate=proof, scene=scene, margin=0.0 if scene is None else plan.margin)
 
@@ -68,7 +68,7 @@ def limits_of(running: Plan) -> tuple[MotionLimits, ...]:
     """
     proof, limits = running.certificate, running.limits
     changed: dict[str, Any] = _speed(running)
-    kept, known = set(proof.keeps), limits.arrays(running.robot.n)
+    kept, known = set(proof.enforced), limits.arrays(running.robot.n)
     loaded = limits.torque is not None and "torque" in kept
     if limits.velocity is None or "velocity" not in kept:
         changed["velocity"] = _reached(proof.velocity.value, known["velocity"])

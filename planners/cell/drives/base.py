@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.setpoints import Setpoints
-from planners.certificate.failure import Allow
+from planners.certificate.violation import Allow
 from planners.plan import Plan
 from planners.timing.base import ClassName
 from planners.trajectory import Trajectory

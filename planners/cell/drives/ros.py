@@ -19,7 +19,7 @@ from planners.cell.drives._stop import relaxed
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.cell.transports.base import Transport
-from planners.certificate.failure import Allow
+from planners.certificate.violation import Allow
 from planners.files._ros.export import JointNames, columns_of
 from planners.following.place import place_on
 from planners.plan import Plan

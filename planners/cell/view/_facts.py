@@ -35,11 +35,11 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
 
 def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
     """Say what a motion keeps."""
-    rows = [("Certificate", "holds" if proof.holds else f"does NOT hold: {'; '.join(proof.broken)}")]
+    rows = [("Certificate", "valid" if proof.is_valid else f"NOT valid: {'; '.join(proof.reasons)}")]
     for name in ALL_LIMITS:
         ratio, joint, t = proof.worst(name)
         if not np.isnan(ratio):
-            promised = "" if name in proof.keeps else ", not promised by the law"
+            promised = "" if name in proof.enforced else ", not promised by the law"
             much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
             words = f"{much} at {t:.3f} s, {joint}{promised}"
             rows.append((f"Largest {name.replace('_', ' ')}", words))

@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.files import content_of, suffix_of, text_of, write_whole
 from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
-from planners.certificate.failure import Allow, check_valid, required_limits
+from planners.certificate.violation import Allow, check_valid, required_limits
 from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
 from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.limits import DERIVATIVES
@@ -136,7 +136,7 @@ def ros_message(
     """
     motion = motion_of(motion)
     form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
-    required = replace(motion, keeps=required_limits(motion.keeps, allow))
+    required = replace(motion, enforced=required_limits(motion.enforced, allow))
     message, executed = fit(required if keep_speed else replace(required, speed=None), form, rate, strict)
     certificate = replace(motion, trajectory=executed).certify()
     _check_executed(certificate, judged_fields(required, form), form, allow)
@@ -252,7 +252,7 @@ def _check_start(motion: Motion, start: Any, tolerance: float, columns: dict[str
 
 def _check_executed(certificate: Certificate, required: tuple[str, ...], form: Form, allow: Allow) -> None:
     """Raise InvalidMotion if the controller's motion violates a required limit, its path or its clearance."""
-    judged = replace(certificate, keeps=required)
+    judged = replace(certificate, enforced=required)
     if form.interpolation == "linear":  # velocities of lines jump, also at the end
         judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
     check_valid(judged, allow, "as the controller interpolates, ", ADVICE)

@@ -50,7 +50,7 @@ def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[d
 def judged_fields(motion: Motion, form: Form) -> tuple[str, ...]:
     """Return those of the limits promised by the law that the interpolation can keep."""
     possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
-    return tuple(field for field in motion.keeps if field in possible)
+    return tuple(field for field in motion.enforced if field in possible)
 
 
 def at_rest(trajectory: Trajectory) -> tuple[bool, bool]:

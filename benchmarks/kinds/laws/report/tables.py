@@ -119,7 +119,7 @@ def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
         cells
         | {field: _largest(good[field]) for field in JOINT_LIMITS}
         | {
-            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["keeps"] else "no promise",
+            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["enforced"] else "no promise",
             "stretched": float(stretched.max()) if len(stretched) else None,
             "jerk_median": float(np.median(good["sampled_jerk"].to_numpy())), "jerk_worst": _largest(good["sampled_jerk"]),
             "distance": _largest(good["distance"], 1e6), "angle": _largest(good["angle"], 1e6),
@@ -235,7 +235,7 @@ def compared(b: LawRows) -> Table:
     )
     rows = [
         {
-            "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["keeps"]) or "nothing",
+            "label": label, "promises": ", ".join(k.replace("_", " ") for k in about["enforced"]) or "nothing",
             "version": version_words(about), "settings": about["settings"],
         }
         for label, about in b.entries.items()

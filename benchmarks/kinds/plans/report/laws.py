@@ -114,7 +114,7 @@ LAW_COLUMNS = (
     Column("speed", "tool speed", "mm/s", aside=True),
     Column("continuous", "continuity", show="text", aside=True),
     Column("rest", "rest at start, end", show="text", aside=True),
-    Column("keeps", "promises", show="text", aside=True),
+    Column("enforced", "promises", show="text", aside=True),
     Column("holds", "promise kept", show="text", aside=True),
     Column("end_error", "end error", "rad", aside=True),
 )
@@ -168,8 +168,8 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
         **{f"{f}_at": f"{w.joint}, {w.time:.3f} s" for f, w in at.items()},
         "sampled": max(c["sampled_jerk"]), "distance": 1e6 * c["path_error"]["distance"],
         "angle": 1e6 * c["path_error"]["angle"], "speed": 1e3 * c["tool_speed"]["value"], "continuous": f"C{c['continuous']}",
-        "rest": ", ".join("yes" if r else "no" for r in c["rest"]), "keeps": ", ".join(c["keeps"]) or "nothing",
-        "holds": ("yes" if c["keeps"] else "nothing promised") if c["holds"] else f"no: {'; '.join(c['broken'])}",
+        "rest": ", ".join("yes" if r else "no" for r in c["rest"]), "enforced": ", ".join(c["enforced"]) or "nothing",
+        "holds": ("yes" if c["enforced"] else "nothing promised") if c["is_valid"] else f"no: {'; '.join(c['reasons'])}",
         "end_error": p["end_error"],
     }  # fmt: skip
 

@@ -16,7 +16,7 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 
-class Examined:
+class MotionAnalysis:
     """A motion of an arm, and what is known of it."""
 
     def __init__(
@@ -75,15 +75,15 @@ NO_FINER = (ERROR_FLOOR, ERROR_FLOOR)
 """Distance [m] and angle [rad] of a path error that need not be finer by default: those of rounding."""
 OF_THE_MOTION = ("bounds", "tool_speed", "torques", "jumps", "rest")
 """What is known of a motion whatever path it follows."""
-_LAST: list[Examined] = []
+_LAST: list[MotionAnalysis] = []
 """The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
 
 
-def examined(
+def analyse_motion(
     robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
-) -> Examined:
+) -> MotionAnalysis:
     """Return a motion under examination, with all that is known of it where it is the one that was examined last."""
-    motion = Examined(robot, trajectory, path, enough)
+    motion = MotionAnalysis(robot, trajectory, path, enough)
     for last in _LAST[:]:
         if last.trajectory is trajectory and last.robot == robot:
             known = vars(last)

@@ -22,7 +22,7 @@ Allow = str | Iterable[str]
 """One word of `ALLOWANCES`, or several."""
 
 
-class Failure(NamedTuple):
+class Violation(NamedTuple):
     """A violation: its text, its time [s], the word of `ALLOWANCES` that permits it, and the joint, if it concerns one."""
 
     words: str
@@ -50,22 +50,22 @@ def required_limits(names: tuple[str, ...], allow: Allow) -> tuple[str, ...]:
     return tuple(name for name in names if word_of_limit(name) not in allowed)
 
 
-def forbidden(proof: Certificate, allow: Allow) -> tuple[Failure, ...]:
+def forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:
     """Return the violations of a motion that these words do not permit."""
     allowed = check_allow(allow)
-    return tuple(failure for failure in proof.failures if failure.allow not in allowed)
+    return tuple(violation for violation in proof.violations if violation.allow not in allowed)
 
 
 def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice: str = "") -> None:
     """Raise InvalidMotion with the violations that these words do not permit, if there are any."""
-    failures = forbidden(proof, allow)
-    if failures:
-        reason = context + "; ".join(failure.words for failure in failures)
-        s = float(np.interp(failures[0].t, proof.binding.t, proof.binding.s))
-        raise InvalidMotion(reason, words_for(failures, allow), s=s, joint=failures[0].joint, advice=advice)
+    violations = forbidden(proof, allow)
+    if violations:
+        reason = context + "; ".join(violation.words for violation in violations)
+        s = float(np.interp(violations[0].t, proof.binding.t, proof.binding.s))
+        raise InvalidMotion(reason, words_for(violations, allow), s=s, joint=violations[0].joint, advice=advice)
 
 
-def words_for(failures: Sequence[Failure], allow: Allow = ()) -> tuple[str, ...]:
+def words_for(violations: Sequence[Violation], allow: Allow = ()) -> tuple[str, ...]:
     """Return the words that permit these violations, including the words already given."""
-    needed = {*check_allow(allow), *(failure.allow for failure in failures)}
+    needed = {*check_allow(allow), *(violation.allow for violation in violations)}
     return tuple(word for word in ALLOWANCES if word in needed)
