@@ -50,7 +50,7 @@ wheel: kernels
 
 # The drawings of docs/cell.md, from the objects that they show; a test compares them.
 drawings: $(VENV)/.core
-	$(BIN)/python docs/drawings.py
+	$(BIN)/python -m docs.drawings.cell
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
-from types import ModuleType
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,14 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
+from docs.drawings import cell as page
+from docs.drawings.frames import dh_link, draw_frames
+from docs.drawings.layers import COMMANDS, draw_layers, limits_in_words
+from docs.drawings.setting import draw_setting
+from docs.drawings.sheet import DARK, LIGHT, broken, written_width
+from docs.drawings.view import fitted, viewed
+from docs.drawings.workflow import draw_workflow
 from optik.errors import InvalidInput
 from planners import MotionLimits
 from planners.cell import Cell, PanTiltLaser, Plane, Spot, make_drive
-from planners.cell.drawings import draw_frames, draw_layers, draw_setting, draw_workflow
-from planners.cell.drawings._svg import DARK, LIGHT, broken, written_width
-from planners.cell.drawings._view import fitted, viewed
-from planners.cell.drawings.frames import dh_link
-from planners.cell.drawings.layers import COMMANDS, limits_in_words
 from tests import oracles
 from tests.robots import USUAL
 
@@ -31,15 +31,7 @@ ROUNDING = 0.25
 
 
 @pytest.fixture(scope="module")
-def page() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_drawings", oracles.REPOSITORY / "docs" / "drawings.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def drawings(page: ModuleType) -> dict[str, str]:
+def drawings() -> dict[str, str]:
     return page.drawings()
 
 
@@ -106,7 +98,7 @@ def test_words_can_be_read_on_the_ground_and_on_boxes(colours: dict[str, str]) -
 # ---------------------------------------------------------------- layers and workflow
 
 
-def test_the_layers_hold_what_this_cell_has(page: ModuleType) -> None:
+def test_the_layers_hold_what_this_cell_has() -> None:
     limits = MotionLimits(velocity=[1.0, 2.0, 2.0, 2.0, 2.0, 2.5], tool_speed=0.25)
     laser = PanTiltLaser(np.eye(4), angle_noise=3e-4, range_noise=7e-3, pan_limits=(-0.5, 1.0))
     other = Cell(page.ROBOT, laser, make_drive("ideal", page.ROBOT, period=0.002), limits)
@@ -131,7 +123,7 @@ def test_limits_of_a_sliding_arm_have_both_units() -> None:
     assert limits_in_words(optik.load("paper6r"), MotionLimits()) == "none"
 
 
-def test_the_workflow_has_every_step_of_the_tasks_once_in_order(page: ModuleType) -> None:
+def test_the_workflow_has_every_step_of_the_tasks_once_in_order() -> None:
     cell = page.cell()
     outcomes = [cell.open(), cell.move_to_spot(cell.read(page.SPOT))]
     assert outcomes[1]

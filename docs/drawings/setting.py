@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, broken
+from docs.drawings.view import View, fitted, viewed
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, broken
-from planners.cell.drawings._view import View, fitted, viewed
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Plane, Sighting
 
@@ -38,31 +38,7 @@ LEAST_WIDTH = 0.03
 
 
 def draw_setting(robot: Robot, laser: PanTiltLaser, plane: Plane, pan: float, tilt: float, q: ArrayLike) -> str:
-    """Draw the arm at a configuration, and the laser unit beside it whose beam meets the graph paper.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm, drawn by its shapes where it has them.
-    laser : PanTiltLaser
-        The laser unit.
-    plane : Plane
-        The graph paper.
-    pan, tilt : float
-        Angles of the beam [rad].
-    q : (n,) array
-        Configuration of the arm [rad, m].
-
-    Returns
-    -------
-    str
-        Text of an SVG file.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong length, NaN or infinity, or a beam that does not meet the plane.
-    """
+    """Draw the arm at a configuration and the laser unit beside it, whose beam meets the graph paper."""
     seen = laser.on_plane(pan, tilt, plane)
     if seen.point is None or seen.spot is None:
         raise InvalidInput("pan, tilt", f"{seen.status}: {seen.reason}", "a beam that meets the plane")

@@ -7,7 +7,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, written_width
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, written_width
 from planners.cell.outcome import Outcome, Step
 
 STEP_PITCH, STEP_HEIGHT = 42.0, 30.0
@@ -21,18 +21,7 @@ LOOPS = {"tool": "correct the rest", "execution": "look again", "stop": "the spo
 
 
 def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
-    """Draw the workflow of tasks: each step once, in the order in which it was first made, and every way between two steps.
-
-    Parameters
-    ----------
-    *tasks : Outcome or sequence of Outcome
-        What the cell handed back; those of a sequence followed each other.
-
-    Returns
-    -------
-    str
-        Text of an SVG file.
-    """
+    """Draw the steps of tasks, each once in the order of its first execution, with an arrow for every transition."""
     runs = [[task] if isinstance(task, Outcome) else task for task in tasks]
     taken = [list(chain.from_iterable(outcome.steps for outcome in run)) for run in runs]
     first = {step.name: step for steps in reversed(taken) for step in reversed(steps)}

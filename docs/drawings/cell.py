@@ -1,4 +1,4 @@
-"""The drawings of docs/cell.md, made from the cell that the page describes: ``make drawings`` writes them anew."""
+"""The cell of docs/cell.md and its four drawings; ``make drawings`` writes their files."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 
 import optik
+from docs.drawings.frames import draw_frames
+from docs.drawings.layers import draw_layers
+from docs.drawings.setting import draw_setting
+from docs.drawings.workflow import draw_workflow
 from planners.cell import Cell, Gripper, PanTiltLaser, Plane
-from planners.cell.drawings import draw_frames, draw_layers, draw_setting, draw_workflow
 
 ROBOT = optik.load("paper6r")
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -17,19 +20,19 @@ START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
 SPOT = ROBOT.fk(START)[:3, 3] + [-0.12, 0.0, 0.20]
 """Where it ends."""
 
-POSE = [[1.0, 0.0, 0.0, -0.55], [0.0, 0.0, -1.0, -0.1], [0.0, 1.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]]
+POSE = np.array([[1.0, 0.0, 0.0, -0.55], [0.0, 0.0, -1.0, -0.1], [0.0, 1.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]])
 """Of the laser unit: upright beside the arm; up is −y."""
 
 LASER = PanTiltLaser(
     POSE,
-    pan_limits=np.deg2rad([-90.0, 90.0]),
-    tilt_limits=np.deg2rad([-60.0, 60.0]),
+    pan_limits=(-np.pi / 2, np.pi / 2),
+    tilt_limits=(-np.pi / 3, np.pi / 3),
     range_limits=(0.05, 10.0),
     angle_noise=2e-4,
     range_noise=1e-3,
     pose_covariance=np.diag([3e-4, 3e-4, 3e-4, 2e-4, 2e-4, 2e-4]) ** 2,
 )
-PAPER = Plane(SPOT, [0.0, -1.0, 0.0])
+PAPER = Plane(SPOT, np.array([0.0, -1.0, 0.0]))
 """The graph paper, on the table."""
 
 GRIPPER = Gripper(optik.se3.pose(p=[0.0, 0.0, 0.1]), opening=0.06, mass=0.4)
@@ -61,4 +64,4 @@ def drawings() -> dict[str, str]:
 
 if __name__ == "__main__":
     for name, text in drawings().items():
-        (Path(__file__).parent / name).write_text(text, encoding="utf-8")
+        (Path(__file__).parents[1] / name).write_text(text, encoding="utf-8")

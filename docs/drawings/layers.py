@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, broken
 from optik.arm.robot import Robot
 from optik.ik import solvers
 from optik.types import Array
-from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, broken
-from planners.cell.laser import PanTiltLaser
+from planners.cell import Cell, PanTiltLaser
 from planners.limits import MotionLimits
 from planners.timing import laws
-
-if TYPE_CHECKING:
-    from planners.cell.cell import Cell
 
 LINE_PITCH = 17.0
 """Between lines of words [px]."""
@@ -31,18 +26,7 @@ COMMANDS = ("optik cell", "optik drive", "optik view", "optik bench run cell")
 
 
 def draw_layers(cell: Cell) -> str:
-    """Draw the application, main control, drive and laser positioning layers of a cell.
-
-    Parameters
-    ----------
-    cell : Cell
-        The cell: its arm, limits, laser unit, drive and gripper are what the layers hold.
-
-    Returns
-    -------
-    str
-        Text of an SVG file.
-    """
+    """Draw the application, main control, drive and laser positioning layers of a cell."""
     ms = 1e3 * cell.drive.period
     layers = [
         ("Application layer", ["library: planners.cell.Cell", "commands: " + ", ".join(COMMANDS)]),

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, written_width
+from docs.drawings.view import View, fitted, viewed
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.cell.drawings._svg import MARGIN, WIDTH, Sheet, written_width
-from planners.cell.drawings._view import View, fitted, viewed
 
 AXIS = 0.16
 """Length of an axis, over the size of the arm [1]."""
@@ -37,25 +37,7 @@ class DHLink(NamedTuple):
 
 
 def draw_frames(robot: Robot, q: ArrayLike | None = None) -> str:
-    """Draw the base frame and the frame of every joint, x and z axes, with the lengths between them and the table below.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array, optional
-        Its configuration [rad, m]; by default zero, to which the table belongs.
-
-    Returns
-    -------
-    str
-        Text of an SVG file.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong length, NaN or infinity.
-    """
+    """Draw the base and joint frames of an arm (x and z axes), the lengths between them, and the table of the lengths."""
     q = np.zeros(robot.n) if q is None else robot.configuration(q)
     frames = np.concatenate([np.eye(4)[None], robot.frames(q)])
     links = [dh_link(np.linalg.solve(frames[i], frames[i + 1])) for i in range(robot.n)]
