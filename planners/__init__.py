@@ -8,7 +8,6 @@ from planners.certificate.path_error import PathError
 from planners.controller import executed
 from planners.curve import Curve
 from planners.files import formats, load_motion, save
-from planners.files._ros.export import from_ros, to_ros
 from planners.files._setpoints import load_trajectory
 from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
 from planners.limits import MotionLimits
@@ -20,6 +19,7 @@ from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanSeconds, PlanStatus, plan
 from planners.replan import replan
+from planners.ros.export import from_ros, to_ros
 from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 

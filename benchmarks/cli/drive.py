@@ -112,8 +112,8 @@ def _simulated(planned: Plan, *, on: str, execute: bool, options: dict[str, Any]
 def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dict[str, Any]) -> Execution:
     """Check the motion with the arm as it stands; send it where that was asked."""
     from planners.cell.drives.ros import RosDrive
-    from planners.cell.transports import RclpyTransport, RosbridgeTransport
-    from planners.cell.transports.rosbridge import URL
+    from planners.ros.rclpy import RclpyTransport
+    from planners.ros.rosbridge import URL, RosbridgeTransport
 
     topics: dict[str, Any] = {"action": reached.action, "states": reached.states}
     topics = {key: value for key, value in topics.items() if value is not None}

@@ -16,7 +16,9 @@ from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.setpoints import Setpoints, setpoints, whole_periods
 from planners.cell.stored import plan_of
-from planners.cell.transports import RclpyTransport, RosbridgeTransport, Transport
+from planners.ros.rclpy import RclpyTransport
+from planners.ros.rosbridge import RosbridgeTransport
+from planners.ros.transport import Transport
 
 __all__ = [
     "Calibration",

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.files import content_of, suffix_of, text_of
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, interpolated
-from planners.files._ros.message import controlled, from_text
+from planners.ros.message import controlled, from_text
 from planners.trajectory import Trajectory
 
 READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")

@@ -19,7 +19,7 @@ import numpy as np
 import optik
 import planners
 from planners.cell.drives.ros import RosDrive
-from planners.cell.transports import RosbridgeTransport
+from planners.ros.rosbridge import RosbridgeTransport
 from tests.figures.figure import Row, Value, main
 from tests.planners import rosbridge_server
 

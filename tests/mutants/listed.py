@@ -101,9 +101,9 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/files/json.py": FILES,
     "planners/files/csv.py": FILES,
     "planners/files/npz.py": FILES,
-    "planners/files/_ros/export.py": FILES[::-1],
-    "planners/files/_ros/pace.py": FILES[::-1],
-    "planners/files/_ros/message.py": FILES[::-1],
+    "planners/ros/export.py": FILES[::-1],
+    "planners/ros/pace.py": FILES[::-1],
+    "planners/ros/message.py": FILES[::-1],
     "optik/dynamics.py": ("tests/optik/test_dynamics.py", *TORQUE[1:]),
     "planners/limits/_torque_rows.py": TORQUE[1:],
     "planners/certificate/torque.py": (EDGES, *TORQUE),
@@ -173,9 +173,9 @@ DRAWN = (
     "planners/files/json.py",
     "planners/files/csv.py",
     "planners/files/npz.py",
-    "planners/files/_ros/export.py",
-    "planners/files/_ros/pace.py",
-    "planners/files/_ros/message.py",
+    "planners/ros/export.py",
+    "planners/ros/pace.py",
+    "planners/ros/message.py",
 )
 """Certificate, its bounds, extrema, following, the judge, kinematics, poses, motion files and ROS."""
 
@@ -379,7 +379,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "e[i] -= side if e[i] >= 0.0 else -side",
     ): "an error of exactly 0 is inside its box and not changed here",
     (
-        "planners/files/_ros/pace.py",
+        "planners/ros/pace.py",
         "if motion.speed is not None and needed > 1.0 + SAME_SPEED:",
         "if motion.speed is not None and needed >= 1.0 + SAME_SPEED:",
     ): "a slow-down of exactly the share that counts as none",

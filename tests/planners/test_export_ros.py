@@ -22,10 +22,10 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
-from planners.files._ros.export import from_ros, to_ros
-from planners.files._ros.message import LONGEST_DURATION, SECOND, _to_yaml
-from planners.files._ros.pace import NEAR_KNOT
 from planners.motion import Motion, motion_of
+from planners.ros.export import from_ros, to_ros
+from planners.ros.message import LONGEST_DURATION, SECOND, _to_yaml
+from planners.ros.pace import NEAR_KNOT
 from planners.splice import rest_of
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r

@@ -26,8 +26,8 @@ from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
 from planners.cell.drives._ros_goals import message_for, stops_for
 from planners.cell.drives.ros import RosDrive
 from planners.cell.stored import plan_of
-from planners.cell.transports import RclpyTransport, RosbridgeTransport
-from planners.cell.transports.rosbridge import Fragments
+from planners.ros.rclpy import RclpyTransport
+from planners.ros.rosbridge import Fragments, RosbridgeTransport
 from tests.planners.invalid import invalid
 from tests.planners.rclpy_stand_in import Rclpy
 from tests.planners.rosbridge_server import commanded

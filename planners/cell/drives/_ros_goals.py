@@ -12,9 +12,9 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.cell.drives._stop import stop_from
 from planners.certificate.violation import Allow
-from planners.files._ros.export import JointNames, ros_message
 from planners.motion import Motion
 from planners.plan import Plan
+from planners.ros.export import JointNames, ros_message
 from planners.trajectory import Trajectory
 
 PREPARING = 5.0

@@ -14,10 +14,10 @@ from planners.cell.drives._ros_goals import Stops, instant_of
 from planners.cell.drives._run import Unmoved
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
-from planners.cell.transports._messages import NANOSECONDS, Feedback, GoalState, time_of
-from planners.cell.transports.base import Goal
 from planners.controller import states
 from planners.plan import Plan
+from planners.ros.replies import NANOSECONDS, Feedback, GoalState, time_of
+from planners.ros.transport import Goal
 from planners.splice import joined, start_of
 
 if TYPE_CHECKING:

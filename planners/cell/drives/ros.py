@@ -18,12 +18,12 @@ from planners.cell.drives._ros_run import Run
 from planners.cell.drives._stop import relaxed
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
-from planners.cell.transports.base import Transport
 from planners.certificate.violation import Allow
-from planners.files._ros.export import JointNames, columns_of
 from planners.following.place import place_on
 from planners.plan import Plan
 from planners.replan import replan
+from planners.ros.export import JointNames, columns_of
+from planners.ros.transport import Transport
 
 STATE_AGE = 0.5
 """Oldest joint state by default [s]: 25 messages of a broadcaster at 50 Hz."""
@@ -97,7 +97,7 @@ class RosDrive(Drive):
     robot : Robot
         The arm.
     transport : Transport
-        How the controller is reached (`planners.cell.transports`).
+        How the controller is reached (`planners.ros`).
     execute : bool
         Whether to send goals.
     joint_names : mapping or sequence, optional

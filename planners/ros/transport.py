@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
 from optik.errors import InvalidInput
-from planners.cell.transports._messages import Feedback, GoalState, Result, feedback_of, result_of, states_of
+from planners.ros.replies import Feedback, GoalState, Result, feedback_of, result_of, states_of
 
 
 class Reading(NamedTuple):

@@ -19,10 +19,10 @@ from optik.files import content_of, suffix_of, text_of, write_whole
 from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
 from planners.certificate.violation import Allow, check_valid, required_limits
-from planners.files._ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
-from planners.files._ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, motion_of
+from planners.ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
+from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
 from planners.trajectory import Trajectory
 
 JointNames = Mapping[str, str] | Sequence[str] | None

@@ -11,10 +11,10 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.controller import POINTS, points_of
-from planners.files._ros.message import SECOND, Form, Times, controlled, message_of
 from planners.fit import stretch
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
+from planners.ros.message import SECOND, Form, Times, controlled, message_of
 from planners.splice import held
 from planners.trajectory import Trajectory
 

@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 from optik.check import check_number
 from optik.errors import InvalidInput, MissingDependency
-from planners.cell.transports._messages import ACTION, ACTION_TYPE, STATES, STATES_TYPE, checked_name
-from planners.cell.transports.base import Goal, Transport
+from planners.ros.replies import ACTION, ACTION_TYPE, STATES, STATES_TYPE, checked_name
+from planners.ros.transport import Goal, Transport
 
 URL = "ws://127.0.0.1:9090"
 """Where a rosbridge server listens by default, on this machine."""

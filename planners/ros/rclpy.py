@@ -8,8 +8,8 @@ from typing import Any
 
 from optik.check import check_number
 from optik.errors import MissingDependency
-from planners.cell.transports._messages import ACTION, STATES, checked_name
-from planners.cell.transports.base import Goal, Transport
+from planners.ros.replies import ACTION, STATES, checked_name
+from planners.ros.transport import Goal, Transport
 
 NODE = "optik_drive"
 """Name of the node."""
