@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
-from optik.plugins.options import nearest
+from optik.plugins.options import find_nearest_name
 from optik.registry import check_name
 
 Item = TypeVar("Item")
@@ -78,7 +78,7 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
     """Raise InvalidInput unless data is a table with all required and only known keys."""
     check_table(data, where)
     if unknown := sorted(set(data) - known):
-        near = nearest(unknown[0], known)
+        near = find_nearest_name(unknown[0], known)
         meant = f"{near!r}, or another of" if near else "keys out of"
         raise InvalidInput(where, f"the key {unknown[0]!r}", f"{meant} {', '.join(sorted(known))}")
     if missing := sorted((need or set()) - set(data)):

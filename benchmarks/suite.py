@@ -15,7 +15,7 @@ from benchmarks.settings import NAMED_KEYS, check_different, check_known
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
-from optik.plugins.used import Used, reading
+from optik.plugins.usage import UsedPlugin, collect_plugins
 from optik.registry import data_file, names, short_name
 
 SUITES = "benchmarks.suites"
@@ -59,7 +59,7 @@ class Suite:
     asked: dict[str, tuple[Any, ...]]
     sources: dict[str, str]
     settings: dict[str, Any]
-    plugins: tuple[Used, ...] = ()
+    plugins: tuple[UsedPlugin, ...] = ()
     allow_plugins: bool = False
 
     def of(self, kind: str) -> tuple[Any, ...]:
@@ -127,7 +127,7 @@ def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"suite {file.name}", str(error), "a TOML file") from None
-    with reading(file.parent) as used:
+    with collect_plugins(file.parent) as used:
         called = file.stem if is_path(name) else name
         suite = suite_of(called, data, find=_kind if allow_plugins else _kind_without_code)
     return replace(suite, plugins=tuple(used), allow_plugins=allow_plugins)

@@ -45,7 +45,7 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
     return np.asarray(array, dtype=np.float64, order="C")
 
 
-def shown(value: Any, most: int = 80) -> str:
+def format_value(value: Any, most: int = 80) -> str:
     """Return a value as an error shows it: on one line, and no longer than a line."""
     return " ".join(repr(value).split())[:most]
 

@@ -25,6 +25,6 @@ def content(value: Any) -> Any:
     return type(value), value
 
 
-def equal(one: tuple[Any, ...], other: object) -> bool:
+def have_equal_content(one: tuple[Any, ...], other: object) -> bool:
     """Whether two tuples that hold arrays have the same type and content."""
     return type(one) is type(other) and content(one) == content(other)

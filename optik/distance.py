@@ -14,7 +14,7 @@ from optik.compiled import compiled, inlined
 from optik.kinematics import Triple
 from optik.types import Array
 
-Nearest = tuple[float, float, Triple]
+NearestPoint = tuple[float, float, Triple]
 """Least distance [m], its place on the first segment, a share from 0 to 1, and the difference there from the nearest point of
 the other body (3,) [m]."""
 
@@ -25,7 +25,7 @@ LARGEST_COORDINATE = 1e4
 
 
 @inlined
-def _origin(u: Triple, v: Triple) -> tuple[float, float]:
+def _nearest_to_origin(u: Triple, v: Triple) -> tuple[float, float]:
     """Squared distance of the origin to the segment from u to v, and the share of the nearest place."""
     x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
     square = x * x + y * y + z * z
@@ -37,7 +37,7 @@ def _origin(u: Triple, v: Triple) -> tuple[float, float]:
 
 
 @inlined
-def _from_segment(p: Triple, c: Triple, d: Triple, square: float) -> Triple:
+def _difference_from_segment(p: Triple, c: Triple, d: Triple, square: float) -> Triple:
     """Difference of a point p from the nearest point of the segment from c along d."""
     x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
     t = 0.0
@@ -52,12 +52,12 @@ def _dot(u: Triple, v: Triple) -> float:
 
 
 @inlined
-def _along(a: Triple, d: Triple, s: float) -> Triple:
+def _point_at(a: Triple, d: Triple, s: float) -> Triple:
     return a[0] + s * d[0], a[1] + s * d[1], a[2] + s * d[2]
 
 
 @compiled
-def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> Nearest:
+def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> NearestPoint:
     """Least distance of two segments; each may be a point.
 
     Shapes and units: a, b [m], c, d [m]. Returns [m].
@@ -74,16 +74,16 @@ def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> Nearest:
         at, to = -ahead / slope, (square - ahead) / slope
         first, second = min(max(min(at, to), 0.0), 1.0), min(max(max(at, to), 0.0), 1.0)
     best, place = -1.0, 0.0
-    low, left = 0.0, _from_segment(a, c, v, square)
+    low, left = 0.0, _difference_from_segment(a, c, v, square)
     for piece in range(3):
         high = first if piece == 0 else (second if piece == 1 else 1.0)
         if high > low or piece == 0:
-            right = _from_segment(_along(a, u, high), c, v, square)
-            found, share = _origin(left, right)
+            right = _difference_from_segment(_point_at(a, u, high), c, v, square)
+            found, share = _nearest_to_origin(left, right)
             if best < 0.0 or found < best:
                 best, place = found, low + share * (high - low)
             low, left = high, right
-    w = _from_segment(_along(a, u, place), c, v, square)
+    w = _difference_from_segment(_point_at(a, u, place), c, v, square)
     return sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), place, w
 
 
@@ -94,7 +94,7 @@ def _excess(x: float, half: float) -> float:
 
 
 @inlined
-def _outside(a: Triple, d: Triple, half: Triple, s: float) -> Triple:
+def _difference_from_box(a: Triple, d: Triple, half: Triple, s: float) -> Triple:
     return (
         _excess(a[0] + s * d[0], half[0]),
         _excess(a[1] + s * d[1], half[1]),
@@ -103,7 +103,7 @@ def _outside(a: Triple, d: Triple, half: Triple, s: float) -> Triple:
 
 
 @inlined
-def _inward(T: Array, p: Triple) -> Triple:
+def _to_frame(T: Array, p: Triple) -> Triple:
     """Coordinates of a point in the frame T."""
     x, y, z = p[0] - T[0, 3], p[1] - T[1, 3], p[2] - T[2, 3]
     return (
@@ -114,7 +114,7 @@ def _inward(T: Array, p: Triple) -> Triple:
 
 
 @compiled
-def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
+def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
     """Least distance of a segment to a box, 0 where they meet; the segment may be a point.
 
     Shapes and units: a, b [m], pose (4, 4) [1, m], half (3,) [m]. Returns [m].
@@ -122,11 +122,11 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
     # w has the three excesses as components, each with two breakpoints. The slope d·w of |w|²/2 increases along the segment, so
     # its sign at a breakpoint says on which side the least value lies. Rounding in it counts only the components that
     # change on the piece, so a wrong sign costs no more than rounding of the coordinates.
-    p, q = _inward(pose, a), _inward(pose, b)
+    p, q = _to_frame(pose, a), _to_frame(pose, b)
     d = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
     h = (half[0], half[1], half[2])
     low, high = 0.0, 1.0
-    left, right = _outside(p, d, h, 0.0), _outside(p, d, h, 1.0)
+    left, right = _difference_from_box(p, d, h, 0.0), _difference_from_box(p, d, h, 1.0)
     if _dot(d, left) >= 0.0:
         high, right = low, left
     elif _dot(d, right) <= 0.0:
@@ -137,13 +137,13 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
             if y != 0.0:
                 for s in ((z - x) / y, (-z - x) / y):
                     if low < s < high:
-                        w = _outside(p, d, h, s)
+                        w = _difference_from_box(p, d, h, s)
                         if _dot(d, w) < 0.0:
                             low, left = s, w
                         else:
                             high, right = s, w
-    place = low + _origin(left, right)[1] * (high - low)
-    w = _outside(p, d, h, place)
+    place = low + _nearest_to_origin(left, right)[1] * (high - low)
+    w = _difference_from_box(p, d, h, place)
     T = pose
     return (
         sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]),
@@ -157,7 +157,7 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> Nearest:
 
 
 @compiled
-def segment_plane(a: Triple, b: Triple, point: Array, normal: Array) -> Nearest:
+def segment_plane(a: Triple, b: Triple, point: Array, normal: Array) -> NearestPoint:
     """Least distance of a segment to a half-space: below 0 where it reaches into it.
 
     Shapes and units: a, b [m], point (3,) [m], normal (3,) [1]. Returns [m].

@@ -59,7 +59,7 @@ def _put(x: Array, i: int, a: Triple) -> None:
 
 
 @inlined
-def _turned(T: Array, i: int, a: Triple) -> Triple:
+def _rotate(T: Array, i: int, a: Triple) -> Triple:
     """R_i a."""
     return (
         T[i, 0, 0] * a[0] + T[i, 0, 1] * a[1] + T[i, 0, 2] * a[2],
@@ -77,7 +77,7 @@ def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
     u = tensor[i, 0, 0] * x + tensor[i, 0, 1] * y + tensor[i, 0, 2] * z
     v = tensor[i, 1, 0] * x + tensor[i, 1, 1] * y + tensor[i, 1, 2] * z
     w = tensor[i, 2, 0] * x + tensor[i, 2, 1] * y + tensor[i, 2, 2] * z
-    return _turned(T, i, (u, v, w))
+    return _rotate(T, i, (u, v, w))
 
 
 @inlined
@@ -91,13 +91,13 @@ def _product(A: Array, a: Triple) -> Triple:
 
 
 @inlined
-def _second(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
+def _second_derivative(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
     """d̈ of a vector d that is fixed in a link; wd is ω × d."""
     return _plus(_cross(a, d), _cross(w, wd))
 
 
 @inlined
-def _third(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Triple) -> Triple:
+def _third_derivative(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Triple) -> Triple:
     """d⃛ of a vector d that is fixed in a link; wd is ω × d, second is d̈."""
     return _plus(_plus(_cross(b, d), _times(2.0, _cross(a, wd))), _cross(w, second))
 
@@ -121,13 +121,13 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
         z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
         d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
         r, wd, wz = p, _cross(w, d), _cross(w, z)
-        second = _second(w, a, d, wd)
+        second = _second_derivative(w, a, d, wd)
         acceleration = _plus(acceleration, second)
-        jerk = _plus(jerk, _third(w, a, b, d, wd, second))
+        jerk = _plus(jerk, _third_derivative(w, a, b, d, wd, second))
         _keep(work, 5, i, 0, d)
         _keep(work, 7, i, 0, wz)
         dq, ddq, dddq = state[1, i], state[2, i], state[3, i]
-        bend = _second(w, a, z, wz)  # z̈
+        bend = _second_derivative(w, a, z, wz)  # z̈
         if prismatic[i]:
             acceleration = _plus(acceleration, _plus(_times(ddq, z), _times(2.0 * dq, wz)))
             jerk = _plus(jerk, _plus(_times(dddq, z), _plus(_times(3.0 * ddq, wz), _times(3.0 * dq, bend))))
@@ -139,11 +139,11 @@ def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Arr
         velocity = _plus(velocity, wd)
         _keep(work, 6, i, 0, wd)
         _keep(work, 4, i, 1, velocity)
-        c = _turned(T, i, _row(com, i))
+        c = _rotate(T, i, _row(com, i))
         wc = _cross(w, c)
-        second = _second(w, a, c, wc)
+        second = _second_derivative(w, a, c, wc)
         force = _times(mass[i], _plus(acceleration, second))
-        change = _times(mass[i], _plus(jerk, _third(w, a, b, c, wc, second)))
+        change = _times(mass[i], _plus(jerk, _third_derivative(w, a, b, c, wc, second)))
         momentum = _times(mass[i], _plus(velocity, wc))
         spin, twist, wa = _tensor(T, tensor, i, w), _tensor(T, tensor, i, a), _cross(w, a)
         moment = _plus(twist, _cross(w, spin))
@@ -207,7 +207,7 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
         z, p = (T[i, 0, 2], T[i, 1, 2], T[i, 2, 2]), (T[i, 0, 3], T[i, 1, 3], T[i, 2, 3])
         d = (p[0] - r[0], p[1] - r[1], p[2] - r[2])
         r, wz = p, _cross(w, z)
-        acceleration = _plus(acceleration, _second(w, a, d, _cross(w, d)))
+        acceleration = _plus(acceleration, _second_derivative(w, a, d, _cross(w, d)))
         _put(D, i, d)
         dq, ddq = state[1, i], state[2, i]
         if prismatic[i]:
@@ -215,8 +215,8 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
         else:
             a = _plus(a, _plus(_times(ddq, z), _times(dq, wz)))
             w = _plus(w, _times(dq, z))
-        c = _turned(T, i, _row(com, i))
-        force = _times(mass[i], _plus(acceleration, _second(w, a, c, _cross(w, c))))
+        c = _rotate(T, i, _row(com, i))
+        force = _times(mass[i], _plus(acceleration, _second_derivative(w, a, c, _cross(w, c))))
         moment = _plus(_tensor(T, tensor, i, a), _cross(w, _tensor(T, tensor, i, w)))
         _put(F, i, force)
         _put(N, i, _plus(moment, _cross(c, force)))
@@ -276,7 +276,7 @@ def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
         whole = 0.0
         centre[:], about[:] = 0.0, 0.0
         for i in range(n - 1, -1, -1):
-            c, R = _turned(T, i, _row(com, i)), T[i, :3, :3]
+            c, R = _rotate(T, i, _row(com, i)), T[i, :3, :3]
             whole = _join(whole, centre, about, mass[i], (T[i, 0, 3] + c[0], T[i, 1, 3] + c[1], T[i, 2, 3] + c[2]))
             for column in range(3):
                 x, y = 1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0

@@ -194,7 +194,7 @@ def _plus(a: Triple, x: float, b: Triple) -> Triple:
 
 
 @compiled
-def _turned(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Triple, Triple]:
+def _rotation_derivatives(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Triple, Triple]:
     """First three derivatives of a vector r of constant length that turns with ω, given ω, ω̇, ω̈."""
     r1 = _cross(w0, r)
     r2 = _plus(_cross(w1, r), 1.0, _cross(w0, r1))
@@ -229,12 +229,12 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
             )
         else:
             r = (T[0, 3] - frame[n - 1, 0, 3], T[1, 3] - frame[n - 1, 1, 3], T[2, 3] - frame[n - 1, 2, 3])
-        r1, r2, r3 = _turned(w0, w1, w2, r)
+        r1, r2, r3 = _rotation_derivatives(w0, w1, w2, r)
         p1, p2, p3 = _plus(p1, 1.0, r1), _plus(p2, 1.0, r2), _plus(p3, 1.0, r3)
         if i == n:
             break
         z = (frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2])
-        z1, z2, z3 = _turned(w0, w1, w2, z)  # as they turn with the link before
+        z1, z2, z3 = _rotation_derivatives(w0, w1, w2, z)  # as they turn with the link before
         a, b, c = dq[0, i], dq[1, i], dq[2, i]
         if prismatic[i]:
             x = q[i]

@@ -15,7 +15,7 @@ GAIN = 0.1
 LEAST_DAMPING = 1e-12
 """λ² never falls below it [m², rad²]. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""
 
-SETTLING_DAMPING = 1e-4
+POLISHING_DAMPING = 1e-4
 """Damping λ at a singular configuration [m, rad]: directions that move the tool 100 λ per radian keep 1e-4 of their error
 a step."""
 
@@ -48,7 +48,7 @@ def _residual(rows: Array, values: Array, q: Array, e: Array) -> tuple[float, fl
 
 
 @compiled
-def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
+def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
     """Undamped Newton steps onto a target pose and rows · q = values, until rounding stops them.
 
     Steps are least squares where there are more equations than joints, and the shortest where there are fewer.
@@ -90,13 +90,13 @@ def put_on(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
 
 @compiled
 def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
-    """Undamped Newton steps, as `put_on` takes them, for configurations that nearly meet their target poses.
+    """Undamped Newton steps, as `polish` takes them, for configurations that nearly meet their target poses.
 
     Shapes and units: q (k, n) [rad, m] (overwritten), targets (k, 4, 4) [1, m].
     """
     no_rows, no_values = np.empty((0, q.shape[1])), np.empty(0)
     for k in range(q.shape[0]):
-        put_on(chain, targets[k], no_rows, no_values, steps, q[k])
+        polish(chain, targets[k], no_rows, no_values, steps, q[k])
 
 
 @compiled
@@ -154,7 +154,7 @@ def derivatives_at(
 
 
 @compiled
-def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
+def polish_damped(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
     """Damped steps onto a target pose and a twist, at or near a singular configuration.
 
     What moves the tool is corrected; what does not stays as it was given.
@@ -179,7 +179,7 @@ def settle(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: A
             for i in range(6):
                 worst = max(worst, abs(e[i]))
             continue
-        if not damped_step(J, e, SETTLING_DAMPING * SETTLING_DAMPING, A, y, dq, 0.0):
+        if not damped_step(J, e, POLISHING_DAMPING * POLISHING_DAMPING, A, y, dq, 0.0):
             return np.inf
         for j in range(n):
             if of_pose:

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from optik.errors import InvalidInput, UnknownName
-from optik.plugins.files import SUFFIXES, is_path, module_of, split_links
-from optik.plugins.installed import Refused, distribution_of, entry_points
-from optik.plugins.methods import DATA_GROUPS, NamedDependency, base_of, checked, wanted
-from optik.plugins.options import defaults, nearest
-from optik.plugins.used import Used, file_beside, file_of, in_finished_run, note
+from optik.plugins.entry_points import RefusedEntryPoint, describe_distribution, entry_points
+from optik.plugins.files import SUFFIXES, import_file, is_path, split_links
+from optik.plugins.methods import DATA_GROUPS, NamedDependency, check_method, describe_base, find_base
+from optik.plugins.options import defaults, find_nearest_name
+from optik.plugins.usage import UsedPlugin, in_finished_run, note, resolve_file, suggest_file
 
 GROUPS = (
     "optik.ik",
@@ -42,18 +42,18 @@ _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 
 def names(group: str) -> tuple[str, ...]:
     """Names in a group, ours and those of installed packages, sorted, without importing any of them."""
-    return tuple(sorted({*own_names(group), *installed(group)}))
+    return tuple(sorted({*own_names(group), *find_installed(group)}))
 
 
-def installed(group: str) -> dict[str, EntryPoint]:
+def find_installed(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group that can be used, by name; none is imported."""
     return {name: points[0] for name, points in entry_points(group).items() if not _reason(group, name, len(points))}
 
 
-def refused(group: str) -> tuple[Refused, ...]:
+def find_refused(group: str) -> tuple[RefusedEntryPoint, ...]:
     """Return the entry points of a group that cannot be used, and why; ours stay what they are."""
     return tuple(
-        Refused(group, name, point.value, distribution_of(point), reason)
+        RefusedEntryPoint(group, name, point.value, describe_distribution(point), reason)
         for name, points in sorted(entry_points(group).items())
         if (reason := _reason(group, name, len(points)))
         for point in points
@@ -66,13 +66,13 @@ def check_name(group: str, name: Any, kind: str) -> str:
         return str(os.fspath(name))  # its file may be gone, its package not installed
     if is_path(name):
         text = str(os.fspath(name))
-        file = file_of(text, kind)
+        file = resolve_file(text, kind)
         _check_stem(group, file, kind)
-        note(Used(group, file.stem, file))
+        note(UsedPlugin(group, file.stem, file))
         return f"{file}{_links(text)}"
     point = _entry_point(group, name, kind)
     if point is not None:
-        note(Used(group, name, point))
+        note(UsedPlugin(group, name, point))
     return str(name)
 
 
@@ -86,14 +86,14 @@ def short_name(name: str | os.PathLike[str]) -> str:
     return f"{Path(file).stem} ({words})" if words else Path(file).stem
 
 
-def loaded(group: str, name: str) -> Any | None:
+def find_loaded(group: str, name: str) -> Any | None:
     """Return a method by its bare name without running a file: ours, an entry point's, or one loaded in this process.
 
     Files of motions and runs name paths and methods; reading them must not run code that they choose.
     """
     if not isinstance(name, str) or is_path(name):
         return None
-    if name in own_names(group) or name in installed(group):
+    if name in own_names(group) or name in find_installed(group):
         return load_method(group, name)
     found = _loaded.get((group, name))
     return None if found is None else found[1]
@@ -105,7 +105,7 @@ def loaded(group: str, name: str) -> Any | None:
 def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
     """Path of a data file by name: one of ours, the file that an entry point names, or a path as it is."""
     if is_path(name):
-        file = file_of(name, kind)
+        file = resolve_file(name, kind)
         _check_stem(group, file, kind)
         return file
     point = _entry_point(group, name, kind)
@@ -114,16 +114,16 @@ def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
     value = _value(point, kind)
     if not isinstance(value, str | os.PathLike):
         raise InvalidInput(_where(point), repr(value)[:60], "the path of a file")
-    return file_of(Path(value).absolute(), kind)
+    return resolve_file(Path(value).absolute(), kind)
 
 
 def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") -> Any:
     """Return one method: the ``METHOD`` of our module or of a file, or the object that an entry point names."""
     if is_path(name):
-        return _from_file(group, file_of(name, kind), kind)
+        return _from_file(group, resolve_file(name, kind), kind)
     point = _entry_point(group, name, kind)
     if point is not None:
-        method = checked(group, _value(point, kind), str(name), _where(point))
+        method = check_method(group, _value(point, kind), str(name), _where(point))
         _loaded[group, str(name)] = _where(point), method
         return method
     with NamedDependency(kind, str(name)):
@@ -141,7 +141,7 @@ def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments
             raise
         given, known = ", ".join(options) or "none", defaults(method)
         expected = f"options of the {kind} {short_name(name)!r}"
-        meant = [near for option in options if option not in known and (near := nearest(option, known))]
+        meant = [near for option in options if option not in known and (near := find_nearest_name(option, known))]
         expected += f", such as {', '.join(meant)}" if meant else ""
         raise InvalidInput("options", f"{given} ({wrong[0]})", expected) from None
 
@@ -181,11 +181,11 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
         return None
     points = entry_points(group).get(name, ())
     if not points:
-        file = file_beside(name, SUFFIXES if group in DATA_GROUPS else (".py",))
+        file = suggest_file(name, SUFFIXES if group in DATA_GROUPS else (".py",))
         raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
     reason = _reason(group, name, len(points))
     if reason:
-        both = " and ".join(distribution_of(point) for point in points)
+        both = " and ".join(describe_distribution(point) for point in points)
         raise InvalidInput(kind, f"{name!r} of {both}", f"a name that can be used: this one is refused, {reason}")
     return points[0]
 
@@ -211,7 +211,7 @@ def _value(point: EntryPoint, kind: str) -> Any:
 
 
 def _where(point: EntryPoint) -> str:
-    return f"entry point {point.name} = {point.value} of {distribution_of(point)}"
+    return f"entry point {point.name} = {point.value} of {describe_distribution(point)}"
 
 
 def _links(text: str) -> str:
@@ -225,7 +225,7 @@ def _check_stem(group: str, file: Path, kind: str) -> None:
     if name in own_names(group):
         other = f"one of ours, {group}.{name}"
     elif points := entry_points(group).get(name, ()):
-        other = f"an entry point of {' and '.join(distribution_of(point) for point in points)}"
+        other = f"an entry point of {' and '.join(describe_distribution(point) for point in points)}"
     elif _loaded.get((group, name), (str(file),))[0] != str(file):
         other = f"another file, {_loaded[group, name][0]}"
     if other:
@@ -237,9 +237,9 @@ def _from_file(group: str, file: Path, kind: str) -> Any:
     if file.suffix.lower() != ".py":
         raise InvalidInput(kind, repr(str(file)), "a Python file (.py)")
     with NamedDependency(kind, file.stem):
-        module = module_of(file)
+        module = import_file(file)
     if not hasattr(module, "METHOD"):
-        raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {wanted(base_of(group))}")
-    method = checked(group, module.METHOD, file.stem, f"METHOD of {file}")
+        raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {describe_base(find_base(group))}")
+    method = check_method(group, module.METHOD, file.stem, f"METHOD of {file}")
     _loaded[group, file.stem] = str(file), method
     return method

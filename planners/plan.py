@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.plain import robot_difference
+from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
@@ -305,7 +305,7 @@ def _build_request(
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
     if solver.robot != robot:
-        other = f"a solver built for {solver.robot.name}, which differs in {robot_difference(solver.robot, robot)}"
+        other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
         raise InvalidInput("ik", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)

@@ -28,7 +28,7 @@ from benchmarks.problems.base import ProblemSet
 from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import InvalidInput, MissingDependency, UnknownName
-from optik.plugins import files, used
+from optik.plugins import files, usage
 from tests import conftest
 from tests.oracles import REPOSITORY
 from tests.planners.cases import START, default_joint_path, paper6r
@@ -111,7 +111,7 @@ def test_a_file_is_a_method_that_reports_call_by_its_stem(tmp_path: Path, monkey
     assert optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), "stay_1.py").message == "here"
     kept = optik.ik.solver_for(paper6r(), "./stay_1.py")
     assert optik.ik.solver_for(paper6r(), str(file)).__class__ is kept.__class__
-    assert registry.loaded("optik.ik", "stay_1") is type(solver)
+    assert registry.find_loaded("optik.ik", "stay_1") is type(solver)
 
 
 def test_the_same_relative_path_elsewhere_is_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +154,7 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     registry.load_method("optik.ik", first)
     with pytest.raises(InvalidInput, match=r"b/stay_4.py.*another file, .*a/stay_4.py"):
         registry.load_method("optik.ik", second)
-    with used.reading(tmp_path), pytest.raises(InvalidInput, match=r"a/beside.py and .*b/beside.py"):
+    with usage.collect_plugins(tmp_path), pytest.raises(InvalidInput, match=r"a/beside.py and .*b/beside.py"):
         for folder in "ab":
             write(tmp_path / folder / "beside.py")
             registry.check_name("benchmarks.problems", f"{folder}/beside.py", "problem set")
@@ -202,7 +202,7 @@ def test_a_file_whose_suffix_was_forgotten_is_offered(tmp_path: Path, monkeypatc
     with pytest.raises(InvalidInput, match=r"expected \./slow\.py, which is one; got '\./slow', which is no file"):
         optik.ik.make_solver(paper6r(), "./slow")
     monkeypatch.chdir(tmp_path.parent)
-    with used.reading(tmp_path), pytest.raises(UnknownName, match=r"\./slow\.py$"):
+    with usage.collect_plugins(tmp_path), pytest.raises(UnknownName, match=r"\./slow\.py$"):
         registry.check_name("optik.ik", "slow", "IK method")
 
 
@@ -318,7 +318,7 @@ def test_ours_stay_what_they_are_and_a_name_of_two_packages_is_refused(installed
         optik.ik.make_solver(paper6r(), "absent")
     with pytest.raises(InvalidInput, match=r"stay_put as is an entry point of stays 1.0"):
         optik.ik.make_solver(paper6r(), write(installed.parent / "stay_put.py"))
-    refused = {(r.name, r.distribution) for r in registry.refused("optik.ik")}
+    refused = {(r.name, r.distribution) for r in registry.find_refused("optik.ik")}
     assert refused == {("lm", "stays 1.0"), ("both", "stays 1.0"), ("both", "others 1.0"), ("a/b", "stays 1.0")}
 
 
@@ -552,7 +552,7 @@ def test_misuse_is_one_line(arguments: list[str], words: str) -> None:
 
 def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_folder(tmp_path: Path) -> None:
     bomb = write(tmp_path / "methods" / "bomb.py", "raise SystemExit('run')")
-    with used.reading(tmp_path) as found:
+    with usage.collect_plugins(tmp_path) as found:
         assert registry.check_name("optik.ik", "./methods/bomb.py", "IK method") == str(bomb)
         assert registry.check_name("optik.ik", "lm", "IK method") == "lm"
         assert registry.check_name("optik.ik", "methods/bomb.py", "IK method") == str(bomb)
@@ -560,9 +560,9 @@ def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_fold
             registry.check_name("optik.ik", "./bomb.py", "IK method")
     assert found == [("optik.ik", "bomb", bomb)]
     with pytest.raises(InvalidInput, match=r"--allow-plugins.*methods/bomb.py"):
-        used.check_allowed(found, False)
-    used.check_allowed(found, True)
-    used.check_allowed([], False)
+        usage.check_allowed(found, False)
+    usage.check_allowed(found, True)
+    usage.check_allowed([], False)
 
 
 def test_a_suite_with_files_is_checked_without_running_them_and_runs_only_where_they_are_allowed(
@@ -579,32 +579,32 @@ def test_a_suite_with_files_is_checked_without_running_them_and_runs_only_where_
 
 
 def test_the_settings_of_a_finished_run_are_read_where_its_files_are_gone() -> None:
-    with used.reading(None) as found:
+    with usage.collect_plugins(None) as found:
         assert registry.check_name("optik.ik", "./gone.py", "IK method") == "./gone.py"
     assert found == []
 
 
 def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tmp_path: Path) -> None:
     file = write(tmp_path / "stay_6.py", said="a")
-    with used.reading(tmp_path) as found:
+    with usage.collect_plugins(tmp_path) as found:
         registry.check_name("optik.ik", "./stay_6.py", "IK method")
         registry.check_name("optik.ik", "stay_put", "IK method")
-    first = used.record(found)
+    first = usage.record_plugins(found)
     assert [(row["name"], sorted(row)) for row in first] == [
         ("stay_6", ["group", "name", "path", "sha256"]), ("stay_put", ["distribution", "group", "name", "version"])
     ]  # fmt: skip
     first.reverse()
-    used.compare(first, used.record(found))
-    used.compare(first, [first[0], first[1] | {"path": "elsewhere"}])
+    usage.check_same_plugins(first, usage.record_plugins(found))
+    usage.check_same_plugins(first, [first[0], first[1] | {"path": "elsewhere"}])
     write(file, said="b")
     for now in (
-        used.record(found),
+        usage.record_plugins(found),
         first[:1],
         [first[0] | {"version": "2.0"}, first[1]],
         [*first, first[1] | {"name": "x"}],
     ):
         with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
-            used.compare(first, now)
+            usage.check_same_plugins(first, now)
     files.expect(first)
     with pytest.raises(InvalidInput, match="the file as the run recorded it"):
         registry.load_method("optik.ik", file)
@@ -612,10 +612,10 @@ def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tm
 
 def test_where_no_code_may_run_none_does(tmp_path: Path) -> None:
     file = write(tmp_path / "stay_7.py")
-    with files.without_code(), pytest.raises(InvalidInput, match="runs no code"):
+    with files.forbid_code(), pytest.raises(InvalidInput, match="runs no code"):
         registry.load_method("optik.ik", file)
     kind = registry.load_method("optik.ik", file)
-    with files.without_code():
+    with files.forbid_code():
         assert registry.load_method("optik.ik", file) is kind
 
 

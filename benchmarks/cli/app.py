@@ -40,7 +40,7 @@ from benchmarks.cli.shared import (
 )
 from benchmarks.cli.view import view
 from optik.arm.robot import Robot
-from optik.arm.units import per, units
+from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput, InvalidMotion, NoSolution, OptikError
 from optik.ik import IKResult
 from optik.plugins import files
@@ -139,8 +139,8 @@ def _robot_row(name: str, robot: Robot | Exception) -> dict[str, Any]:
 
 def _ranges(robot: Robot) -> str:
     """Joint ranges in degrees and millimetres."""
-    lower, upper = robot.limits.lower * per(robot), robot.limits.upper * per(robot)
-    return ", ".join(f"{lo:.0f}…{hi:.0f}{unit}" for lo, hi, unit in zip(lower, upper, units(robot), strict=True))
+    lower, upper = robot.limits.lower * unit_factors(robot), robot.limits.upper * unit_factors(robot)
+    return ", ".join(f"{lo:.0f}…{hi:.0f}{unit}" for lo, hi, unit in zip(lower, upper, unit_names(robot), strict=True))
 
 
 @command(app, context_settings={"ignore_unknown_options": True})  # negative numbers are values, not options
@@ -159,7 +159,7 @@ def fk(
 
     arm = arm_of(robot, tip, base)
     values = numbers(q_deg, Q_DEG, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
-    q = arm.configuration(values, Q_DEG) / per(arm)
+    q = arm.configuration(values, Q_DEG) / unit_factors(arm)
     T = arm.fk(q)
     smallest = float(arm.singular_values(q)[-1])
     inside = bool(arm.limits.contains(q))
@@ -233,7 +233,7 @@ def _print_ik_json(arm: Robot, result: IKResult, solver: str) -> None:
     print_json(
         {
             "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
-            "q_deg": (result.q * per(arm)).tolist(), "q_deg_units": [unit.strip() for unit in units(arm)],
+            "q_deg": (result.q * unit_factors(arm)).tolist(), "q_deg_units": [unit.strip() for unit in unit_names(arm)],
             "q": result.q.tolist(), "iterations": result.iterations,
             "restarts": result.restarts, "position_error": result.position_error,
             "rotation_error": result.rotation_error, "message": result.message, "advice": result.status.advice,
@@ -245,7 +245,9 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
     """Print an answer for people."""
     title = f"{result.status}, {result.iterations} iterations, {result.restarts} restarts"
     table = Table("joint", "value", "range", title=title)
-    rows = zip(arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, per(arm), units(arm), strict=True)
+    rows = zip(
+        arm.joint_names, result.q, arm.limits.lower, arm.limits.upper, unit_factors(arm), unit_names(arm), strict=True
+    )
     for name, value, lo, hi, scale, unit in rows:
         table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
     out_console.print(table)

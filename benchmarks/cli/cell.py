@@ -131,12 +131,12 @@ def _check_counts(seed: int, corrections: int, readings: int) -> None:
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
     """Write page and data, print what came of it; exit status 1 where the tool did not arrive."""
-    from optik.files import write_whole
+    from optik.file_io import write_atomically
 
     page = page_of(outcome, out)
     data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
     file = out.with_suffix(".json")
-    write_whole(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
+    write_atomically(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
     if as_json:
         print_json(data)
     else:

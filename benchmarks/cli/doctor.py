@@ -23,8 +23,8 @@ from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance
 from optik.compiled.cache import KernelCache
 from optik.kinematics import forward
-from optik.plugins.installed import distribution_of
-from optik.registry import GROUPS, installed, load_method, own_names, refused
+from optik.plugins.entry_points import describe_distribution
+from optik.registry import GROUPS, find_installed, find_refused, load_method, own_names
 
 OPTIK = "optik-toolkit"
 """Name of this distribution, whose metadata names what it needs and its extras."""
@@ -167,10 +167,10 @@ class _Plugin:
 
 def _installed_plugins() -> Iterator[_Plugin]:
     for group in GROUPS:
-        for name, point in installed(group).items():
-            yield _Plugin(group, name, point.value, distribution_of(point), "")
+        for name, point in find_installed(group).items():
+            yield _Plugin(group, name, point.value, describe_distribution(point), "")
     for group in GROUPS:
-        for row in refused(group):
+        for row in find_refused(group):
             yield _Plugin(row.group, row.name, row.value, row.distribution, row.reason)
 
 

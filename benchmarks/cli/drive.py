@@ -12,9 +12,9 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.shared import Allowed, AsJson, allowed_words, err_console, out_console, print_json
-from optik.arm.units import per, units
+from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput
-from optik.files import write_whole
+from optik.file_io import write_atomically
 from optik.registry import names
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
         from planners.files.base import to_plain
 
         text = json.dumps(data | {"plan": to_plain(executed.plan.motion)}, allow_nan=False) + "\n"  # for `optik view`
-        write_whole(out, lambda part: part.write_text(text, encoding="utf-8"))
+        write_atomically(out, lambda part: part.write_text(text, encoding="utf-8"))
     if as_json:
         print_json(data)
         return
@@ -168,13 +168,13 @@ def _print_joints(done: Execution) -> None:
     robot, bound = done.robot, done.plan.certificate.torque.value
     title = "" if done.torque is None else "torque beside the certificate's bound for the planned motion"
     table = Table("joint", "largest tracking error", title=title)
-    columns = [np.abs(tracking(done)).max(axis=0) * per(robot)]
+    columns = [np.abs(tracking(done)).max(axis=0) * unit_factors(robot)]
     if done.torque is not None:
         table.add_column("peak torque")
         table.add_column("bound of the plan")
     torque_units = np.where(robot.prismatic, "N", "N·m")
     for i, name in enumerate(robot.joint_names):
-        row = [name, f"{columns[0][i]:.3g}{units(robot)[i]}"]
+        row = [name, f"{columns[0][i]:.3g}{unit_names(robot)[i]}"]
         if done.torque is not None:
             row += [
                 f"{np.abs(done.torque[:, i]).max():.4g} {torque_units[i]}",

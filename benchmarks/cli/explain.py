@@ -19,8 +19,8 @@ from benchmarks.settings import NAMED_KEYS, Target, naming
 from benchmarks.suite import ALIASES, Suite
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import is_path
-from optik.plugins.options import NO_DEFAULT, Described, defaults, described, nearest
-from optik.plugins.used import reading
+from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
+from optik.plugins.usage import collect_plugins
 from optik.registry import load_method
 
 SUITE_KEYS = {
@@ -47,14 +47,14 @@ ENTRY_KEYS = {
 """Keys of an entry of ``methods``, ``laws``, ``peers`` or ``reference``."""
 
 MOTION_LIMIT_KEYS = {
-    "label": Described("str", "What reports call these limits.", ""),
-    "velocity": Described("", "Limit of the joints' velocities: a number, one a joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
-    "acceleration": Described("", "Limit of the joints' accelerations [rad/s², m/s²].", "rad/s², m/s²"),
-    "jerk": Described("", "Limit of the joints' jerks [rad/s³, m/s³].", "rad/s³, m/s³"),
-    "tool_speed": Described("", "Limit of the speed of the tool's point [m/s].", "m/s"),
-    "rotation_speed": Described("", "Limit of the angular speed of the tool [rad/s].", "rad/s"),
-    "torque": Described("", "Limit of the joints' torques, of an arm whose masses are known [N·m, N].", "N·m, N"),
-    "torque_rate": Described("", "Limit of the rates of the torques [N·m/s, N/s].", "N·m/s, N/s"),
+    "label": ParameterDoc("str", "What reports call these limits.", ""),
+    "velocity": ParameterDoc("", "Limit of the joints' speeds: a number, one a joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
+    "acceleration": ParameterDoc("", "Limit of the joints' accelerations [rad/s², m/s²].", "rad/s², m/s²"),
+    "jerk": ParameterDoc("", "Limit of the joints' jerks [rad/s³, m/s³].", "rad/s³, m/s³"),
+    "tool_speed": ParameterDoc("", "Limit of the speed of the tool's point [m/s].", "m/s"),
+    "rotation_speed": ParameterDoc("", "Limit of the angular speed of the tool [rad/s].", "rad/s"),
+    "torque": ParameterDoc("", "Limit of the joints' torques, of an arm whose masses are known [N·m, N].", "N·m, N"),
+    "torque_rate": ParameterDoc("", "Limit of the rates of the torques [N·m/s, N/s].", "N·m/s, N/s"),
 }  # fmt: skip
 """Keys of an entry of ``limits``."""
 
@@ -103,7 +103,7 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
             continue
         blocks, tables = suite.of(kind.name), [data] if kind.single else data
         for block, table in zip(blocks, tables, strict=True):
-            with reading(folder):
+            with collect_plugins(folder):
                 found += _block(kind, block, table, key if kind.single else f"{key}.{block.id}", suite.unread)
     return found
 
@@ -114,10 +114,10 @@ def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Seq
         words = "Its kind comes from a file, which is not run here."
         yield from (Explained(f"{at}.{key}", value, "", "", words) for key, value in table.items())
         return
-    words_of = described(type(block))
+    words_of = read_parameter_docs(type(block))
     known = {field.name for field in fields(block)} & set(words_of)
     for key in [*table, *(key for key in sorted(known - set(table)) if _taken(kind, table, key))]:
-        about = words_of.get(key, Described("", "", ""))
+        about = words_of.get(key, ParameterDoc("", "", ""))
         value, given = table.get(key), key in table
         yield Explained(f"{at}.{key}", value, _default(kind, block, table, key), about.unit, about.meaning, given)
         if given:
@@ -186,23 +186,23 @@ def _inside(kind: Kind, table: dict[str, Any], key: str, value: Any, at: str) ->
 def _entry(key: str, inner: str, value: Any, where: str) -> Explained:
     """One key of an entry of a list: of a method, a target, a set of motions, limits."""
     tables = {
-        "lines": described(LineSet),
-        "example": described(Example),
+        "lines": read_parameter_docs(LineSet),
+        "example": read_parameter_docs(Example),
         "limits": MOTION_LIMIT_KEYS,
         "targets": _target_keys(),
-        "noise": described(Noise),
+        "noise": read_parameter_docs(Noise),
     }
     if key in tables:
-        about = tables[key].get(inner, Described("", "", ""))
+        about = tables[key].get(inner, ParameterDoc("", "", ""))
         return Explained(f"{where}.{inner}", value, "", about.unit, about.meaning)
     needed = "required" if inner in ("solver", "law", "peer") else ""
     return Explained(f"{where}.{inner}", value, needed, "", ENTRY_KEYS.get(inner, ""))
 
 
-def _target_keys() -> dict[str, Described]:
+def _target_keys() -> dict[str, ParameterDoc]:
     """Keys of a target; one of laws calls its entry ``law``."""
-    found = described(Target)
-    both = Described("float", "The bound, as one of the two.", "")
+    found = read_parameter_docs(Target)
+    both = ParameterDoc("float", "The bound, as one of the two.", "")
     return found | dict.fromkeys(TARGET_LABELS, found["method"]) | {"at_most": both, "at_least": both}
 
 
@@ -231,13 +231,13 @@ def _options(group: str, word: str, name: Any, given: dict[str, Any], at: str) -
         method = load_method(group, name, word)
     if method is None:
         return
-    known, words_of = defaults(method), described(method)
+    known, words_of = defaults(method), read_parameter_docs(method)
     for key in given:
         if key not in known:
-            near = nearest(key, known)
+            near = find_nearest_name(key, known)
             expected = (f"{near!r}, or another of " if near else "options out of ") + ", ".join(known)
             raise InvalidInput(f"{at} ({word} {name})", f"the option {key!r}", expected)
     for key in [*given, *(k for k in known if k not in given)]:
-        about = words_of.get(key, Described("", "", ""))
+        about = words_of.get(key, ParameterDoc("", "", ""))
         default = "required" if known[key] is NO_DEFAULT else _shown(known[key])
         yield Explained(f"{at}.{key}", given.get(key), default, about.unit, about.meaning, key in given)

@@ -34,10 +34,10 @@ from benchmarks.cli.shared import (
     print_start,
     start_of,
 )
-from optik.arm.units import per
+from optik.arm.units import unit_factors
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.files import write_whole
+from optik.file_io import write_atomically
 from optik.plugins.files import split_links
 from optik.registry import load_method, names, short_name
 
@@ -196,7 +196,9 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
         raise typer.Exit(1)
     begin = plan.trajectory(0.0)
     if np.abs(begin - q).max() > SILENT_START:
-        out_console.print(f"begins at {', '.join(f'{x:.6g}' for x in begin * per(arm))} [degrees, mm]", highlight=False)
+        out_console.print(
+            f"begins at {', '.join(f'{x:.6g}' for x in begin * unit_factors(arm))} [degrees, mm]", highlight=False
+        )
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
 
@@ -205,7 +207,7 @@ def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
     """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
     from planners.following.follow import START_TOLERANCE
 
-    return "start" if np.abs(arm.errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
+    return "start" if np.abs(arm.pose_errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
 def check_out(wish: Wish) -> None:
@@ -234,7 +236,7 @@ def write_failed(plan: Any, file: Path) -> None:
     from planners.cell.view.recorded import failed_plan_data
 
     text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
-    write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+    write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
     words = f"failed plan written to {file}; to see it: optik view {file}"
     err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from optik.arm.units import per, units
+from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput
 from optik.plugins.files import is_path, split_links
 
@@ -119,11 +119,11 @@ def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
 def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, sliding joints in millimetres."""
     values = numbers(text, option, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
-    q = arm.configuration(values, option) / per(arm)
+    q = arm.configuration(values, option) / unit_factors(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
     if not arm.limits.contains(q):
         i = int(np.argmax(np.maximum(lower - q, q - upper)))
-        scale, unit = per(arm)[i], units(arm)[i]
+        scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
         room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
         raise InvalidInput(option, f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
     return q
@@ -156,11 +156,15 @@ def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
     """Return the typed start, or the arm's default start with a text that states it."""
     if text.strip():
         return configuration(arm, text), ""
-    from optik.arm.library import home_of
+    from optik.arm.library import read_home
 
-    home = home_of(name)
-    q, why = (sampled_start(arm), "sampled: it has no home_deg") if home is None else (home / per(arm), "its home_deg")
-    return q, f"start of {arm.name}, {why}: --start-deg {listed(q * per(arm))}"
+    home = read_home(name)
+    q, why = (
+        (sampled_start(arm), "sampled: it has no home_deg")
+        if home is None
+        else (home / unit_factors(arm), "its home_deg")
+    )
+    return q, f"start of {arm.name}, {why}: --start-deg {listed(q * unit_factors(arm))}"
 
 
 def print_start(words: str) -> None:
@@ -171,12 +175,12 @@ def print_start(words: str) -> None:
 
 def sampled_start(arm: optik.Robot) -> Any:
     """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
-    q = np.round(arm.limits.draw(np.random.default_rng(0), START_SAMPLES) * per(arm), 1) / per(arm)
+    q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
     q = arm.limits.clip(q)
     if arm.shapes is not None:
-        from optik.arm.shapes.contact import nearest_pairs
+        from optik.arm.shapes.contact import find_nearest_pairs
 
-        free = nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
+        free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
         q = q[free] if free.any() else q
     sigma = arm.singular_values(q)
     return q[np.argmax(sigma[:, -1] / sigma[:, 0])]

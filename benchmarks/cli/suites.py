@@ -16,7 +16,7 @@ from rich.table import Column, Table
 from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, command, out_console, print_json
 from optik.errors import InvalidInput, OutputError
 from optik.plugins.files import is_path
-from optik.plugins.used import record
+from optik.plugins.usage import record_plugins
 
 if TYPE_CHECKING:
     from benchmarks.cli.explain import Explained
@@ -144,7 +144,7 @@ def bench_check(
     from optik.registry import data_file
 
     asked = load_suite(suite)
-    rows = record(asked.plugins)
+    rows = record_plugins(asked.plugins)
     keys = explain(asked, data_file(SUITES, suite, "suite").parent)
     shown = [key for key in keys if key.given or every]
     if as_json:

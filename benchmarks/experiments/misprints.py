@@ -36,7 +36,7 @@ def _table_1() -> Misprint:
     d = [0.0, 0.0, 0.0, 470.0, 0.0, 261.0]
     rows = [DHRow(a=x / 1e3, alpha=np.deg2rad(y), d=z / 1e3) for x, y, z in zip(a, alpha, d, strict=True)]
     printed = Robot.from_mdh(rows, robot.limits, name="as printed")
-    q = robot.limits.draw(np.random.default_rng(0), 2000)
+    q = robot.limits.sample(np.random.default_rng(0), 2000)
     apart, reach = {}, {}
     for arm in (robot, printed):
         points = arm.frames(q)[:, :, :3, 3]
@@ -60,7 +60,7 @@ def _eq_5() -> Misprint:
     J = robot.jacobian(q)
     steps = h * np.eye(6)
     here = np.tile(q, (6, 1))
-    difference = (robot.errors(here, robot.fk(q + steps)) - robot.errors(here, robot.fk(q - steps))) / (2 * h)
+    difference = (robot.pose_errors(here, robot.fk(q + steps)) - robot.pose_errors(here, robot.fk(q - steps))) / (2 * h)
     stacked = (robot.fk(q + steps)[:, :3, :3] - robot.fk(q - steps)[:, :3, :3]) / (2 * h)
     return Misprint(
         "Eq. 5",

@@ -12,7 +12,7 @@ from benchmarks.settings import check_keys, check_known, check_table, naming
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.plugins.used import data_file_of
+from optik.plugins.usage import resolve_data_file
 
 TRIAL_PROBLEMS = 5
 """Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
@@ -53,7 +53,7 @@ def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dic
     robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
     options = dict(check_table(data.get("options", {}), f"{where}: options"))
     if drawn == "file" and "path" in options:
-        options["path"] = data_file_of(options["path"], f"{where}: options: path")
+        options["path"] = resolve_data_file(options["path"], f"{where}: options: path")
     return {
         "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": robot, "set": drawn,
         "options": options,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from optik.errors import InvalidInput
-from optik.plugins.used import data_file_of
+from optik.plugins.usage import resolve_data_file
 from optik.scene import Scene
 
 SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "clearance" / "scenes").glob("*.toml"))}
@@ -19,7 +19,7 @@ def scene_name(value: Any, where: str) -> str:
         return value
     if isinstance(value, str) and "." not in value and "/" not in value:
         raise InvalidInput(where, repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
-    return data_file_of(value, where)
+    return resolve_data_file(value, where)
 
 
 def scene_named(name: str) -> Scene:

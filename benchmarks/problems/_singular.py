@@ -46,7 +46,7 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
     """Singular configurations inside the limits, to rounding."""
     found: list[Array] = []
     for _ in range(DRAWS):
-        q = robot.limits.draw(rng, 2 * count)
+        q = robot.limits.sample(rng, 2 * count)
         if on_limits:
             q = put_on_limits(robot, rng, q, but=joint)
         q = by_one_joint(robot, rng, q, joint) if robot.n == 6 else by_all_joints(robot, q)

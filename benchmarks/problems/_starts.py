@@ -82,7 +82,7 @@ def start_configurations(limits: JointLimits, rng: np.random.Generator, q: Array
     if kind == "near":
         return limits.clip(q + spread * rng.normal(size=q.shape))
     if kind == "random":
-        return limits.draw(rng, len(q))
+        return limits.sample(rng, len(q))
     if kind == "zero":
         return limits.clip(np.zeros_like(q))
     return limits.clip(_opposite(limits, q))
@@ -90,8 +90,8 @@ def start_configurations(limits: JointLimits, rng: np.random.Generator, q: Array
 
 def _opposite(limits: JointLimits, q: Array) -> Array:
     """Configurations half of the range away on every joint; π [rad, m] away where a limit is infinite."""
-    width = np.where(limits.ranged, 2.0 * limits.half, 1.0)
-    lower = np.where(limits.ranged, limits.lower, 0.0)
+    width = np.where(limits.bounded, 2.0 * limits.half, 1.0)
+    lower = np.where(limits.bounded, limits.lower, 0.0)
     wrapped = lower + np.mod(q - lower + 0.5 * width, width)
     free: NDArray[np.float64] = np.where(q + np.pi <= limits.upper, q + np.pi, q - np.pi)
-    return np.where(limits.ranged, wrapped, np.where(limits.half == 0.0, q, free))
+    return np.where(limits.bounded, wrapped, np.where(limits.half == 0.0, q, free))

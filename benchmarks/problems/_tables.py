@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.files import content_of, text_of
+from optik.file_io import decode_text, read_bytes
 from optik.types import Array
 
 POSITION = ("x_m", "y_m", "z_m")
@@ -87,7 +87,7 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
 def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Lines of a CSV file with their numbers."""
     try:
-        reader = csv.reader(io.StringIO(text_of(content_of(path)).lstrip("\ufeff")))
+        reader = csv.reader(io.StringIO(decode_text(read_bytes(path)).lstrip("\ufeff")))
         for row in reader:
             yield reader.line_num, row
     except csv.Error as error:
@@ -166,7 +166,7 @@ def _of_quaternions(values: Array, where: Sequence[str]) -> Array:
 
 def _from_npz(path: Path, robot: Robot | None) -> Poses:
     """Poses of an NPZ file."""
-    content = content_of(path, argument="path")
+    content = read_bytes(path, argument="path")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}

@@ -69,7 +69,7 @@ def at_boundary(
         raise InvalidInput("robot", f"{robot.name} with a prismatic joint without limits", "an arm of finite reach")
     d = stream(seed, "at_boundary", "directions").normal(size=(count, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    first = robot.limits.draw(stream(seed, "at_boundary", "searches"), count * CLIMBS)
+    first = robot.limits.sample(stream(seed, "at_boundary", "searches"), count * CLIMBS)
     q = _farthest(robot, first, np.repeat(d, CLIMBS, axis=0))
     height = np.einsum("ki,ki->k", robot.fk(q)[:, :3, 3], np.repeat(d, CLIMBS, axis=0)).reshape(count, CLIMBS)
     best = np.ascontiguousarray(q.reshape(count, CLIMBS, robot.n)[np.arange(count), height.argmax(axis=1)])

@@ -59,7 +59,7 @@ def at_limits(
     """
     check_count(count, "count", 1)
     groups: dict[str, Array] = {}
-    movable = np.flatnonzero(robot.limits.ranged)
+    movable = np.flatnonzero(robot.limits.bounded)
     for number in joints:
         check_count(number, "joints", 1)
         if number > len(movable):
@@ -73,8 +73,8 @@ def at_limits(
 def _drawn(robot: Robot, seed: int, count: int, number: int) -> Array:
     """Configurations (count, n) with a number of joints at their limits."""
     which, side, inside = (stream(seed, "at_limits", str(number), word) for word in ("which", "side", "inside"))
-    q = robot.limits.draw(inside, count)
-    movable = np.flatnonzero(robot.limits.ranged)
+    q = robot.limits.sample(inside, count)
+    movable = np.flatnonzero(robot.limits.bounded)
     order = np.argsort(which.random((count, len(movable))), axis=1)[:, :number]
     chosen = np.zeros(q.shape, dtype=bool)
     np.put_along_axis(chosen, movable[order], True, axis=1)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from optik import se3
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.arm.units import per
+from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.registry import build_method
 from optik.types import Array
@@ -151,7 +151,7 @@ def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
     """Start configuration of a set in SI units, from the degrees and millimetres of a suite."""
-    q = robot.configuration(start_deg, "start_deg") / per(robot)
+    q = robot.configuration(start_deg, "start_deg") / unit_factors(robot)
     if not robot.limits.contains(q):
         raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")
     return q

@@ -70,7 +70,7 @@ def beyond_reach(
     groups = {}
     for excess in map(float, excesses_m):
         check_number(excess, "excesses_m", "metres above 0", above=0.0)
-        q = robot.limits.draw(stream(seed, "beyond_reach", repr(excess)), count)
+        q = robot.limits.sample(stream(seed, "beyond_reach", repr(excess)), count)
         groups[f"beyond by {1e3 * excess:g} mm"] = q
     drawn = from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
     each = np.repeat(np.asarray(excesses_m, dtype=float), len(drawn) // len(groups))

@@ -53,9 +53,9 @@ def hard(
     strata = {
         "wrist singular": singular(robot, rng, share, WRIST, on_limits=False),
         "elbow singular": singular(robot, rng, share, ELBOW, on_limits=False),
-        "on the limits": put_on_limits(robot, rng, robot.limits.draw(rng, share)),
+        "on the limits": put_on_limits(robot, rng, robot.limits.sample(rng, share)),
         "wrist singular, on the limits": singular(robot, rng, share, WRIST, on_limits=True),
-        "joint zeros": put_at_zero(robot, rng, robot.limits.draw(rng, count - 4 * share)),
+        "joint zeros": put_at_zero(robot, rng, robot.limits.sample(rng, count - 4 * share)),
     }
     q = np.concatenate(list(strata.values()))
     order = rng.permutation(len(q))  # so that any part of the set contains all strata

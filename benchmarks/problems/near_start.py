@@ -55,7 +55,7 @@ def near_start(
     if len(singular_edges):
         q, stratum = _stratified(robot, rng, count, singular_edges)
     else:
-        q = robot.limits.draw(rng, count)
+        q = robot.limits.sample(rng, count)
     noise = rng.normal(size=q.shape)
     k, n = len(q), len(spreads)
     group = np.tile(stratum, n) if len(singular_edges) else np.repeat([f"spread {s:g} rad" for s in spreads], k)
@@ -73,7 +73,7 @@ def _stratified(
     robot: Robot, rng: np.random.Generator, count: int, edges: Sequence[float]
 ) -> tuple[Array, NDArray[np.str_]]:
     """At most `count` random configurations in each stratum of the smallest singular value, and their strata."""
-    pool = robot.limits.draw(rng, POOL * count)
+    pool = robot.limits.sample(rng, POOL * count)
     sigma = robot.singular_values(pool)[:, -1]
     strata = {f"{low:g} ≤ σ < {high:g}": pool[(sigma >= low) & (sigma < high)][:count] for low, high in pairwise(edges)}
     return np.concatenate(list(strata.values())), np.repeat(list(strata), [len(q) for q in strata.values()])

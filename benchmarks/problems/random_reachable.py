@@ -52,7 +52,7 @@ def random_reachable(
         `count` is not an integer of at least 1, both starts and start_deg, or the start is outside the limits.
     """
     check_count(count, "count", 1)
-    q = robot.limits.draw(np.random.default_rng((seed, 1)), count)
+    q = robot.limits.sample(np.random.default_rng((seed, 1)), count)
     return from_solutions(robot, seed, {"random": q}, starts=starts, spread=spread, start_deg=start_deg)
 
 

@@ -142,7 +142,7 @@ def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, f
 
 def _singular(robot: Robot, rng: np.random.Generator, kind: str) -> Array:
     """Some singular configurations (j, n) inside the limits, of one kind."""
-    q = robot.limits.draw(rng, SHELL_CHUNK)
+    q = robot.limits.sample(rng, SHELL_CHUNK)
     q = by_all_joints(robot, q) if kind == "any" else by_one_joint(robot, rng, q, JOINT_OF[kind])
     q = q[robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < RANK_LOST)]
     return q[_persists(robot, q)] if kind in ("wrist", "elbow") else q

@@ -13,8 +13,8 @@ import polars as pl
 
 from benchmarks.records.ledger import LEDGER, Ledger, damaged
 from optik.errors import InvalidInput, OutputError
-from optik.files import write_whole
-from optik.plugins.used import compare
+from optik.file_io import write_atomically
+from optik.plugins.usage import check_same_plugins
 
 FORMAT = "optik-run/1"
 """Name and version of the format of run folders, in ``run.json``."""
@@ -136,7 +136,7 @@ class RunFolder:
             raise OutputError(
                 self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
             )
-        compare(old.get("plugins", []), manifest.get("plugins", []))
+        check_same_plugins(old.get("plugins", []), manifest.get("plugins", []))
         return old if old["complete"] else old | {"continued": _with(old["continued"], manifest["provenance"])}
 
     def manifest(self) -> dict[str, Any]:
@@ -195,7 +195,7 @@ class RunFolder:
             part.write_bytes(content.getbuffer())
             self._ledger.note(name, content.getbuffer())  # before the file has its name: no table without its line
 
-        write_whole(self.path / name, save)
+        write_atomically(self.path / name, save)
 
     def write_json(self, name: str, data: Any) -> None:
         """Write plain data as strict JSON.
@@ -208,7 +208,7 @@ class RunFolder:
             Dictionaries, lists, text, finite numbers, truth values and None.
         """
         self._make_room(name)
-        write_whole(
+        write_atomically(
             self.path / name,
             lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"),
         )
@@ -229,7 +229,7 @@ class RunFolder:
             It cannot be written.
         """
         self._make_room(name)
-        write_whole(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
+        write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _make_room(self, name: str) -> None:
         """Make the folder of a file inside this one; this one itself is made by `create`."""

@@ -14,7 +14,7 @@ import polars as pl
 
 from benchmarks.records.folder import RunFolder
 from optik.errors import OutputError
-from optik.files import write_whole
+from optik.file_io import write_atomically
 
 JOURNAL = "journal"
 """Ending of the name of a journal, a folder beside the files of its block."""
@@ -88,7 +88,7 @@ class Journal:
         """Keep some rows of a part that is not finished."""
         if self._path is not None and seconds >= WORTH_KEEPING:
             self._path.mkdir(parents=True, exist_ok=True)
-            write_whole(self._path / f"{name}.arrow", lambda part: rows.write_ipc(part))
+            write_atomically(self._path / f"{name}.arrow", lambda part: rows.write_ipc(part))
 
     def kept(self, name: str) -> pl.DataFrame | None:
         """Rows that were kept."""

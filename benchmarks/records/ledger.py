@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from optik.errors import InvalidInput
-from optik.files import write_whole
+from optik.file_io import write_atomically
 
 LEDGER = "parts.jsonl"
 """File of the list: one line of JSON a table, added before the table gets its name."""
@@ -31,7 +31,7 @@ class Ledger:
         if not self._file.is_file():
             tables = [f for f in self._folder.rglob("*.parquet") if not f.name.startswith(".")]
             lines = [json.dumps([self._name(f), _digest(f)]) for f in tables]
-            write_whole(self._file, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
+            write_atomically(self._file, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
 
     def note(self, name: str, content: memoryview) -> None:
         """Add a table, on a line of its own, whatever a full disk has left of the line before."""

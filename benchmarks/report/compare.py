@@ -17,7 +17,7 @@ from benchmarks.report.run import Run
 from benchmarks.report.words import quoted
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
-from optik.plugins.files import without_code
+from optik.plugins.files import forbid_code
 from optik.types import Array
 
 BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT = "better", "worse", "within noise"
@@ -96,7 +96,7 @@ class Comparison:
         return [d for d in self.differences if d.verdict == WORSE_VERDICT and d.loss > threshold]
 
 
-@without_code()
+@forbid_code()
 def compare_runs(a: Run, b: Run) -> Comparison:
     """Compare the blocks that two runs have in common."""
     left_out: list[str] = []

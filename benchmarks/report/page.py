@@ -19,13 +19,13 @@ from benchmarks.report.run import Run
 from benchmarks.report.sections import built
 from benchmarks.report.shown import shown_table
 from benchmarks.report.winners import tied_words
-from optik.plugins.files import without_code
+from optik.plugins.files import forbid_code
 
 PAGE = "report.html"
 """Name of the page in the run folder."""
 
 
-@without_code()
+@forbid_code()
 def write_report(folder: RunFolder) -> Path:
     """Write ``report.html`` into a run folder: one file that opens offline."""
     folder.write_text(PAGE, render(Run(folder)))

@@ -17,8 +17,8 @@ from benchmarks.targets import Outcome, outcomes
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.plugins.files import is_path, without_code
-from optik.plugins.used import reading
+from optik.plugins.files import forbid_code, is_path
+from optik.plugins.usage import collect_plugins
 from optik.registry import short_name
 
 
@@ -42,7 +42,10 @@ class Run:
     @cached_property
     def suite(self) -> Suite:
         """The suite that was run; a kind that is not available here stands as what the run has stored of it."""
-        with reading(None), without_code():  # its files may be gone, and a report runs no code that a suite names
+        with (
+            collect_plugins(None),
+            forbid_code(),
+        ):  # its files may be gone, and a report runs no code that a suite names
             return suite_of(
                 self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
             )

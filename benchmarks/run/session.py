@@ -28,7 +28,7 @@ from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import expect
-from optik.plugins.used import check_allowed, record
+from optik.plugins.usage import check_allowed, record_plugins
 from optik.registry import own_names, short_name
 
 Progress = Callable[[int, int, str], None]
@@ -168,7 +168,7 @@ class _Session:
         self._alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
         self._done = self._total = 0
         self._lacking: set[str] = set()
-        self._mark, self._recorded = Mark(folder), record(suite.plugins)
+        self._mark, self._recorded = Mark(folder), record_plugins(suite.plugins)
 
     def prepare(self) -> None:
         """Check what only trying shows, and write the arms that do not come with optik: a report needs no files of theirs."""
@@ -277,7 +277,7 @@ def _manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:
         "title": suite.title,
         "fingerprint": suite.fingerprint,
         "settings": suite.settings,
-        "plugins": record(suite.plugins),
+        "plugins": record_plugins(suite.plugins),
         "command": command,
         "provenance": provenance(suite.seed, workers),
         "continued": [],

@@ -33,7 +33,7 @@ Body = tuple[float, Array, Array]
 """A rigid body: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the axes of one frame."""
 
 
-def joined(bodies: Iterable[Body]) -> Body:
+def join_bodies(bodies: Iterable[Body]) -> Body:
     """Return several bodies, all in one frame, as one."""
     heavy = [body for body in bodies if body[0] > 0.0]
     if len(heavy) == 1:
@@ -48,7 +48,7 @@ def joined(bodies: Iterable[Body]) -> Body:
     return float(mass), com, tensor
 
 
-def moved_body(body: Body, T: Array) -> Body:
+def transform_body(body: Body, T: Array) -> Body:
     """Return a body, stated in another frame."""
     mass, com, tensor = body
     R = T[:3, :3]
@@ -59,7 +59,7 @@ def moved_body(body: Body, T: Array) -> Body:
 # ---------------------------------------------------------------- checks
 
 
-def checked_body(body: Body, where: str) -> Body:
+def check_body(body: Body, where: str) -> Body:
     """Return a body that can exist, with a tensor that is exactly symmetric."""
     mass = check_number(float(body[0]), f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
     com, tensor = body[1], body[2]
@@ -72,10 +72,10 @@ def checked_body(body: Body, where: str) -> Body:
     if away > FARTHEST_MASS:
         got, wanted = f"{away:.6g} m away from its frame", f"at most {FARTHEST_MASS:g} m; is it in millimetres?"
         raise InvalidInput(f"centre of mass of {where}", got, wanted)
-    return mass, com, _checked_tensor(mass, tensor, where)
+    return mass, com, _check_tensor(mass, tensor, where)
 
 
-def _checked_tensor(mass: float, tensor: Array, where: str) -> Array:
+def _check_tensor(mass: float, tensor: Array, where: str) -> Array:
     """Return an inertia tensor that a body of this mass can have, exactly symmetric."""
     argument, scale = f"inertia of {where}", float(np.abs(tensor).max())
     if scale < NO_INERTIA:
@@ -98,7 +98,7 @@ def _checked_tensor(mass: float, tensor: Array, where: str) -> Array:
     return symmetric
 
 
-def shaped(value: ArrayLike, shape: tuple[int, ...], argument: str) -> Array:
+def check_shape(value: ArrayLike, shape: tuple[int, ...], argument: str) -> Array:
     """Return an array of a known shape."""
     array = real_array(value, argument, f"numbers of shape {shape}")
     if array.shape != shape:

@@ -143,12 +143,12 @@ class _Pair:
         self.axes, self.axes_other = self.home[:-1, :3, 2], self.home_other[:-1, :3, 2]
         self.points, self.points_other = self.home[:-1, :3, 3], self.home_other[:-1, :3, 3]
 
-    def left(self, poses: Array) -> tuple[float, float]:
+    def differences(self, poses: Array) -> tuple[float, float]:
         """Largest differences in position and rotation from the other's poses."""
         e = se3.error(poses, self.target)
         return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
 
-    def within(self, position: float, rotation: float) -> bool:
+    def is_within(self, position: float, rotation: float) -> bool:
         """Whether differences are within the tolerances."""
         return position <= self.position and rotation <= self.rotation
 
@@ -157,15 +157,15 @@ def compare_arms(first: Arm, other: Arm, *, position: float = 1e-6, rotation: fl
     """Compare two models of an arm, and explain the difference; see `Robot.compare`."""
     position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
     rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
-    mismatch = _joints_that_differ(first, other)
+    mismatch = _find_joint_differences(first, other)
     if mismatch:
         return _result(first, other, (np.inf, np.inf), None, mismatch)
     pair = _Pair(first, other, position, rotation)
-    plain = pair.left(first.fk(pair.q))
-    if pair.within(*plain):
+    plain = pair.differences(first.fk(pair.q))
+    if pair.is_within(*plain):
         return _result(first, other, plain, None, (), agree=True)
-    against = tuple(_axes_that_differ(pair))
-    best = None if against else _simplest(pair)
+    against = tuple(_find_axis_differences(pair))
+    best = None if against else _find_simplest(pair)
     if best is None:
         return _result(first, other, plain, None, against or (UNEXPLAINED,))
     return _result(first, other, plain, best, tuple(_reasons(pair, best)))
@@ -188,7 +188,7 @@ def _result(
     )
 
 
-def _joints_that_differ(first: Arm, other: Arm) -> tuple[str, ...]:
+def _find_joint_differences(first: Arm, other: Arm) -> tuple[str, ...]:
     if first.n != other.n:
         return (f"{first.n} joints and {other.n}",)
     kinds = ("turns", "slides")
@@ -205,13 +205,13 @@ def _configurations(first: Arm, other: Arm) -> Array:
     apart = lower > upper
     lower, upper = np.where(apart, first.limits.lower, lower), np.where(apart, first.limits.upper, upper)
     half = np.where(first.prismatic, 1.0, pi)
-    return JointLimits(lower, upper).draw(np.random.default_rng(0), COMPARED, half_if_infinite=half)
+    return JointLimits(lower, upper).sample(np.random.default_rng(0), COMPARED, half_if_infinite=half)
 
 
 # ---------------------------------------------------------------- invariants of all explanations
 
 
-def _axes_that_differ(pair: _Pair) -> Iterator[str]:
+def _find_axis_differences(pair: _Pair) -> Iterator[str]:
     """Angles and distances between neighbouring axes that differ: no base, tool, joint zero or direction changes them."""
     for i in range(pair.n - 1):
         (angle, distance), (angle_other, distance_other) = (
@@ -239,7 +239,7 @@ def _angle_and_distance(axes: Array, points: Array) -> tuple[float, float]:
 # ---------------------------------------------------------------- the search
 
 
-def _simplest(pair: _Pair) -> _Candidate | None:
+def _find_simplest(pair: _Pair) -> _Candidate | None:
     """The verified explanation of fewest parts; a reversed joint, an offset, the base and the tool are one part each."""
     best: _Candidate | None = None
     for signs in _sign_vectors(pair):
@@ -248,7 +248,7 @@ def _simplest(pair: _Pair) -> _Candidate | None:
             if best is not None and best.parts <= flips + offsets + base + tool:
                 continue
             found = _fit(pair, signs, offsets=offsets, base=base, tool=tool)
-            if pair.within(found.position, found.rotation) and (best is None or found.parts < best.parts):
+            if pair.is_within(found.position, found.rotation) and (best is None or found.parts < best.parts):
                 best = found
     return best
 
@@ -289,7 +289,7 @@ def _fit(pair: _Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) ->
     slides = np.flatnonzero(pair.first.prismatic) if offsets else np.zeros(0, dtype=np.intp)
     x, y = _lengths(pair, signs, X, o, slides, base=base, tool=tool)
     T_base, T_tool = se3.pose(X, x), se3.pose(Y, y)
-    left = pair.left(T_base @ pair.first.fk(signs * pair.q + o) @ T_tool)
+    left = pair.differences(T_base @ pair.first.fk(signs * pair.q + o) @ T_tool)
     return _Candidate(T_base, T_tool, signs, o, *left, _parts(pair, T_base, T_tool, signs, o))
 
 
@@ -300,7 +300,7 @@ def _parts(pair: _Pair, base: Array, tool: Array, signs: Array, offsets: Array) 
 
 def _matters(pair: _Pair, T: Array) -> bool:
     e = se3.error(np.eye(4), T)
-    return not pair.within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
+    return not pair.is_within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
 
 
 def _mean_rotation(R: Array) -> Array:
@@ -403,15 +403,15 @@ def _transform_in_words(pair: _Pair, T: Array, which: str) -> str:
     words, e = [], se3.error(np.eye(4), T)
     move, turn = float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:]))
     if move > pair.position:
-        words.append(f"by {_along(e[:3], pair.position, 'm', 1.0)} of the {which}")
+        words.append(f"by {_describe_vector(e[:3], pair.position, 'm', 1.0)} of the {which}")
     if turn > pi - pair.rotation and e[3:].sum() < 0.0:
         e[3:] = -e[3:]  # half a turn is the same either way
     if turn > pair.rotation:
-        words.append(f"by a turn of {_along(e[3:], pair.rotation, '°', 180.0 / pi, 'about')}")
+        words.append(f"by a turn of {_describe_vector(e[3:], pair.rotation, '°', 180.0 / pi, 'about')}")
     return " and ".join(words)
 
 
-def _along(v: Array, least: float, unit: str, scale: float, word: str = "along") -> str:
+def _describe_vector(v: Array, least: float, unit: str, scale: float, word: str = "along") -> str:
     """A vector in words: its length and the axis that it is parallel to, or else its direction."""
     space = " " if unit == "m" else ""
     large = np.flatnonzero(np.abs(v) > least)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.body import Body, checked_body, joined, moved_body, shaped
-from optik.arm.limits import frozen
+from optik.arm.body import Body, check_body, check_shape, join_bodies, transform_body
+from optik.arm.limits import freeze
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -86,10 +86,13 @@ class Inertia:
         if mass.ndim != 1 or mass.size == 0:
             raise InvalidInput("inertia.mass", f"shape {mass.shape}", "masses (n,), one for each link")
         n = mass.size
-        com, tensor = shaped(self.com, (n, 3), "inertia.com"), shaped(self.tensor, (n, 3, 3), "inertia.tensor")
-        bodies = [checked_body((mass[i], com[i], tensor[i]), f"link {i + 1}") for i in range(n)]
+        com, tensor = (
+            check_shape(self.com, (n, 3), "inertia.com"),
+            check_shape(self.tensor, (n, 3, 3), "inertia.tensor"),
+        )
+        bodies = [check_body((mass[i], com[i], tensor[i]), f"link {i + 1}") for i in range(n)]
         for field, part in (("mass", 0), ("com", 1), ("tensor", 2)):
-            object.__setattr__(self, field, frozen(np.array([body[part] for body in bodies]), field))
+            object.__setattr__(self, field, freeze(np.array([body[part] for body in bodies]), field))
         for field in ("motor", "viscous", "coulomb"):
             object.__setattr__(self, field, _per_joint(getattr(self, field), n, f"inertia.{field}"))
 
@@ -108,7 +111,7 @@ class Inertia:
     def __hash__(self) -> int:
         return hash(self.content)
 
-    def moved(self, poses: ArrayLike) -> Inertia:
+    def transform(self, poses: ArrayLike) -> Inertia:
         """Return the same bodies, stated in other frames.
 
         Parameters
@@ -126,8 +129,8 @@ class Inertia:
         InvalidInput
             Not n poses.
         """
-        frames = shaped(poses, (self.mass.size, 4, 4), "poses")
-        turned = [moved_body(body, T) for body, T in zip(self.bodies, frames, strict=True)]
+        frames = check_shape(poses, (self.mass.size, 4, 4), "poses")
+        turned = [transform_body(body, T) for body, T in zip(self.bodies, frames, strict=True)]
         return replace(self, com=np.array([b[1] for b in turned]), tensor=np.array([b[2] for b in turned]))
 
     @property
@@ -135,7 +138,7 @@ class Inertia:
         """The links as rigid bodies, each in the frame of its joint."""
         return tuple((float(m), c, t) for m, c, t in zip(self.mass, self.com, self.tensor, strict=True))
 
-    def replaced(self, **values: ArrayLike | str) -> Inertia:
+    def replace(self, **values: ArrayLike | str) -> Inertia:
         """Return these masses with some of the fields exchanged.
 
         Parameters
@@ -189,14 +192,14 @@ class Payload:
 
     def __post_init__(self) -> None:
         low, high = payload_masses(self.mass)
-        com = shaped(self.com, (3,), "payload.com")
-        tensor = np.zeros((3, 3)) if self.inertia is None else shaped(self.inertia, (3, 3), "payload.inertia")
+        com = check_shape(self.com, (3,), "payload.com")
+        tensor = np.zeros((3, 3)) if self.inertia is None else check_shape(self.inertia, (3, 3), "payload.inertia")
         if high == 0.0:
             raise InvalidInput("payload.mass", repr(self.mass)[:60], "a mass above 0 [kg]")
-        _mass, com, tensor = checked_body((high, com, tensor), "payload")
+        _mass, com, tensor = check_body((high, com, tensor), "payload")
         object.__setattr__(self, "mass", high if low == high else (low, high))
-        object.__setattr__(self, "com", frozen(com, "payload.com"))
-        object.__setattr__(self, "inertia", frozen(tensor, "payload.inertia"))
+        object.__setattr__(self, "com", freeze(com, "payload.com"))
+        object.__setattr__(self, "inertia", freeze(tensor, "payload.inertia"))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Payload, (self.mass, self.com, self.inertia)
@@ -233,9 +236,9 @@ def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: A
     for carried in (None,) if payload is None else payload.bodies:
         *links, last = inertia.bodies
         if carried is not None:
-            last = joined([last, moved_body(carried, tool)])
-        mass, com, tensor = (frozen(np.array(part), "load") for part in zip(*links, last, strict=True))
-        bodies = (mass, com, tensor, inertia.motor, frozen(gravity, "gravity"))
+            last = join_bodies([last, transform_body(carried, tool)])
+        mass, com, tensor = (freeze(np.array(part), "load") for part in zip(*links, last, strict=True))
+        bodies = (mass, com, tensor, inertia.motor, freeze(gravity, "gravity"))
         found.append(Load(bodies, inertia.viscous, inertia.coulomb))
     return tuple(found)
 
@@ -264,4 +267,4 @@ def _per_joint(value: ArrayLike, n: int, argument: str) -> Array:
         raise InvalidInput(argument, f"shape {array.shape}", expected)
     if not (np.isfinite(array) & (array >= 0.0)).all():
         raise InvalidInput(argument, np.array2string(array, precision=6)[:60], expected)
-    return frozen(np.broadcast_to(array, (n,)), argument)
+    return freeze(np.broadcast_to(array, (n,)), argument)

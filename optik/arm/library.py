@@ -76,15 +76,15 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
-from optik.arm.plain import record, word
+from optik.arm.plain import read_record, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes.toml import shapes_from_toml
 from optik.arm.tables import DHRow
 from optik.check import check_number, check_words
 from optik.errors import InvalidInput
-from optik.files import content_of, text_of
+from optik.file_io import decode_text, read_bytes
 from optik.plugins.files import is_path, split_links
-from optik.plugins.used import file_of
+from optik.plugins.usage import resolve_file
 from optik.registry import data_file, load_method, own_names
 from optik.types import Array
 
@@ -160,17 +160,17 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
         given = {k: v for k, v in (("tip", tip), ("base", base)) if v is not None}
         if Path(path).suffix.lower() not in URDF:  # a URDF states its robot's name, so its file may have one of ours
             data_file(ROBOTS, path, "robot")
-        return _from_file(path, {**_links(links), **given})
+        return _from_file(path, {**_parse_urdf_options(links), **given})
     if tip is not None or base is not None:
         raise InvalidInput("tip" if tip is not None else "base", repr(tip or base), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
         return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
-    return _robot_of(load_method(ROBOTS, name, "robot"), f"robot {name!r}", str(name))
+    return _resolve_robot(load_method(ROBOTS, name, "robot"), f"robot {name!r}", str(name))
 
 
 def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Robot:
     """Robot in a file; a TOML file, which states no name, takes the given one, or its stem."""
-    suffix, file = Path(path).suffix.lower(), file_of(path, "robot")
+    suffix, file = Path(path).suffix.lower(), resolve_file(path, "robot")
     if suffix in URDF:
         try:
             return Robot.from_urdf(file, **_urdf_options(links))
@@ -180,7 +180,7 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
     if links:
         raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
     if suffix == ".py":
-        return _robot_of(load_method(ROBOTS, path, "robot"), f"METHOD of {path}", file.stem)
+        return _resolve_robot(load_method(ROBOTS, path, "robot"), f"METHOD of {path}", file.stem)
     if suffix == ".json":
         try:
             return Robot.from_dict(json.loads(file.read_text(encoding="utf-8")))
@@ -193,7 +193,7 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
     return robot_from_toml(file, name)
 
 
-def _links(text: str) -> dict[str, str]:
+def _parse_urdf_options(text: str) -> dict[str, str]:
     """What stands behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
     if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
@@ -212,11 +212,11 @@ def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
     return options
 
 
-def _robot_of(value: Any, where: str, name: str) -> Robot:
+def _resolve_robot(value: Any, where: str, name: str) -> Robot:
     """Robot of a plug-in: a robot, what returns one, or the path of its file, which may have the plug-in's own name."""
     if isinstance(value, str | os.PathLike):
         path, links = split_links(os.fspath(value))
-        return _from_file(str(Path(path).absolute()), _links(links), name)
+        return _from_file(str(Path(path).absolute()), _parse_urdf_options(links), name)
     robot = value() if callable(value) and not isinstance(value, Robot | type) else value
     if not isinstance(robot, Robot):
         raise InvalidInput(where, repr(robot)[:60], "a Robot, a function that returns one, or the path of its file")
@@ -225,32 +225,32 @@ def _robot_of(value: Any, where: str, name: str) -> Robot:
 
 def robot_from_toml(file: Path, name: str | None = None) -> Robot:
     """Read a robot from a TOML file, in the format that this module describes."""
-    data = _parsed(file)
+    data = _read_toml(file)
     try:
         return _robot(data, file, name or file.stem)
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error.argument}", error.got, error.expected) from None
 
 
-def home_of(name: str | os.PathLike[str]) -> Array | None:
+def read_home(name: str | os.PathLike[str]) -> Array | None:
     """Return the configuration `home_deg` of a robot's TOML file [°, sliding mm]; None for a robot without one."""
     file: Path | None = None
     if is_path(name):
-        file = file_of(name, "robot")
+        file = resolve_file(name, "robot")
     else:
         with suppress(InvalidInput):  # an entry point that is not a file
             file = data_file(ROBOTS, name, "robot")
     if file is None or file.suffix.lower() != ".toml":
         return None
-    home = _parsed(file).get("home_deg")
+    home = _read_toml(file).get("home_deg")
     return None if home is None else np.array(home, dtype=np.float64)
 
 
-def _parsed(file: Path) -> dict[str, Any]:
+def _read_toml(file: Path) -> dict[str, Any]:
     expected = "a readable TOML file of a robot"
-    content = content_of(file, argument="file", expected=expected, most=MOST_TOML_BYTES)
+    content = read_bytes(file, argument="file", expected=expected, most=MOST_TOML_BYTES)
     try:
-        return tomllib.loads(text_of(content))
+        return tomllib.loads(decode_text(content))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(file.name, str(error)[:120], "TOML") from None
     except InvalidInput as error:
@@ -258,24 +258,24 @@ def _parsed(file: Path) -> dict[str, Any]:
 
 
 def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
-    record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
-    convention = _one_of(data["convention"], "convention", tuple(CONVENTIONS))
+    read_record(data, REQUIRED_KEYS, "the file", optional=OPTIONAL_KEYS)
+    convention = _check_choice(data["convention"], "convention", tuple(CONVENTIONS))
     joints = data["joints"]
     if not isinstance(joints, list) or not joints:
         raise InvalidInput("joints", repr(joints)[:60], "a list of rows, one for each joint")
     for i, joint in enumerate(joints):
-        record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
+        read_record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
     names = check_words(data.get("joint_names", ()), "joint_names")
     limits = _limits(joints, data.get("dynamic_limits", {}))
     _check_home(data, joints, limits)
     default = [f"joint{i + 1}" for i in range(len(joints))]
-    source = word(data.get("source", file.name), "source")
+    source = read_word(data.get("source", file.name), "source")
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],
         limits,
         name=name,
-        base=_placed(data.get("base", {}), "base"),
-        tool=_placed(data.get("tool", {}), "tool"),
+        base=_read_pose(data.get("base", {}), "base"),
+        tool=_read_pose(data.get("tool", {}), "tool"),
         joint_names=names,
         gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
         gravity_magnitude=data.get("gravity_magnitude", STANDARD_GRAVITY),
@@ -296,7 +296,7 @@ def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], li
 
 
 def _row(joint: Mapping[str, Any], where: str) -> DHRow:
-    kind = _one_of(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
+    kind = _check_choice(joint.get("type", "revolute"), f"{where}.type", ("revolute", "prismatic"))
 
     def number(key: str) -> float:
         return check_number(joint.get(key, 0.0), f"{where}.{key}", "a finite number")
@@ -312,7 +312,7 @@ def _row(joint: Mapping[str, Any], where: str) -> DHRow:
 
 def _inertia(table: Any, n: int, source: Any) -> Inertia:
     """Masses of the links, in the table's frames."""
-    links = record(table, ("links",), "inertia", optional=("source",))["links"]
+    links = read_record(table, ("links",), "inertia", optional=("source",))["links"]
     if not isinstance(links, list) or len(links) != n:
         got = f"{len(links)} rows" if isinstance(links, list) else repr(links)[:60]
         raise InvalidInput("inertia.links", got, f"{n} rows, one for each joint")
@@ -320,23 +320,23 @@ def _inertia(table: Any, n: int, source: Any) -> Inertia:
     com, tensor = np.zeros((n, 3)), np.zeros((n, 3, 3))
     for i, link in enumerate(links):
         where = f"inertia.links[{i}]"
-        record(link, (), where, optional=LINK_KEYS)
+        read_record(link, (), where, optional=LINK_KEYS)
         for key, found in numbers.items():
             found.append(check_number(link.get(key, 0.0), f"{where}.{key}", "a finite number ≥ 0", least=0.0))
         com[i] = _numbers(link.get("com_mm", [0.0] * 3), f"{where}.com_mm", 3) / 1000.0
         xx, yy, zz, xy, xz, yz = _numbers(link.get("inertia", [0.0] * 6), f"{where}.inertia", 6)
         tensor[i] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     mass, motor, viscous, coulomb = (np.array(found) for found in numbers.values())
-    where_from = word(table.get("source", source), "inertia.source")
+    where_from = read_word(table.get("source", source), "inertia.source")
     return Inertia(mass, com, tensor, motor, viscous, coulomb, where_from)
 
 
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     """Position limits and speeds of the rows, and the other limits of the table ``dynamic_limits``."""
-    record(dynamic, (), "dynamic_limits", optional=DYNAMIC_LIMITS)
+    read_record(dynamic, (), "dynamic_limits", optional=DYNAMIC_LIMITS)
     n = len(joints)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
-    limits: dict[str, Any] = {key: _positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
+    limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
         if "velocity" in limits:
             raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", "velocities in one of both places")
@@ -346,7 +346,7 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
 
 def _range(joint: Mapping[str, Any], where: str) -> Array:
     """Position limits (2,) of a row [rad, m]."""
-    key = _only_key(joint, where, RANGES)
+    key = _find_key(joint, where, RANGES)
     values = joint[key]
     if not isinstance(values, list) or len(values) != 2:
         raise InvalidInput(f"{where}.{key}", repr(values)[:60], "two numbers, lower and upper")
@@ -361,12 +361,12 @@ def _range(joint: Mapping[str, Any], where: str) -> Array:
 
 def _speed(joint: Mapping[str, Any], where: str) -> float:
     """Velocity limit of a row [rad/s, m/s]."""
-    key = _only_key(joint, where, SPEEDS)
+    key = _find_key(joint, where, SPEEDS)
     value = check_number(joint[key], f"{where}.{key}", "a speed above 0", above=0.0)
     return value / 1000.0 if key == "speed_mm" else value * SPEEDS[key]
 
 
-def _only_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -> str:
+def _find_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -> str:
     """Return the one of several keys that a row has; millimetres are for prismatic joints and for those only."""
     found = [key for key in keys if key in joint]
     slides = joint.get("type") == "prismatic"
@@ -377,9 +377,9 @@ def _only_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -
     return found[0]
 
 
-def _placed(pose: Any, where: str) -> Array:
+def _read_pose(pose: Any, where: str) -> Array:
     """Pose (4, 4) of a table with xyz_mm and rpy_deg."""
-    record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
+    read_record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
     xyz, rpy = (_numbers(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}", 3) for key in ("xyz_mm", "rpy_deg"))
     return se3.from_xyz_rpy(xyz / 1000.0, rpy)
 
@@ -387,7 +387,7 @@ def _placed(pose: Any, where: str) -> Array:
 # ---------------------------------------------------------------- checks of plain data
 
 
-def _one_of(value: Any, where: str, known: tuple[str, ...]) -> str:
+def _check_choice(value: Any, where: str, known: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in known:
         raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{name}"' for name in known))
     return value
@@ -399,7 +399,7 @@ def _numbers(values: Any, where: str, count: int) -> Array:
     return np.array([check_number(value, where, f"{count} finite numbers") for value in values])
 
 
-def _positive(value: Any, where: str, n: int) -> ArrayLike:
+def _check_positive(value: Any, where: str, n: int) -> ArrayLike:
     """Return a limit of all joints: one number, or one for each."""
     expected = f"a number above 0, or {n} of them"
     values = value if isinstance(value, list) else [value]

@@ -25,7 +25,7 @@ LARGEST_LIMIT = 1e5
 """Largest finite position limit [rad, m]: up to it sines are exact to the last bits, and no arm moves so far."""
 
 
-def frozen(value: ArrayLike, argument: str) -> Array:
+def freeze(value: ArrayLike, argument: str) -> Array:
     """Return a read-only copy as float64."""
     array = real_array(value, argument, "an array of numbers").copy()
     array.setflags(write=False)
@@ -61,7 +61,7 @@ class JointLimits:
     torque_rate: Array | None = None
 
     def __post_init__(self) -> None:
-        lower, upper = frozen(self.lower, "limits.lower"), frozen(self.upper, "limits.upper")
+        lower, upper = freeze(self.lower, "limits.lower"), freeze(self.upper, "limits.upper")
         if lower.ndim != 1 or lower.shape != upper.shape or lower.size == 0:
             raise InvalidInput(
                 "limits", f"shapes {lower.shape} and {upper.shape}", "lower and upper of one length n ≥ 1"
@@ -90,7 +90,7 @@ class JointLimits:
         for field in DYNAMIC_LIMITS:
             value = getattr(self, field)
             if value is not None:
-                object.__setattr__(self, field, positive(value, lower.size, field))
+                object.__setattr__(self, field, check_positive(value, lower.size, field))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
@@ -100,15 +100,15 @@ class JointLimits:
         """Middle (n,) of the position range [rad, m]; the value nearest to zero where it is infinite on a side."""
         with np.errstate(invalid="ignore"):  # −∞ + ∞, which is not taken
             halfway = 0.5 * self.lower + 0.5 * self.upper
-        return frozen(np.where(np.isfinite(self.half), halfway, self.clip(np.zeros(self.lower.size))), "middle")
+        return freeze(np.where(np.isfinite(self.half), halfway, self.clip(np.zeros(self.lower.size))), "middle")
 
     @cached_property
     def half(self) -> Array:
         """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a side is infinite."""
-        return frozen(0.5 * self.upper - 0.5 * self.lower, "half")
+        return freeze(0.5 * self.upper - 0.5 * self.lower, "half")
 
     @cached_property
-    def ranged(self) -> Flags:
+    def bounded(self) -> Flags:
         """Which joints (n,) move between two finite limits: neither locked nor free on a side."""
         flags = np.isfinite(self.half) & (self.half > 0.0)
         flags.setflags(write=False)
@@ -146,7 +146,7 @@ class JointLimits:
         """
         return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
 
-    def normalised(self, q: ArrayLike) -> Array:
+    def normalise(self, q: ArrayLike) -> Array:
         """Positions relative to the range, (q − middle) / half: 0 in the middle, −1 and 1 at the limits.
 
         Parameters
@@ -160,9 +160,9 @@ class JointLimits:
             Positions [1]; 0 for a joint that is locked or has an infinite limit.
         """
         offset = np.asarray(q, dtype=np.float64) - self.middle
-        return np.asarray(np.where(self.ranged, offset, 0.0) / np.where(self.ranged, self.half, 1.0))
+        return np.asarray(np.where(self.bounded, offset, 0.0) / np.where(self.bounded, self.half, 1.0))
 
-    def draw(
+    def sample(
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = pi
     ) -> Array:
         """Draw configurations, uniform inside the position limits.
@@ -204,7 +204,7 @@ class JointLimits:
             )
         return rng.uniform(low, high, (count, self.lower.size))
 
-    def replaced(self, **limits: ArrayLike | None) -> JointLimits:
+    def replace(self, **limits: ArrayLike | None) -> JointLimits:
         """Return these limits with some of them exchanged.
 
         Parameters
@@ -232,7 +232,7 @@ class JointLimits:
         return replace(self, **changes)
 
 
-def positive(value: ArrayLike, n: int, argument: str) -> Array:
+def check_positive(value: ArrayLike, n: int, argument: str) -> Array:
     """Return a limit as a read-only array."""
     array = real_array(value, argument, f"a positive number or {n} of them")
     if array.ndim == 0:
@@ -241,4 +241,4 @@ def positive(value: ArrayLike, n: int, argument: str) -> Array:
         raise InvalidInput(argument, f"shape {array.shape}", f"a positive number or {n} of them")
     if not (array > 0.0).all():
         raise InvalidInput(argument, np.array2string(array, precision=6), "limits above 0")
-    return frozen(array, argument)
+    return freeze(array, argument)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
-from optik.arm.limits import JointLimits, frozen
+from optik.arm.limits import JointLimits, freeze
 from optik.arm.shapes.model import PAYLOAD, Shapes
 from optik.check import check_flag, check_number, check_words, real_array
 from optik.errors import InvalidInput, RobotModelError
@@ -47,26 +47,26 @@ class ArmModel:
                 raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
         if not isinstance(self.limits, JointLimits):
             raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
-        fixed = _checked_fixed(self.name, self.fixed)
+        fixed = _check_fixed(self.name, self.fixed)
         n = len(fixed)
         if self.limits.lower.size != n:
             raise RobotModelError(self.name, f"{n} joints but limits for {self.limits.lower.size}")
         checked = {
             "fixed": fixed,
-            "prismatic": _checked_prismatic(self.name, self.prismatic, n),
-            "tool": frozen(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
-            "joint_names": _checked_names(self.name, self.joint_names, n),
-            "gravity": _checked_gravity(self.name, self.gravity),
+            "prismatic": _check_prismatic(self.name, self.prismatic, n),
+            "tool": freeze(se3.nearest_pose(se3.check_pose(self.tool, "tool")), "tool"),
+            "joint_names": _check_names(self.name, self.joint_names, n),
+            "gravity": _check_gravity(self.name, self.gravity),
             "gravity_magnitude": check_number(
                 self.gravity_magnitude, "gravity_magnitude", "an acceleration ≥ 0 [m/s²]", least=0.0
             ),
-            "shapes": _checked_shapes(self.name, self.shapes, n),
+            "shapes": _check_shapes(self.name, self.shapes, n),
         }
         _check_masses(self.name, self.inertia, self.payload, n)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         if self.shapes is not None:
-            object.__setattr__(self, "shapes", self.shapes.named(self.link_names))
+            object.__setattr__(self, "shapes", self.shapes.with_link_names(self.link_names))
 
     # ------------------------------------------------------------ identity
 
@@ -149,7 +149,7 @@ class ArmModel:
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
         fixed[0] = T @ fixed[0]
-        shapes = None if self.shapes is None else self.shapes.moved(0, T)
+        shapes = None if self.shapes is None else self.shapes.transform_link(0, T)
         return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:
@@ -157,7 +157,9 @@ class ArmModel:
         T = se3.check_pose(tool, "tool")
         new = self.tool @ T if check_flag(add, "add") else T
         moved = self.shapes is not None and PAYLOAD in self.shapes.names
-        shapes = self.shapes.moved_part(PAYLOAD, new @ se3.inverse(self.tool)) if self.shapes and moved else self.shapes
+        shapes = (
+            self.shapes.transform_part(PAYLOAD, new @ se3.inverse(self.tool)) if self.shapes and moved else self.shapes
+        )
         return replace(self, tool=new, shapes=shapes)
 
     def with_limits(self, limits: JointLimits | None = None, **fields: ArrayLike | None) -> Self:
@@ -165,7 +167,7 @@ class ArmModel:
         new = self.limits if limits is None else limits
         if not isinstance(new, JointLimits):
             raise InvalidInput("limits", repr(new)[:60], "JointLimits(lower, upper)")
-        return replace(self, limits=new.replaced(**fields) if fields else new)
+        return replace(self, limits=new.replace(**fields) if fields else new)
 
     def with_shapes(self, shapes: Shapes | None) -> Self:
         """Return the arm with other shapes."""
@@ -175,9 +177,9 @@ class ArmModel:
 # ---------------------------------------------------------------- checks
 
 
-def _checked_fixed(name: str, value: ArrayLike) -> Array:
+def _check_fixed(name: str, value: ArrayLike) -> Array:
     """Return the transforms between the joints (n, 4, 4), each with the rotation nearest to the one given."""
-    fixed = frozen(value, "fixed")
+    fixed = freeze(value, "fixed")
     n = fixed.shape[0] if fixed.ndim == 3 else 0
     if fixed.shape != (n, 4, 4) or n == 0:
         raise RobotModelError(name, f"fixed transforms of shape {fixed.shape}, expected (n, 4, 4)")
@@ -186,10 +188,10 @@ def _checked_fixed(name: str, value: ArrayLike) -> Array:
             se3.check_pose(fixed[i], f"joint {i + 1}")
         except InvalidInput as error:
             raise RobotModelError(name, str(error)) from None
-    return frozen([se3.nearest_pose(T) for T in fixed], "fixed")
+    return freeze([se3.nearest_pose(T) for T in fixed], "fixed")
 
 
-def _checked_prismatic(name: str, value: ArrayLike, n: int) -> Flags:
+def _check_prismatic(name: str, value: ArrayLike, n: int) -> Flags:
     given = np.asarray(value, dtype=object)
     if given.shape != (n,):
         raise RobotModelError(name, f"prismatic has shape {given.shape}, expected ({n},)")
@@ -198,7 +200,7 @@ def _checked_prismatic(name: str, value: ArrayLike, n: int) -> Flags:
     return prismatic
 
 
-def _checked_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
+def _check_names(name: str, value: Iterable[str], n: int) -> tuple[str, ...]:
     joint_names = check_words(value, "joint_names") or tuple(f"joint{i + 1}" for i in range(n))
     if len(joint_names) != n or len(set(joint_names)) != n:
         raise RobotModelError(name, f"{n} joints need {n} different names, got {joint_names}")
@@ -216,7 +218,7 @@ def _check_masses(name: str, inertia: Inertia | None, payload: Payload | None, n
         raise RobotModelError(name, f"a payload of {payload}, but the masses of the arm are unknown; see with_inertia")
 
 
-def _checked_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
+def _check_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
     if value is None:
         return None
     if not isinstance(value, Shapes):
@@ -226,13 +228,13 @@ def _checked_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
     return value
 
 
-def _checked_gravity(name: str, value: ArrayLike) -> Array:
+def _check_gravity(name: str, value: ArrayLike) -> Array:
     """Return the direction of gravity (3,), of length 1."""
-    gravity = frozen(value, "gravity")
+    gravity = freeze(value, "gravity")
     if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
         raise RobotModelError(name, "gravity is not a direction (3,)")
     norm = float(np.linalg.norm(gravity))
     if not 0.0 < norm < np.inf:  # the squares overflow or vanish
         gravity = gravity / np.abs(gravity).max()
         norm = float(np.linalg.norm(gravity))
-    return gravity if abs(norm - 1.0) <= UNIT_LENGTH else frozen(gravity / norm, "gravity")
+    return gravity if abs(norm - 1.0) <= UNIT_LENGTH else freeze(gravity / norm, "gravity")

@@ -39,7 +39,7 @@ SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
 """Keys of an arm's shapes: the arrays of `Capsules` and the excess in columns, and the other fields of `Shapes`."""
 
 
-def plain_numbers(values: ArrayLike) -> Any:
+def numbers_to_list(values: ArrayLike) -> Any:
     """Return numbers as nested lists of floats, infinite ones as the words "inf" and "-inf"."""
 
     def plain(x: Any) -> Any:
@@ -50,8 +50,8 @@ def plain_numbers(values: ArrayLike) -> Any:
     return plain(np.asarray(values, dtype=np.float64).tolist())
 
 
-def numbers(data: Any, shape: tuple[int, ...], argument: str) -> Array:
-    """Read an array of a known shape that `plain_numbers` wrote."""
+def read_numbers(data: Any, shape: tuple[int, ...], argument: str) -> Array:
+    """Read an array of a known shape that `numbers_to_list` wrote."""
     flat: list[float] = []
 
     def walk(part: Any, depth: int) -> None:
@@ -79,7 +79,7 @@ def _number(value: Any, argument: str) -> float:
     raise InvalidInput(argument, repr(value)[:60], "numbers")
 
 
-def record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[str, ...] = ()) -> dict[str, Any]:
+def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return a mapping that has all required keys and no unknown ones."""
     expected = f"a mapping with {', '.join((*keys, *optional))}"
     if not isinstance(data, dict):
@@ -92,39 +92,39 @@ def record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[s
     return data
 
 
-def word(value: Any, argument: str) -> str:
+def read_word(value: Any, argument: str) -> str:
     """Return a string, checked."""
     if not isinstance(value, str):
         raise InvalidInput(argument, repr(value)[:60], "a word")
     return value
 
 
-def words(value: Any, argument: str) -> tuple[str, ...]:
+def read_words(value: Any, argument: str) -> tuple[str, ...]:
     """Return a list of strings as a tuple, checked."""
     if not isinstance(value, list):
         raise InvalidInput(argument, repr(value)[:60], "a list of words")
-    return tuple(word(w, argument) for w in value)
+    return tuple(read_word(w, argument) for w in value)
 
 
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
     """Return an arm as plain data; see `Robot.to_dict`."""
-    limits = {k: None if (v := getattr(arm.limits, k)) is None else plain_numbers(v) for k in LIMIT_KEYS}
-    limits |= {k: plain_numbers(v) for k in TORQUE_KEYS if (v := getattr(arm.limits, k)) is not None}
+    limits = {k: None if (v := getattr(arm.limits, k)) is None else numbers_to_list(v) for k in LIMIT_KEYS}
+    limits |= {k: numbers_to_list(v) for k in TORQUE_KEYS if (v := getattr(arm.limits, k)) is not None}
     masses: dict[str, Any] = {}
     if arm.gravity_magnitude != STANDARD_GRAVITY:
         masses["gravity_magnitude"] = arm.gravity_magnitude
     if arm.inertia is not None:
-        masses["inertia"] = {k: plain_numbers(getattr(arm.inertia, k)) for k in INERTIA_KEYS[:-1]}
+        masses["inertia"] = {k: numbers_to_list(getattr(arm.inertia, k)) for k in INERTIA_KEYS[:-1]}
         masses["inertia"]["source"] = arm.inertia.source
     if arm.payload is not None:
-        masses["payload"] = {k: plain_numbers(getattr(arm.payload, k)) for k in PAYLOAD_KEYS}
+        masses["payload"] = {k: numbers_to_list(getattr(arm.payload, k)) for k in PAYLOAD_KEYS}
     return {
         "name": arm.name,
         "joint_names": list(arm.joint_names),
         "prismatic": arm.prismatic.tolist(),
-        "fixed": plain_numbers(arm.fixed),
-        "tool": plain_numbers(arm.tool),
-        "gravity": plain_numbers(arm.gravity),
+        "fixed": numbers_to_list(arm.fixed),
+        "tool": numbers_to_list(arm.tool),
+        "gravity": numbers_to_list(arm.gravity),
         "limits": limits,
         "source": arm.source,
         **masses,
@@ -134,24 +134,24 @@ def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
 
 def arm_from_dict(data: Any) -> ArmModel:
     """Read an arm from plain data; see `Robot.from_dict`."""
-    data = record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes"))
-    joint_names = words(data["joint_names"], "robot.joint_names")
+    data = read_record(data, ARM_KEYS, "robot", optional=(*MASS_KEYS, "shapes"))
+    joint_names = read_words(data["joint_names"], "robot.joint_names")
     n, prismatic = len(joint_names), data["prismatic"]
     if not isinstance(prismatic, list) or len(prismatic) != n or any(type(p) is not bool for p in prismatic):
         raise InvalidInput("robot.prismatic", repr(prismatic)[:60], f"{n} times true or false")
     limits = {
-        k: None if v is None and k not in ("lower", "upper") else numbers(v, (n,), f"robot.limits.{k}")
-        for k, v in record(data["limits"], LIMIT_KEYS, "robot.limits", optional=TORQUE_KEYS).items()
+        k: None if v is None and k not in ("lower", "upper") else read_numbers(v, (n,), f"robot.limits.{k}")
+        for k, v in read_record(data["limits"], LIMIT_KEYS, "robot.limits", optional=TORQUE_KEYS).items()
     }
     return ArmModel(
-        name=word(data["name"], "robot.name"),
-        fixed=numbers(data["fixed"], (n, 4, 4), "robot.fixed"),
+        name=read_word(data["name"], "robot.name"),
+        fixed=read_numbers(data["fixed"], (n, 4, 4), "robot.fixed"),
         prismatic=np.array(prismatic, dtype=np.bool_),
-        tool=numbers(data["tool"], (4, 4), "robot.tool"),
+        tool=read_numbers(data["tool"], (4, 4), "robot.tool"),
         limits=JointLimits(**limits),  # type: ignore[arg-type]
         joint_names=joint_names,
-        gravity=numbers(data["gravity"], (3,), "robot.gravity"),
-        source=word(data["source"], "robot.source"),
+        gravity=read_numbers(data["gravity"], (3,), "robot.gravity"),
+        source=read_word(data["source"], "robot.source"),
         gravity_magnitude=_number(data.get("gravity_magnitude", STANDARD_GRAVITY), "robot.gravity_magnitude"),
         inertia=_inertia(data["inertia"], n) if "inertia" in data else None,
         payload=_payload(data["payload"]) if "payload" in data else None,
@@ -160,16 +160,16 @@ def arm_from_dict(data: Any) -> ArmModel:
 
 
 def _inertia(data: Any, n: int) -> Inertia:
-    data = record(data, INERTIA_KEYS, "robot.inertia")
+    data = read_record(data, INERTIA_KEYS, "robot.inertia")
     shapes = {"com": (n, 3), "tensor": (n, 3, 3)}
-    arrays = {k: numbers(data[k], shapes.get(k, (n,)), f"robot.inertia.{k}") for k in INERTIA_KEYS[:-1]}
-    return Inertia(**arrays, source=word(data["source"], "robot.inertia.source"))
+    arrays = {k: read_numbers(data[k], shapes.get(k, (n,)), f"robot.inertia.{k}") for k in INERTIA_KEYS[:-1]}
+    return Inertia(**arrays, source=read_word(data["source"], "robot.inertia.source"))
 
 
 def _payload(data: Any) -> Payload:
-    data = record(data, PAYLOAD_KEYS, "robot.payload")
-    mass = numbers(data["mass"], (2,) if isinstance(data["mass"], list) else (), "robot.payload.mass")
-    com, tensor = (numbers(data[k], s, f"robot.payload.{k}") for k, s in (("com", (3,)), ("inertia", (3, 3))))
+    data = read_record(data, PAYLOAD_KEYS, "robot.payload")
+    mass = read_numbers(data["mass"], (2,) if isinstance(data["mass"], list) else (), "robot.payload.mass")
+    com, tensor = (read_numbers(data[k], s, f"robot.payload.{k}") for k, s in (("com", (3,)), ("inertia", (3, 3))))
     return Payload(tuple(mass.tolist()) if mass.ndim else float(mass), com, tensor)
 
 
@@ -183,13 +183,13 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
 
 def shapes_from_dict(data: Any) -> Shapes:
     """Read shapes from plain data."""
-    data = record(data, SHAPES_KEYS, "robot.shapes")
+    data = read_record(data, SHAPES_KEYS, "robot.shapes")
     links = data["link"]
     if not isinstance(links, list):
         raise InvalidInput("robot.shapes.link", repr(links)[:60], "a list of numbers of links")
     m = len(links)
-    a, b = (numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
-    radius = numbers(data["radius"], (m,), "robot.shapes.radius")
+    a, b = (read_numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
+    radius = read_numbers(data["radius"], (m,), "robot.shapes.radius")
     known = data["excess"]
     stated = (
         [np.nan if e is None else _number(e, "robot.shapes.excess") for e in known] if isinstance(known, list) else []
@@ -197,11 +197,11 @@ def shapes_from_dict(data: Any) -> Shapes:
     if len(stated) != m:
         raise InvalidInput("robot.shapes.excess", repr(known)[:60], f"{m} numbers or null")
     capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
-    names = words(data["names"], "robot.shapes.names")
-    return Shapes(capsules, names, data["apart"], np.array(stated), word(data["source"], "robot.shapes.source"))
+    names = read_words(data["names"], "robot.shapes.names")
+    return Shapes(capsules, names, data["apart"], np.array(stated), read_word(data["source"], "robot.shapes.source"))
 
 
-def robot_difference(a: ArmModel, b: ArmModel) -> str:
+def describe_difference(a: ArmModel, b: ArmModel) -> str:
     """Return the names of the parts in which two robots differ, for an error that names both."""
     first, second = arm_to_dict(a), arm_to_dict(b)
     return (

@@ -16,7 +16,7 @@ from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
-from optik.arm.tables import DHRow, rows_of, screw_x, screw_z
+from optik.arm.tables import DHRow, check_rows, screw_x, screw_z
 from optik.arm.torques import ArmDynamics
 from optik.check import check_flag, real_array
 from optik.errors import InvalidInput, RobotModelError
@@ -99,7 +99,7 @@ class Robot(ArmDynamics):
         RobotModelError
             Not a serial arm.
         """
-        table = rows_of(rows)
+        table = check_rows(rows)
         fixed = [screw_x(r.alpha, r.a) @ screw_z(r.theta, r.d) for r in table]
         return _assemble(fixed, np.eye(4), table, limits, options)
 
@@ -130,13 +130,13 @@ class Robot(ArmDynamics):
         RobotModelError
             Not a serial arm.
         """
-        table = rows_of(rows)
+        table = check_rows(rows)
         before = [np.eye(4), *(screw_x(r.alpha, r.a) for r in table)]
         fixed = [b @ screw_z(r.theta, r.d) for b, r in zip(before, table, strict=False)]
         if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):
-            options["inertia"] = options["inertia"].moved(before[1:])
+            options["inertia"] = options["inertia"].transform(before[1:])
         if isinstance(options.get("shapes"), Shapes):
-            options["shapes"] = options["shapes"].moved_all([np.eye(4), *before[1:]])
+            options["shapes"] = options["shapes"].transform_links([np.eye(4), *before[1:]])
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod
@@ -193,9 +193,9 @@ class Robot(ArmDynamics):
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, following another (<mimic>), without an axis, with crossed or missing limits.
         """
-        from optik.arm.urdf import read_urdf, wanted_folders
+        from optik.arm.urdf import check_folders, read_urdf
 
-        folders = wanted_folders(source, check_flag(shapes, "shapes"), package_dirs, srdf)
+        folders = check_folders(source, check_flag(shapes, "shapes"), package_dirs, srdf)
         return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders, srdf=srdf))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
@@ -351,7 +351,7 @@ class Robot(ArmDynamics):
         """
         return np.asarray(np.linalg.svd(self.jacobian(q), compute_uv=False))
 
-    def errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
+    def pose_errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
         """Error twists (p_t − p, log(R_t Rᵀ)) in the base frame from the tool at q to the targets, which judge every method.
 
         Parameters

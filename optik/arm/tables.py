@@ -36,7 +36,7 @@ def screw_z(angle: float, length: float) -> Array:
     return se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, length))
 
 
-def rows_of(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
+def check_rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
     """Return the rows of a table as `DHRow`, checked."""
     table = []
     if not isinstance(rows, Iterable):

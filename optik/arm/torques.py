@@ -32,7 +32,7 @@ class ArmDynamics(ArmModel):
         if not isinstance(new, Inertia):
             got = repr(inertia)[:60] if inertia is not None else f"none for {self.name!r}, whose masses are unknown"
             raise InvalidInput("inertia", got, "Inertia(mass, com, tensor)")
-        return replace(self, inertia=new.replaced(**fields) if fields else new)
+        return replace(self, inertia=new.replace(**fields) if fields else new)
 
     def with_payload(
         self,
@@ -46,15 +46,15 @@ class ArmDynamics(ArmModel):
         The body keeps its place in the tool's frame: a `with_tool` that moves the tool moves the payload with it.
         """
         if mass is None or payload_masses(mass)[1] == 0.0:
-            return replace(self, payload=None, shapes=self._shapes_with(None))
+            return replace(self, payload=None, shapes=self._replace_payload_shapes(None))
         changes: dict[str, Any] = {"mass": mass, "com": com, "inertia": inertia}
-        return replace(self, payload=Payload(**changes), shapes=self._shapes_with(shapes))
+        return replace(self, payload=Payload(**changes), shapes=self._replace_payload_shapes(shapes))
 
-    def _shapes_with(self, payload: Sequence[Any] | None) -> Shapes | None:
+    def _replace_payload_shapes(self, payload: Sequence[Any] | None) -> Shapes | None:
         """The arm's shapes with those of a payload in place of the present ones."""
         if payload is None:
             carries = self.shapes is not None and PAYLOAD in self.shapes.names
-            return self.shapes.without(PAYLOAD) if self.shapes is not None and carries else self.shapes
+            return self.shapes.without_part(PAYLOAD) if self.shapes is not None and carries else self.shapes
         if self.shapes is None:
             wanted = "an arm with shapes, for a payload with shapes: with_shapes(...)"
             raise InvalidInput("robot", f"{self.name!r}, which has none", wanted)

@@ -16,7 +16,7 @@ from optik import se3
 from optik.arm.limits import LARGEST_LIMIT, JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.urdf_masses import read_masses, read_torques
-from optik.arm.urdf_tree import Joint, Tree, joint_origin, listed, number, read_tree, triple
+from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, read_number, read_tree, read_triple
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -51,11 +51,13 @@ def read_urdf(
         if value is not None and not isinstance(value, str):
             raise InvalidInput(argument, repr(value)[:60], "a name")
     tree = read_tree(source, name)
-    base = _known_link(tree, base, "base") if base is not None else tree.root
-    tip = _known_link(tree, tip, "tip") if tip is not None else _only_leaf(tree, base)
+    base = _check_link(tree, base, "base") if base is not None else tree.root
+    tip = _check_link(tree, tip, "tip") if tip is not None else _find_leaf(tree, base)
     links = tree.path(tip)
     if base not in links:
-        raise RobotModelError(tree.name, f"link {tip!r} is not below link {base!r}; above it are: {listed(links[1:])}")
+        raise RobotModelError(
+            tree.name, f"link {tip!r} is not below link {base!r}; above it are: {join_names(links[1:])}"
+        )
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     arm, placed = _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
     if folders is None:
@@ -66,7 +68,7 @@ def read_urdf(
     return arm.with_shapes(shapes if srdf is None else shapes.with_srdf(srdf))
 
 
-def wanted_folders(
+def check_folders(
     source: str | os.PathLike[str], shapes: bool, package_dirs: Folders, srdf: object
 ) -> MeshFolders | None:
     """Return where meshes may lie if shapes are asked for; else nothing may be said of meshes and pairs."""
@@ -74,22 +76,22 @@ def wanted_folders(
         if package_dirs is not None or srdf is not None:
             raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
         return None
-    from optik.arm.shapes.meshes import folders_of
+    from optik.arm.shapes.meshes import find_mesh_folders
 
-    return folders_of(source, package_dirs)
+    return find_mesh_folders(source, package_dirs)
 
 
-def _known_link(tree: Tree, link: str, argument: str) -> str:
+def _check_link(tree: Tree, link: str, argument: str) -> str:
     if link != tree.root and link not in tree.above:
-        links = listed([tree.root, *tree.above])
+        links = join_names([tree.root, *tree.above])
         raise RobotModelError(tree.name, f"{argument}: no link is named {link!r}; there are: {links}")
     return link
 
 
-def _only_leaf(tree: Tree, base: str) -> str:
-    leaves = sorted(link for link in tree.reached(base) if link not in tree.below)
+def _find_leaf(tree: Tree, base: str) -> str:
+    leaves = sorted(link for link in tree.list_below(base) if link not in tree.below)
     if len(leaves) != 1:
-        raise RobotModelError(tree.name, f"{len(leaves)} chains end below {base!r}; name its tip: {listed(leaves)}")
+        raise RobotModelError(tree.name, f"{len(leaves)} chains end below {base!r}; name its tip: {join_names(leaves)}")
     return leaves[0]
 
 
@@ -105,7 +107,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
         T = T @ joint_origin(name, joint)
         if joint.kind != "fixed":
             _check_kind(name, joint)
-            turn = se3.pose(_onto(_axis(name, joint)))
+            turn = se3.pose(_rotate_z_onto(_axis(name, joint)))
             fixed.append(T @ turn)
             T = turn.T.copy()
             limits.append(_limits(name, joint))
@@ -120,16 +122,16 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
         T,
-        known.replaced(torque=_tolerated(read_torques, name, moving)),
+        known.replace(torque=_read_or_warn(read_torques, name, moving)),
         tuple(joint.name for joint in moving),
         np.asarray(gravity),
         source,
-        inertia=_tolerated(read_masses, tree, placed),
+        inertia=_read_or_warn(read_masses, tree, placed),
     )
     return arm, placed
 
 
-def _tolerated(read: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | None:
+def _read_or_warn(read: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | None:
     """Return what is read, or None with a warning: the kinematics of a file are of use without its masses."""
     try:
         return read(*arguments, **options)
@@ -153,18 +155,18 @@ def _axis(robot: str, joint: Joint) -> Array:
     element = joint.element.get("axis")
     if element is None:
         return np.array([1.0, 0.0, 0.0])
-    axis = triple(robot, f"joint {joint.name!r}", element.get("xyz", ""), "axis xyz")
+    axis = read_triple(robot, f"joint {joint.name!r}", element.get("xyz", ""), "axis xyz")
     if not axis.any():
         raise RobotModelError(robot, f"joint {joint.name!r}: axis 0 0 0 has no direction")
     axis = axis / np.abs(axis).max()  # else the squares of 1e200 would be infinite
     return np.asarray(axis / math.hypot(*axis))
 
 
-def _onto(axis: Array) -> Array:
+def _rotate_z_onto(axis: Array) -> Array:
     """Rotation (3, 3) that takes z onto a unit axis, of least angle if z ≥ 0; exact if the axis is ±x, ±y or ±z."""
     x, y, z = axis
     if z < 0.0:  # first a rotation by π about x, which takes z to −z
-        return _onto(-axis) @ np.diag([1.0, -1.0, -1.0])
+        return _rotate_z_onto(-axis) @ np.diag([1.0, -1.0, -1.0])
     s = 1.0 / (1.0 + z)
     return np.array([[1.0 - s * x * x, -s * x * y, x], [-s * x * y, 1.0 - s * y * y, y], [-x, -y, z]])
 
@@ -181,13 +183,13 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
         if element.get("lower") is None and element.get("upper") is None:
             problem = "a <limit> without lower and upper, which are then 0 in URDF: the joint cannot move"
             raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
-        lower = number(robot, where, element.get("lower", "0"), "lower limit")
-        upper = number(robot, where, element.get("upper", "0"), "upper limit")
+        lower = read_number(robot, where, element.get("lower", "0"), "lower limit")
+        upper = read_number(robot, where, element.get("upper", "0"), "upper limit")
         lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint that is free
         upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
             raise RobotModelError(robot, f"joint {joint.name!r}: lower limit {lower:.6g} above upper {upper:.6g}")
-    velocity = 0.0 if element is None else number(robot, where, element.get("velocity", "0"), "velocity limit")
+    velocity = 0.0 if element is None else read_number(robot, where, element.get("velocity", "0"), "velocity limit")
     if velocity < 0.0:
         raise RobotModelError(robot, f"joint {joint.name!r}: velocity limit {velocity:.6g}, expected one above 0")
     return lower, upper, velocity or np.inf

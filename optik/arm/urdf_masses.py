@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.body import Body, checked_body, joined, moved_body
+from optik.arm.body import Body, check_body, join_bodies, transform_body
 from optik.arm.inertia import Inertia
-from optik.arm.urdf_tree import Joint, Tree, number, origin_pose
+from optik.arm.urdf_tree import Joint, Tree, origin_pose, read_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -24,11 +24,11 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
         if joint.kind != "fixed":
             groups.append([])
         if groups:  # links before the first moving joint stand still
-            carried = list(tree.carried(joint.child, chain))
-            groups[-1] += [moved_body(body, T @ pose) for link, pose in carried for body in _bodies(tree, link)]
+            carried = list(tree.list_carried(joint.child, chain))
+            groups[-1] += [transform_body(body, T @ pose) for link, pose in carried for body in _bodies(tree, link)]
     if not any(body[0] for group in groups for body in group):
         return None
-    mass, com, tensor = (np.array(part) for part in zip(*map(joined, groups), strict=True))
+    mass, com, tensor = (np.array(part) for part in zip(*map(join_bodies, groups), strict=True))
     moving = [joint for joint, _T in placed if joint.kind != "fixed"]
     motor, viscous, coulomb = (_dynamics(tree.name, moving, name) for name in ("armature", "damping", "friction"))
     try:
@@ -62,7 +62,7 @@ def _dynamics(robot: str, joints: list[Joint], name: str) -> Array:
 def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
     """Attribute of an element of a joint, 0 if it is missing."""
     element, where = joint.element.get(tag), f"joint {joint.name!r}"
-    value = 0.0 if element is None else number(robot, where, element.get(name, "0"), name)
+    value = 0.0 if element is None else read_number(robot, where, element.get(name, "0"), name)
     if value < 0.0:
         raise RobotModelError(robot, f"{where}: {name} {value:.6g}, expected a number ≥ 0")
     return value
@@ -79,12 +79,12 @@ def _bodies(tree: Tree, link: str) -> list[Body]:
         element: Any = inertial.find(tree.prefix + tag)
         if element is None:
             raise RobotModelError(tree.name, f"{where}: an <inertial> without <{tag}>")
-        return number(tree.name, where, element.get(attribute, "0"), attribute if tag == "inertia" else tag)
+        return read_number(tree.name, where, element.get(attribute, "0"), attribute if tag == "inertia" else tag)
 
     tensor = np.array([[value("inertia", name) for name in row] for row in PRODUCTS])
     body = (value("mass", "value"), np.zeros(3), tensor)
     T = origin_pose(tree.name, where, inertial.find(tree.prefix + "origin"))
     try:
-        return [checked_body(moved_body(body, T), where)]
+        return [check_body(transform_body(body, T), where)]
     except InvalidInput as error:
         raise RobotModelError(tree.name, str(error)) from None

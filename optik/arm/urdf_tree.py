@@ -15,7 +15,7 @@ import numpy as np
 
 from optik import se3
 from optik.errors import InvalidInput, RobotModelError
-from optik.files import content_of
+from optik.file_io import read_bytes
 from optik.types import Array
 
 MOST_URDF_BYTES = 32 * 2**20
@@ -44,7 +44,7 @@ class Tree:
     links: dict[str, Any]
     prefix: str
 
-    def reached(self, base: str) -> list[str]:
+    def list_below(self, base: str) -> list[str]:
         """Links at and below a link."""
         found, todo = [], [base]
         while todo:
@@ -63,7 +63,7 @@ class Tree:
         """XML elements of one kind in a link."""
         return list(self.links[link].findall(self.prefix + tag))
 
-    def carried(self, link: str, chain: set[str]) -> Iterator[tuple[str, Array]]:
+    def list_carried(self, link: str, chain: set[str]) -> Iterator[tuple[str, Array]]:
         """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0."""
         todo = [(link, np.eye(4))]
         while todo:
@@ -76,15 +76,15 @@ class Tree:
 
 def read_tree(source: str | os.PathLike[str], name: str | None) -> Tree:
     """Read the links and joints of a URDF."""
-    return _tree(read_xml(source), name)
+    return _build_tree(read_xml(source), name)
 
 
 def read_xml(source: str | os.PathLike[str]) -> Any:
     """Read XML without DOCTYPE and entities."""
-    return _parsed(_content_of(source))
+    return _parse_xml(_read_source(source))
 
 
-def _content_of(source: object) -> bytes:
+def _read_source(source: object) -> bytes:
     """XML as bytes: the argument itself if it begins with <, else the content of the file that it names."""
     wanted = "the path of a URDF file, or its text (which begins with <)"
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
@@ -98,10 +98,10 @@ def _content_of(source: object) -> bytes:
         raise InvalidInput("source", repr(source)[:60], wanted)
     if Path(source).suffix == ".xacro":
         _refuse_xacro(str(source))
-    return content_of(Path(source), argument="source", expected=wanted, most=MOST_URDF_BYTES)
+    return read_bytes(Path(source), argument="source", expected=wanted, most=MOST_URDF_BYTES)
 
 
-def _parsed(content: bytes) -> Any:
+def _parse_xml(content: bytes) -> Any:
     """Root element of XML without DOCTYPE and entities."""
     import xml.etree.ElementTree as ElementTree
 
@@ -124,7 +124,7 @@ def _refuse_xacro(file: str) -> NoReturn:
     )
 
 
-def _tree(root: Any, name: str | None) -> Tree:
+def _build_tree(root: Any, name: str | None) -> Tree:
     """Links and joints of a <robot>, without elements of other namespaces (Gazebo, controllers)."""
     space, _, tag = root.tag.rpartition("}")
     prefix = f"{space}}}" if space else ""
@@ -137,14 +137,14 @@ def _tree(root: Any, name: str | None) -> Tree:
     links = [_attribute(robot, e, "name", "a <link>") for e in elements]
     joints = [_joint(robot, e, prefix) for e in root.findall(f"{prefix}joint")]
     for kind, found in (("links", links), ("joints", [j.name for j in joints])):
-        twice = _repeated(found)
+        twice = _find_repeated(found)
         if twice:
             raise RobotModelError(robot, f"two {kind} are named {twice!r}")
     above, below = _connections(robot, links, joints)
     grown = Tree(robot, _root(robot, links, above), above, below, dict(zip(links, elements, strict=True)), prefix)
-    in_cycles = set(links).difference(grown.reached(grown.root))
+    in_cycles = set(links).difference(grown.list_below(grown.root))
     if in_cycles:
-        raise RobotModelError(robot, f"a cycle of links: {listed([x for x in links if x in in_cycles])}")
+        raise RobotModelError(robot, f"a cycle of links: {join_names([x for x in links if x in in_cycles])}")
     return grown
 
 
@@ -173,7 +173,7 @@ def _root(robot: str, links: list[str], above: dict[str, Joint]) -> str:
     """Return the only link without a parent; "" where every link has one."""
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
-        raise RobotModelError(robot, f"{len(roots)} links have no parent, a tree has one: {listed(roots)}")
+        raise RobotModelError(robot, f"{len(roots)} links have no parent, a tree has one: {join_names(roots)}")
     return roots[0] if roots else ""
 
 
@@ -196,7 +196,7 @@ def _attribute(robot: str, element: Any, name: str, what: str) -> str:
     return str(value)
 
 
-def _repeated(names: Iterable[str]) -> str | None:
+def _find_repeated(names: Iterable[str]) -> str | None:
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -205,7 +205,7 @@ def _repeated(names: Iterable[str]) -> str | None:
     return None
 
 
-def listed(names: list[str]) -> str:
+def join_names(names: list[str]) -> str:
     """Return names for an error, at most twelve of them."""
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "none"
 
@@ -222,25 +222,25 @@ def origin_pose(robot: str, where: str, element: Any) -> Array:
     """Pose that an <origin> states: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     if element is None:
         return np.eye(4)
-    roll, pitch, yaw = triple(robot, where, element.get("rpy", "0 0 0"), "origin rpy")
+    roll, pitch, yaw = read_triple(robot, where, element.get("rpy", "0 0 0"), "origin rpy")
     Rx = [[1.0, 0.0, 0.0], [0.0, cos(roll), -sin(roll)], [0.0, sin(roll), cos(roll)]]
     Ry = [[cos(pitch), 0.0, sin(pitch)], [0.0, 1.0, 0.0], [-sin(pitch), 0.0, cos(pitch)]]
     Rz = [[cos(yaw), -sin(yaw), 0.0], [sin(yaw), cos(yaw), 0.0], [0.0, 0.0, 1.0]]
-    xyz = triple(robot, where, element.get("xyz", "0 0 0"), "origin xyz")
+    xyz = read_triple(robot, where, element.get("xyz", "0 0 0"), "origin xyz")
     if np.abs(xyz).max() > se3.FARTHEST:
         raise RobotModelError(robot, f"{where}: origin {np.abs(xyz).max():.3g} m away")
     return se3.pose(np.array(Rz) @ Ry @ Rx, xyz)
 
 
-def triple(robot: str, where: str, text: str, what: str) -> Array:
+def read_triple(robot: str, where: str, text: str, what: str) -> Array:
     """Read three numbers."""
     words = text.split()
     if len(words) != 3:
         raise RobotModelError(robot, f"{where}: {what} is {text[:60]!r}, expected three numbers")
-    return np.array([number(robot, where, word, what) for word in words])
+    return np.array([read_number(robot, where, word, what) for word in words])
 
 
-def number(robot: str, where: str, text: str, what: str) -> float:
+def read_number(robot: str, where: str, text: str, what: str) -> float:
     """Read a number."""
     if "${" in text or "$(" in text:
         _refuse_xacro(text)

@@ -14,7 +14,7 @@ from optik.arm.body import Body
 from optik.arm.model import ArmModel
 from optik.arm.urdf_masses import PRODUCTS
 from optik.errors import RobotModelError
-from optik.files import write_whole
+from optik.file_io import write_atomically
 from optik.types import Array
 
 
@@ -37,7 +37,7 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
     lines += [*_placement(before, "tool", arm.tool), "  </joint>", "</robot>", ""]
     text = "\n".join(lines)
     if path is not None:
-        write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
     return text
 
 

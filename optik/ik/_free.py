@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from optik.arm.shapes.contact import Contact, check_scene, contact
+from optik.arm.shapes.contact import Contact, check_scene, find_contact
 from optik.ik._problem import check_problem, restart_configuration
 from optik.ik._result import IKResult
 from optik.ik._status import IKStatus
@@ -36,7 +36,7 @@ def solve_free(
             if result.status is IKStatus.UNREACHABLE:
                 break
             continue
-        near = contact(robot, scene, result.q, margin)
+        near = find_contact(robot, scene, result.q, margin)
         if near.room > 0.0:
             return result._replace(iterations=iterations, restarts=max(restart, result.restarts))
         found += 1

@@ -40,7 +40,7 @@ SUFFICIENT = 1e-4
 
 @inlined
 def normalised(x: float, low: float, high: float) -> tuple[float, float]:
-    """Position of a joint relative to its range, as `JointLimits.normalised` has it.
+    """Position of a joint relative to its range, as `JointLimits.normalise` has it.
 
     Shapes and units: x [rad, m], low, high [rad, m]. Returns offset  [1], half  [rad, m].
     """

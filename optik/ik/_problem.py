@@ -99,4 +99,4 @@ def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) 
     """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
-    return np.asarray(robot.limits.draw(rng, 1)[0])
+    return np.asarray(robot.limits.sample(rng, 1)[0])

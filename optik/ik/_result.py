@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.check import check_number
-from optik.content import content, equal
+from optik.content import content, have_equal_content
 from optik.ik._status import SOLVED, STATUS_OF_CODE, IKStatus
 from optik.types import Array, Flags
 
@@ -81,10 +81,10 @@ class IKResult(NamedTuple):
         return "\n".join([*lines, *filter(None, [self.message, self.status.advice and f"try: {self.status.advice}"])])
 
     def __eq__(self, other: object) -> bool:
-        return equal(self, other)
+        return have_equal_content(self, other)
 
     def __ne__(self, other: object) -> bool:
-        return not equal(self, other)
+        return not have_equal_content(self, other)
 
     def __hash__(self) -> int:
         return hash(content(self))
@@ -160,10 +160,10 @@ class IKBatch(NamedTuple):
         return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
 
     def __eq__(self, other: object) -> bool:
-        return equal(self, other)
+        return have_equal_content(self, other)
 
     def __ne__(self, other: object) -> bool:
-        return not equal(self, other)
+        return not have_equal_content(self, other)
 
     def __hash__(self) -> int:
         return hash(content(self))

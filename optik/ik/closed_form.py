@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
-from optik.content import content, equal
+from optik.content import content, have_equal_content
 from optik.errors import InvalidInput
 from optik.ik._closed import branches
 from optik.ik._closed import roots as roots_of
@@ -72,10 +72,10 @@ class Branches(NamedTuple):
     message: str
 
     def __eq__(self, other: object) -> bool:
-        return equal(self, other)
+        return have_equal_content(self, other)
 
     def __ne__(self, other: object) -> bool:
-        return not equal(self, other)
+        return not have_equal_content(self, other)
 
     def __hash__(self) -> int:
         return hash(content(self))
@@ -142,7 +142,7 @@ class ClosedForm(IKSolver):
         self._too_many = branches.too_many(robot)
         self._closed = choose(backend, robot)
         self._label = self._closed.name if self._closed else ENUMERATION
-        self._starts = robot.limits.draw(np.random.default_rng(1), ENUMERATION_STARTS)
+        self._starts = robot.limits.sample(np.random.default_rng(1), ENUMERATION_STARTS)
         twists = np.random.default_rng(3).uniform(-BESIDE, BESIDE, (3, 6))
         self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
 
@@ -196,7 +196,7 @@ class ClosedForm(IKSolver):
         else:
             order = np.argsort(np.linalg.norm(q - near, axis=1), kind="stable")
         q = q[order]
-        error = self.robot.errors(q, T)
+        error = self.robot.pose_errors(q, T)
         position, rotation = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
         return Branches(q, position, rotation, found.free[order], found.backend, found.complete, found.message)
 

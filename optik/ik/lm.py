@@ -206,7 +206,7 @@ class LM(IKSolver):
 
     def _compare_models(self) -> None:
         """Check the kernel's model of the arm: at the poses of some configurations its error is zero there."""
-        for q in self.robot.limits.draw(np.random.default_rng(0), 4):
+        for q in self.robot.limits.sample(np.random.default_rng(0), 4):
             target = self.robot.fk(q)
             size = 1.0 + np.abs(self.robot.fixed[:, :3, 3]).sum() + np.abs(self.robot.tool[:3, 3]).sum()
             size += np.abs(np.where(self.robot.prismatic, q, 0.0)).sum()

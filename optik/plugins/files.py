@@ -56,7 +56,7 @@ def digest(file: Path) -> str:
     return hashlib.sha256(_read(file)).hexdigest()
 
 
-def module_of(file: Path) -> ModuleType:
+def import_file(file: Path) -> ModuleType:
     """Import a Python file, or return its module where this process has imported it."""
     name = f"{PARENT}.{quote(file.as_posix(), safe='/ ').replace('.', '%2E')}"
     module = sys.modules.get(name)
@@ -69,7 +69,7 @@ def module_of(file: Path) -> ModuleType:
 
 
 class _Finder(MetaPathFinder):
-    """Finds the file of a module whose name `module_of` made."""
+    """Finds the file of a module whose name `import_file` made."""
 
     def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
         place = fullname.removeprefix(f"{PARENT}.")
@@ -111,7 +111,7 @@ def _read(file: Path) -> bytes:
 
 
 @contextmanager
-def without_code() -> Iterator[None]:
+def forbid_code() -> Iterator[None]:
     """Refuse to import files of plug-ins: for reports and comparisons, which only read."""
     token = _code_forbidden.set(True)
     try:

@@ -17,7 +17,7 @@ _OURS = ("optik", "planners", "benchmarks")
 """Our packages: a module of theirs that is missing is a bug of ours, not a missing dependency."""
 
 
-def base_of(group: str) -> Any:
+def find_base(group: str) -> Any:
     """Return the class that the methods of a group are subclasses of: ``METHOD_BASE`` of the group's module ``base``."""
     if group in DATA_GROUPS:
         return None
@@ -29,7 +29,7 @@ def base_of(group: str) -> Any:
         return None
 
 
-def wanted(base: Any) -> str:
+def describe_base(base: Any) -> str:
     """Return what a METHOD must be, in words."""
     if base is None:
         return "a function or a class"
@@ -38,25 +38,27 @@ def wanted(base: Any) -> str:
     return f"a subclass of {next(known)}.{base.__name__}"
 
 
-def checked(group: str, method: Any, name: str, where: str) -> Any:
+def check_method(group: str, method: Any, name: str, where: str) -> Any:
     """Return a method from outside once it is of the kind that the group needs and bears its name."""
-    base = base_of(group)
+    base = find_base(group)
     if base is None:
         if not callable(method) and group != "optik.robots":
-            raise InvalidInput(where, repr(method)[:60], wanted(base))
+            raise InvalidInput(where, repr(method)[:60], describe_base(base))
         return method
     if isinstance(method, base):
         found = type(method).__name__
         raise InvalidInput(where, f"an object of the class {found}", f"the class itself, METHOD = {found}")
     if not (isinstance(method, type) and issubclass(method, base)):
-        raise InvalidInput(where, repr(method)[:60], wanted(base))
+        raise InvalidInput(where, repr(method)[:60], describe_base(base))
     kind: Any = method
     asked = {a for k in base.__mro__ for a, t in vars(k).get("__annotations__", {}).items() if "ClassVar" in str(t)}
     if "name" in asked and getattr(kind, "name", name) != name:
         raise InvalidInput(where, f"the name {kind.name!r}", f"name = {name!r} in the class, by which it is asked for")
     missing = sorted({*getattr(kind, "__abstractmethods__", ()), *(a for a in asked if not hasattr(kind, a))})
     if missing:
-        raise InvalidInput(where, f"{kind.__name__} without {', '.join(missing)}", f"{wanted(base)} that defines them")
+        raise InvalidInput(
+            where, f"{kind.__name__} without {', '.join(missing)}", f"{describe_base(base)} that defines them"
+        )
     return kind
 
 

@@ -18,7 +18,7 @@ _UNIT = re.compile(r"\[((?:rad|m|s|kg|N|deg|degrees|mm|µs|ms|Hz|1|1/s)(?:[/,^·
 """A unit in square brackets, as docstrings of this project have it."""
 
 
-class Described(NamedTuple):
+class ParameterDoc(NamedTuple):
     """What a docstring says of one parameter or attribute.
 
     Attributes
@@ -36,9 +36,9 @@ class Described(NamedTuple):
     unit: str
 
 
-def described(kinds: type | Any) -> dict[str, Described]:
+def read_parameter_docs(kinds: type | Any) -> dict[str, ParameterDoc]:
     """Return what the docstring of a function or a class says of its parameters and attributes."""
-    found: dict[str, Described] = {}
+    found: dict[str, ParameterDoc] = {}
     for one in inspect.getmro(kinds) if inspect.isclass(kinds) else (kinds,):
         doc = vars(one).get("__doc__") if inspect.isclass(one) else one.__doc__
         for name, value in _entries(inspect.cleandoc(doc or "")):
@@ -46,7 +46,7 @@ def described(kinds: type | Any) -> dict[str, Described]:
     return found
 
 
-def _entries(doc: str) -> Iterable[tuple[str, Described]]:
+def _entries(doc: str) -> Iterable[tuple[str, ParameterDoc]]:
     """Entries of the sections Parameters and Attributes of a docstring."""
     parts = _SECTION.split(doc)
     for title, body in zip(parts[1::2], parts[2::2], strict=True):
@@ -58,7 +58,7 @@ def _entries(doc: str) -> Iterable[tuple[str, Described]]:
             meaning = " ".join(text.split())
             unit = _UNIT.search(f"{meaning} {kind}")
             for name in names.split(","):
-                yield name.strip(), Described(kind.strip(), meaning, unit[1] if unit else "")
+                yield name.strip(), ParameterDoc(kind.strip(), meaning, unit[1] if unit else "")
 
 
 def defaults(method: Any) -> dict[str, Any]:
@@ -77,6 +77,6 @@ def defaults(method: Any) -> dict[str, Any]:
     return found
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def find_nearest_name(name: str, known: Iterable[str]) -> str:
     """Return the known name that a misspelt one probably means."""
     return next(iter(get_close_matches(name, list(known), n=1)), "")

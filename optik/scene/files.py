@@ -36,10 +36,10 @@ from typing import Any
 import numpy as np
 
 from optik import se3
-from optik.arm.plain import record, word
+from optik.arm.plain import read_record, read_word
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.files import content_of, parsed, suffix_of, text_of
+from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
 from optik.types import Array
 
 OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
@@ -65,7 +65,7 @@ def load_scene(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
-    suffix = suffix_of(file, (".toml", ".json", ".urdf", ".xml"))
+    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml"))
     if suffix in (".urdf", ".xml"):
         from optik.scene.urdf import scene_from_urdf
 
@@ -73,10 +73,10 @@ def load_scene(
     if package_dirs is not None:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
     path = Path(file)
-    content = content_of(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
+    content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
     try:
-        text = text_of(content)
-        return scene_from_dict(parsed(text, "scene")) if suffix == ".json" else scene_from_toml(text)
+        text = decode_text(content)
+        return scene_from_dict(parse_json(text, "scene")) if suffix == ".json" else scene_from_toml(text)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
 
@@ -87,7 +87,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput("scene", str(error)[:120], "TOML") from None
-    record(data, (), "scene", optional=(*OBJECT_KINDS, "allow"))
+    read_record(data, (), "scene", optional=(*OBJECT_KINDS, "allow"))
     objects: dict[str, list[Any]] = {kind: [] for kind in OBJECT_KINDS}
     names = []
     for kind in OBJECT_KINDS:
@@ -97,9 +97,9 @@ def scene_from_toml(text: str) -> dict[str, Any]:
         for i, row in enumerate(rows):
             where = f"{kind}[{i}]"
             required, optional = ROW_KEYS[kind]
-            record(row, required, where, optional=optional)
+            read_record(row, required, where, optional=optional)
             objects[kind].append(_object(kind, row, where))
-            names.append(word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
+            names.append(read_word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
     return {**objects, "allow": data.get("allow", ()), "names": tuple(names)}
 
 
@@ -141,7 +141,7 @@ def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
 
 def scene_from_dict(data: Any) -> dict[str, Any]:
     """Read a scene from plain data; see `Scene.from_dict`."""
-    data = record(data, SCENE_KEYS, "scene")
+    data = read_record(data, SCENE_KEYS, "scene")
     for key in SCENE_KEYS:
         if not isinstance(data[key], list):
             raise InvalidInput(f"scene.{key}", repr(data[key])[:60], "a list")

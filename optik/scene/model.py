@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from optik import se3
-from optik.arm.limits import frozen
-from optik.arm.shapes.check import checked_excess, length_of, point_of
-from optik.check import check_words, shown
+from optik.arm.limits import freeze
+from optik.arm.shapes.check import check_excess, check_length, check_point
+from optik.check import check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
@@ -77,14 +77,14 @@ class Scene:
         for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
             given = getattr(self, kind)
             if isinstance(given, str) or not isinstance(given, Iterable):
-                raise InvalidInput(f"scene.{kind}", shown(given), f"a list of {kind}")
+                raise InvalidInput(f"scene.{kind}", format_value(given), f"a list of {kind}")
             object.__setattr__(self, kind, tuple(check(one, f"scene.{kind}[{i}]") for i, one in enumerate(given)))
         counts = [len(getattr(self, kind)) for kind in OBJECT_KINDS]
         if sum(counts) > MOST_OBJECTS:
             raise InvalidInput("scene", f"{sum(counts)} objects", f"at most {MOST_OBJECTS}")
-        object.__setattr__(self, "names", _checked_names(self.names, counts))
-        object.__setattr__(self, "allow", tuple(_checked_allow(self.allow, self.names)))
-        object.__setattr__(self, "excess", checked_excess(self.excess, len(self.names), "scene.excess"))
+        object.__setattr__(self, "names", _check_names(self.names, counts))
+        object.__setattr__(self, "allow", tuple(_check_allow(self.allow, self.names)))
+        object.__setattr__(self, "excess", check_excess(self.excess, len(self.names), "scene.excess"))
 
     # ------------------------------------------------------------ identity
 
@@ -181,10 +181,10 @@ class Scene:
             ([point for point, _ in self.planes], (3,)),
             ([normal for _, normal in self.planes], (3,)),
         )
-        arrays = (frozen(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
+        arrays = (freeze(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
         return tuple(arrays)  # type: ignore[return-value]
 
-    def examined(self, robot: Robot) -> Flags:
+    def pair_mask(self, robot: Robot) -> Flags:
         """Which capsules of an arm are examined against which objects: all but the pairs in ``allow``.
 
         Parameters
@@ -209,14 +209,14 @@ class Scene:
         flags = np.ones((robot.shapes.m, len(self.names)), dtype=np.bool_)
         numbers = {name: i for i, name in enumerate(robot.link_names)}
         for link, other in self.allow:
-            capsules = robot.shapes.of(link)
+            capsules = robot.shapes.find_capsules(link)
             if not len(capsules) and link not in numbers:
                 known = dict.fromkeys((*robot.link_names, *robot.shapes.names))
                 raise UnknownName("link in scene.allow", link, known)
             column = self.names.index(other)
             flags[capsules, column] = False
             if link in numbers:
-                flags[robot.shapes.of(numbers[link]), column] = False
+                flags[robot.shapes.find_capsules(numbers[link]), column] = False
         flags.setflags(write=False)
         return flags
 
@@ -224,47 +224,49 @@ class Scene:
 # ---------------------------------------------------------------- checks
 
 
-def _parts(value: Any, where: str, count: int, expected: str) -> Sequence[Any]:
+def _check_parts(value: Any, where: str, count: int, expected: str) -> Sequence[Any]:
     if not isinstance(value, list | tuple) or len(value) != count:
-        raise InvalidInput(where, shown(value), expected)
+        raise InvalidInput(where, format_value(value), expected)
     return value
 
 
 def _box(value: Any, where: str) -> tuple[Array, Array]:
-    pose, edges = _parts(value, where, 2, "(T, edges): a pose (4, 4) and three edge lengths")
-    T = frozen(se3.nearest_pose(se3.check_pose(pose, f"{where}: T")), where)
-    point_of(T[:3, 3], f"{where}: T", LARGEST_OBJECT)
-    lengths = frozen(edges, f"{where}: edges")
+    pose, edges = _check_parts(value, where, 2, "(T, edges): a pose (4, 4) and three edge lengths")
+    T = freeze(se3.nearest_pose(se3.check_pose(pose, f"{where}: T")), where)
+    check_point(T[:3, 3], f"{where}: T", LARGEST_OBJECT)
+    lengths = freeze(edges, f"{where}: edges")
     if lengths.shape != (3,) or not (np.isfinite(lengths) & (lengths > 0.0)).all():
-        raise InvalidInput(f"{where}: edges", shown(edges), "three full edge lengths above 0")
-    return T, point_of(lengths, f"{where}: edges", LARGEST_OBJECT)
+        raise InvalidInput(f"{where}: edges", format_value(edges), "three full edge lengths above 0")
+    return T, check_point(lengths, f"{where}: edges", LARGEST_OBJECT)
 
 
 def _sphere(value: Any, where: str) -> tuple[Array, float]:
-    centre, radius = _parts(value, where, 2, "(centre, radius)")
-    return point_of(centre, f"{where}: centre", LARGEST_OBJECT), length_of(radius, f"{where}: radius", LARGEST_OBJECT)
+    centre, radius = _check_parts(value, where, 2, "(centre, radius)")
+    return check_point(centre, f"{where}: centre", LARGEST_OBJECT), check_length(
+        radius, f"{where}: radius", LARGEST_OBJECT
+    )
 
 
 def _capsule(value: Any, where: str) -> tuple[Array, Array, float]:
-    a, b, radius = _parts(value, where, 3, "(a, b, radius)")
-    ends = [point_of(end, f"{where}: {name}", LARGEST_OBJECT) for end, name in ((a, "a"), (b, "b"))]
-    return ends[0], ends[1], length_of(radius, f"{where}: radius", LARGEST_OBJECT)
+    a, b, radius = _check_parts(value, where, 3, "(a, b, radius)")
+    ends = [check_point(end, f"{where}: {name}", LARGEST_OBJECT) for end, name in ((a, "a"), (b, "b"))]
+    return ends[0], ends[1], check_length(radius, f"{where}: radius", LARGEST_OBJECT)
 
 
 def _plane(value: Any, where: str) -> tuple[Array, Array]:
     """Point and unit normal of a plane."""
-    point, normal = _parts(value, where, 2, "(point, normal)")
-    direction = frozen(normal, f"{where}: normal")
+    point, normal = _check_parts(value, where, 2, "(point, normal)")
+    direction = freeze(normal, f"{where}: normal")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InvalidInput(f"{where}: normal", shown(normal), "a direction of three numbers, not all 0")
+        raise InvalidInput(f"{where}: normal", format_value(normal), "a direction of three numbers, not all 0")
     largest = float(np.abs(direction).max())
     scaled = direction / largest  # otherwise the square of 1e200 would be infinite
     length = float(np.linalg.norm(scaled))
     unit = direction if abs(largest * length - 1.0) <= UNIT_NORMAL else scaled / length
-    return point_of(point, f"{where}: point", LARGEST_OBJECT), frozen(unit, where)
+    return check_point(point, f"{where}: point", LARGEST_OBJECT), freeze(unit, where)
 
 
-def _checked_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
+def _check_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
     words = ("box", "sphere", "capsule", "plane")
     default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
     names = check_words(value, "scene.names") or tuple(default)
@@ -274,12 +276,12 @@ def _checked_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
     return names
 
 
-def _checked_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]]:
+def _check_allow(value: Any, names: tuple[str, ...]) -> Iterable[tuple[str, str]]:
     expected = "pairs (link, object) of names"
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InvalidInput("scene.allow", shown(value), expected)
+        raise InvalidInput("scene.allow", format_value(value), expected)
     for i, pair in enumerate(value):
-        link, other = check_words(_parts(pair, f"scene.allow[{i}]", 2, expected), f"scene.allow[{i}]")
+        link, other = check_words(_check_parts(pair, f"scene.allow[{i}]", 2, expected), f"scene.allow[{i}]")
         if other not in names:
             raise UnknownName(f"object in scene.allow[{i}]", other, names)
         yield link, other

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.meshes import folders_of
-from optik.arm.shapes.urdf import geometry_of, read_geometry
-from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, triple
+from optik.arm.shapes.meshes import find_mesh_folders
+from optik.arm.shapes.urdf import find_geometry, read_geometry
+from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_triple
 from optik.errors import RobotModelError
 from optik.types import Array
 
@@ -20,7 +20,7 @@ def scene_from_urdf(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a URDF; see `Scene.load`."""
-    tree, folders = read_tree(source, None), folders_of(source, package_dirs)
+    tree, folders = read_tree(source, None), find_mesh_folders(source, package_dirs)
     objects: dict[str, list[tuple[str, tuple[Any, ...], float]]] = {"boxes": [], "spheres": [], "capsules": []}
     poses: dict[str, Array] = {tree.root: np.eye(4)}
     todo = [tree.root]
@@ -31,9 +31,9 @@ def scene_from_urdf(
         for element in tree.parts(link, "collision"):
             where = f"<collision> of link {link!r}"
             T = poses[link] @ origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
-            kind, shape = geometry_of(tree, element)
+            kind, shape = find_geometry(tree, element)
             if kind == "box":
-                edges = triple(tree.name, where, shape.get("size", ""), "box size")
+                edges = read_triple(tree.name, where, shape.get("size", ""), "box size")
                 objects["boxes"].append((link, (T, edges), 0.0))
                 continue
             for c in read_geometry(tree, element, where, folders):
@@ -45,10 +45,10 @@ def scene_from_urdf(
         raise RobotModelError(tree.name, "no <collision> on any link")
     shapes = {kind: [one for _, one, _ in rows] for kind, rows in objects.items()}
     excess = np.array([e for *_, e in found])
-    return {**shapes, "names": _different([name for name, *_ in found]), "excess": excess}
+    return {**shapes, "names": _make_unique([name for name, *_ in found]), "excess": excess}
 
 
-def _different(names: list[str]) -> tuple[str, ...]:
+def _make_unique(names: list[str]) -> tuple[str, ...]:
     """Names of the objects: of several with one name, the second is called name#2, and so on."""
     found: list[str] = []
     count: dict[str, int] = {}

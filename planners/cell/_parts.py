@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.robot import Robot
-from optik.check import check_count, shown
+from optik.check import check_count, format_value
 from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.types import Array
@@ -114,7 +114,7 @@ def _rows(spot: Spot, plane: Plane | None) -> Array:
     try:
         rows: Array = np.atleast_2d(np.stack(np.broadcast_arrays(*(np.asarray(x, float) for x in spot)), axis=-1))
     except (TypeError, ValueError):
-        raise InvalidInput("spot", shown(spot), "pan, tilt [rad] and range [m]") from None
+        raise InvalidInput("spot", format_value(spot), "pan, tilt [rad] and range [m]") from None
     if rows.ndim != 2 or not len(rows):
         raise InvalidInput("spot", f"readings of shape {rows.shape[:-1]}", "one reading, or arrays (k,) of several")
     for name, values in zip(Spot._fields, rows.T, strict=True):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import shown
+from optik.check import format_value
 from optik.errors import InvalidInput
 from optik.se3 import exp_so3, pose
 from optik.types import Array, Flags, Indices
@@ -413,7 +413,7 @@ def _largest_turn(covariance: Array) -> float:
 def _readings(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
     """The pairs as arrays with their weights, checked."""
     if not isinstance(laser, PanTiltLaser):
-        raise InvalidInput("laser", shown(laser), "a planners.cell.PanTiltLaser")
+        raise InvalidInput("laser", format_value(laser), "a planners.cell.PanTiltLaser")
     for name, noise in (("angle_noise", laser.angle_noise), ("range_noise", laser.range_noise)):
         if noise == 0.0:
             raise InvalidInput(
@@ -423,7 +423,7 @@ def _readings(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
     try:
         rows = [(spot, point) for spot, point in pairs]
     except (TypeError, ValueError):
-        raise InvalidInput("pairs", shown(pairs), expected) from None
+        raise InvalidInput("pairs", format_value(pairs), expected) from None
     if len(rows) < FEWEST_PAIRS:
         raise InvalidInput("pairs", f"{len(rows)} pairs", expected)
     spots = np.array([vector(np.asarray(spot), f"pairs[{i}][0]") for i, (spot, _) in enumerate(rows)])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
-from optik.check import check_count, check_number, shown
+from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.ik import IKSolver
 from optik.scene import Scene
@@ -95,7 +95,7 @@ class Cell(CellParts):
         given = {"robot": robot, "laser": laser, "limits": limits, "gripper": gripper, "unit": unit}
         for name, kind in kinds.items():
             if not isinstance(given[name], kind) and (given[name] is not None or name in ("robot", "laser")):
-                raise InvalidInput(name, shown(given[name]), f"a {kind.__name__}")
+                raise InvalidInput(name, format_value(given[name]), f"a {kind.__name__}")
         super().__init__(laser, laser if unit is None else unit, np.eye(4) if base is None else base, seed)
         self._bare, self.gripper = robot, gripper
         self.held: Held | None = None
@@ -110,7 +110,7 @@ class Cell(CellParts):
         if isinstance(drive, str | os.PathLike):
             return make_drive(drive, self.robot, **({} if q is None else {"q": q}))
         if not isinstance(drive, Drive):
-            raise InvalidInput("drive", shown(drive), "a Drive, or the name of one")
+            raise InvalidInput("drive", format_value(drive), "a Drive, or the name of one")
         if q is not None:
             raise InvalidInput("q", "a start, with a drive that is built already", "the start given to the drive")
         if drive.robot == self.robot:
@@ -173,7 +173,7 @@ class Cell(CellParts):
         """
         self._check_asked(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
-            raise InvalidInput("spot", shown(spot), "a planners.cell.Spot(pan, tilt, range)")
+            raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
         wishes = wishes_of(
             timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
             readings=readings, ik=ik, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
@@ -212,7 +212,7 @@ class Cell(CellParts):
         """
         stopped = isinstance(outcome, Outcome) and outcome.status in (CellStatus.STOPPED, CellStatus.FAULT)
         if not stopped or not outcome.executions or outcome.failed is None or outcome.failed.name != "execution":
-            came = str(getattr(outcome, "status", shown(outcome)))
+            came = str(getattr(outcome, "status", format_value(outcome)))
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
         plan = outcome.executions[-1].plan
         wishes = wishes_of("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
@@ -222,7 +222,7 @@ class Cell(CellParts):
         """Counts are whole numbers, functions can be called, and corrections on a real arm need one that reads its tool."""
         for name, given in functions.items():
             if given is not None and not callable(given):
-                raise InvalidInput(name, shown(given), "a function")
+                raise InvalidInput(name, format_value(given), "a function")
         check_count(corrections, "corrections", 0, MOST_ROUNDS)
         check_count(readings, "readings", 1, MOST_READINGS)
         check_count(most_replans, "most_replans", 0)
@@ -271,7 +271,7 @@ class Cell(CellParts):
         def act(gripper: Gripper) -> str:
             narrow = gripper.checked_width(width)
             if held is not None and not isinstance(held, Held):
-                raise InvalidInput("held", shown(held), "a planners.cell.Held(mass)")
+                raise InvalidInput("held", format_value(held), "a planners.cell.Held(mass)")
             if self.width is not None and narrow > self.width:
                 raise InvalidInput("width", f"{narrow:g}", f"at most {self.width:g} m, which they are open now")
             self._grip(gripper, held if held is not None else self.held, narrow)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.body import Body, checked_body, joined, moved_body, shaped
+from optik.arm.body import Body, check_body, check_shape, join_bodies, transform_body
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -152,16 +152,16 @@ class Gripper:
             An arm whose payload is an interval, or shapes for an arm that has none.
         """
         to_grasp = se3.inverse(self._grasp)
-        bodies = [moved_body(self.body, to_grasp)]
+        bodies = [transform_body(self.body, to_grasp)]
         if held is not None:
             bodies.append(held.body)
         if robot.payload is not None:
             if len(robot.payload.bodies) > 1:
                 wanted = "an arm whose payload has one mass, as a gripper adds to it"
                 raise InvalidInput("robot", f"a payload of {robot.payload}", wanted)
-            bodies.append(moved_body(robot.payload.bodies[0], to_grasp))
+            bodies.append(transform_body(robot.payload.bodies[0], to_grasp))
         arm = robot.with_tool(self._grasp, add=True)
-        mass, com, inertia = joined(bodies)
+        mass, com, inertia = join_bodies(bodies)
         if robot.inertia is not None:
             arm = arm.with_payload(mass, com, inertia)
         return arm.with_shapes(self._shapes(robot, arm.tool, held))
@@ -183,5 +183,5 @@ class Gripper:
 def _body(mass: float, com: ArrayLike, inertia: ArrayLike | None, where: str) -> Body:
     """A rigid body, checked."""
     mass = check_number(mass, f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
-    tensor = np.zeros((3, 3)) if inertia is None else shaped(inertia, (3, 3), f"inertia of {where}")
-    return checked_body((mass, shaped(com, (3,), f"centre of mass of {where}"), tensor), where)
+    tensor = np.zeros((3, 3)) if inertia is None else check_shape(inertia, (3, 3), f"inertia of {where}")
+    return check_body((mass, check_shape(com, (3,), f"centre of mass of {where}"), tensor), where)

@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.arm.urdf_writer import check_xml_names
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, MissingDependency
-from optik.files import write_whole
+from optik.file_io import write_atomically
 from optik.types import Array
 
 ROD_DENSITY = 1500.0
@@ -47,7 +47,7 @@ def with_masses(robot: Robot) -> tuple[Robot, str]:
     motor = np.where(robot.prismatic, moved, moved * thickness**2)
     source = "assumed: rods along the links, as the masses are unknown"
     inertia = Inertia(mass, com, tensor, motor=motor, source=source)
-    limits = robot.limits.replaced(torque=None, torque_rate=None)
+    limits = robot.limits.replace(torque=None, torque_rate=None)
     return replace(robot, inertia=inertia, limits=limits), _in_words(robot, thickness, float(mass.sum()))
 
 
@@ -139,7 +139,7 @@ def to_mjcf(
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
     if path is not None:
-        write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
     return text
 
 

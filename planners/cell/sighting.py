@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.check import real_array, shown
+from optik.check import format_value, real_array
 from optik.errors import InvalidInput
 from optik.se3 import FARTHEST, check_pose
 from optik.types import Array
@@ -53,7 +53,7 @@ def check_readings(pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> tuple[A
     for value, name, unit in ((pan, "pan", "[rad]"), (tilt, "tilt", "[rad]"), (range, "range", "[m], not below 0")):
         array = real_array(value, name, f"finite numbers {unit}")
         if not np.isfinite(array).all() or (name == "range" and (array < 0.0).any()):
-            raise InvalidInput(name, shown(value), f"finite numbers {unit}")
+            raise InvalidInput(name, format_value(value), f"finite numbers {unit}")
         given.append(array)
     try:
         pan, tilt, range = np.broadcast_arrays(*given)
@@ -68,7 +68,7 @@ def check_limits(value: object, argument: str, least: float, most: float, inside
     expected = f"a lower limit below an upper one, within {inside}"
     pair = real_array(value, argument, expected)
     if pair.shape != (2,) or not least <= pair[0] < pair[1] <= most:  # false for NaN
-        raise InvalidInput(argument, shown(value), expected)
+        raise InvalidInput(argument, format_value(value), expected)
     return float(pair[0]), float(pair[1])
 
 

@@ -7,9 +7,9 @@ from math import sqrt
 import numpy as np
 
 from optik import kinematics
-from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, nearest_of, placed, row_of
+from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, find_nearest, read_row, transform_point
 from optik.compiled import compiled, inlined
-from optik.distance import DISTANCE_ROUNDING, Nearest
+from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain, Triple
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
@@ -44,7 +44,7 @@ def _end(chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: i
     """
     _fixed, prismatic, _tool = chain
     places, velocity, away, bent = moved
-    x, y, z = placed(frame, link, (point[0], point[1], point[2]))
+    x, y, z = transform_point(frame, link, (point[0], point[1], point[2]))
     places[k, e, 0], places[k, e, 1], places[k, e, 2] = x, y, z
     v0, v1, v2, gone, speed, pull = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(link, -1, -1):
@@ -77,7 +77,7 @@ def _place(
         return
     _end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
     _end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
-    a, b = row_of(moved[0][k], 0), row_of(moved[0][k], 1)
+    a, b = read_row(moved[0][k], 0), read_row(moved[0][k], 1)
     spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
     spheres[k, 3] = 0.5 * _length(a, b)
 
@@ -129,13 +129,13 @@ def _around(middle: Triple, half: float, kind: int, i: int, scene: Objects, sphe
         x, y, z = middle[0] - point[i, 0], middle[1] - point[i, 1], middle[2] - point[i, 2]
         return float(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2] - half)
     if kind == SELF:
-        return float(_length(middle, row_of(spheres, i)) - half - spheres[i, 3])
-    c, d = row_of(scene[2], i), row_of(scene[3], i)
+        return float(_length(middle, read_row(spheres, i)) - half - spheres[i, 3])
+    c, d = read_row(scene[2], i), read_row(scene[3], i)
     return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
 
 
 @inlined
-def _directed(near: Nearest, moved: Moved, k: int, base: int, h: float) -> float:
+def _directed(near: NearestPoint, moved: Moved, k: int, base: int, h: float) -> float:
     """Lower bound on the distance of axis k over an interval, by the plane through the nearest point; see `clearance`."""
     places, velocity, _away, bent = moved
     distance, share, w = near
@@ -173,7 +173,7 @@ def _judge(
     Returns [m].
     """
     k, i, kind, base = pair
-    near = nearest_of((k, i, kind), scene, moved[0])
+    near = find_nearest((k, i, kind), scene, moved[0])
     distance = near[0] - (thick - DISTANCE_ROUNDING)
     if distance < least[0]:
         least[0], least[1] = distance, interval[0]
@@ -235,7 +235,7 @@ def _level(
                 elif kind == ROUND:
                     thick += scene[4][i]
                 shift = max(away[k, 0, base], away[k, 1, base])
-                rough = _around(row_of(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
+                rough = _around(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
                 if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene, examined_pairs
+from optik.arm.shapes.contact import check_scene, find_pairs
 from optik.scene import Scene
 from optik.types import Flags
 from planners.certificate._clearance import search
@@ -162,7 +162,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     """
     margin = check_scene(robot, scene, margin)
     assert robot.shapes is not None
-    pairs = examined_pairs(robot, scene)
+    pairs = find_pairs(robot, scene)
     motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
     wanted = (margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))

@@ -6,7 +6,7 @@ import os
 from pathlib import Path as FilePath
 
 from optik.errors import InvalidInput, OptikError
-from optik.files import content_of, suffix_of, write_whole
+from optik.file_io import check_suffix, read_bytes, write_atomically
 from optik.registry import build_method, names
 from planners.certificate.violation import Allow
 from planners.files.base import Format
@@ -66,7 +66,7 @@ def save(
     chosen, motion = _format(file, format, **({} if rate is None else {"rate": rate})), motion_of(motion)
     motion.check_valid(allow)
     content = chosen.to_bytes(motion)
-    write_whole(file, lambda part: part.write_bytes(content))
+    write_atomically(file, lambda part: part.write_bytes(content))
 
 
 def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> Motion:
@@ -95,7 +95,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
     """
     chosen = _format(file, format)
     try:
-        return chosen.from_bytes(content_of(FilePath(file)))
+        return chosen.from_bytes(read_bytes(FilePath(file)))
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
     except OptikError as error:
@@ -105,7 +105,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
 def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None, **options: float) -> Format:
     """Build the format that is named, or that of the file's suffix."""
     if name is None:
-        name = suffix_of(file, tuple(f".{known}" for known in formats()))[1:]
+        name = check_suffix(file, tuple(f".{known}" for known in formats()))[1:]
     elif not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:120], "a path")
     built = build_method("planners.files", name, "file format", **options)

@@ -13,7 +13,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.files import content_of, suffix_of, text_of
+from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, interpolated
 from planners.ros.message import controlled, from_text
@@ -65,13 +65,13 @@ def load_trajectory(
     MissingDependency
         YAML without PyYAML.
     """
-    suffix = suffix_of(file, READ_SUFFIXES)
+    suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     names = _names(robot, joint_names)
-    text = text_of(content_of(FilePath(file)))
+    text = decode_text(read_bytes(FilePath(file)))
     try:
         if suffix == ".csv":
             return _made(*_table(text, names), interpolation)

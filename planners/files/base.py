@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from optik.arm.plain import numbers, record, word, words
+from optik.arm.plain import read_numbers, read_record, read_word, read_words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.scene import Scene
@@ -133,7 +133,7 @@ def from_plain(data: Any) -> Motion:
     pieces = powers[0] if powers and isinstance(powers[0], list) else []
     joints = pieces[0] if pieces and isinstance(pieces[0], list) else []
     shape = (len(powers), len(pieces), len(joints))
-    parts = Parts(header, numbers(knots, (len(knots),), "knots"), numbers(powers, shape, "coefficients"))
+    parts = Parts(header, read_numbers(knots, (len(knots),), "knots"), read_numbers(powers, shape, "coefficients"))
     return from_parts(parts, data.get("sha256"))
 
 
@@ -171,13 +171,13 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         path_of(header["path"], robot),
         MotionLimits.from_plain(header["limits"], robot.n),
         _trajectory(parts.knots, parts.coefficients, robot.n),
-        word(header["law"], "law"),
-        words(header["enforced"], "enforced"),
+        read_word(header["law"], "law"),
+        read_words(header["enforced"], "enforced"),
         None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
         None if header.get("span") is None else _pair(header["span"], "span"),
-        None if header.get("speed") is None else float(numbers(header["speed"], (), "speed")),
+        None if header.get("speed") is None else float(read_numbers(header["speed"], (), "speed")),
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),
-        float(numbers(header.get("margin", 0.0), (), "margin")),
+        float(read_numbers(header.get("margin", 0.0), (), "margin")),
         _before(header.get("before"), robot.n),
     )
 
@@ -188,7 +188,7 @@ def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:
         return None
     if not isinstance(data, list) or len(data) != 2:
         raise InvalidInput("before", repr(data)[:60], "limits and a time [s]")
-    return MotionLimits.from_plain(data[0], n), float(numbers(data[1], (), "before"))
+    return MotionLimits.from_plain(data[0], n), float(read_numbers(data[1], (), "before"))
 
 
 def check_header(header: Mapping[str, Any]) -> None:
@@ -196,11 +196,11 @@ def check_header(header: Mapping[str, Any]) -> None:
     found = header.get("format")
     if found != CONTENT:
         raise InvalidInput("format", repr(found)[:60], repr(CONTENT))
-    record(header, (*HEADER, *(key for key in OPTIONAL if key in header)), "header")
+    read_record(header, (*HEADER, *(key for key in OPTIONAL if key in header)), "header")
 
 
 def _pair(value: Any, argument: str) -> tuple[float, float]:
-    first, second = numbers(value, (2,), argument).tolist()
+    first, second = read_numbers(value, (2,), argument).tolist()
     return first, second
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.files import parsed, text_of
+from optik.file_io import decode_text, parse_json
 from optik.types import Array
 from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
@@ -45,14 +45,14 @@ class Csv(Format):
 
     def from_bytes(self, content: bytes) -> Motion:
         """As `Format.from_bytes`; the table must show the motion of the comment lines."""
-        lines = text_of(content).split("\n")
+        lines = decode_text(content).split("\n")
         count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
         data = {}
         for line in lines[:count]:
             key, colon, value = line[2:].partition(": ")
             if not colon:
                 raise InvalidInput("header", repr(line[:60]), "comment lines '# KEY: JSON'")
-            data[key] = parsed(value, key)
+            data[key] = parse_json(value, key)
         rate = data.pop("rate", None)
         if rate is not None:
             check_number(rate, "rate", "points per second, above 0", above=0.0)

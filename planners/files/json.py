@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from optik.files import parsed, text_of
+from optik.file_io import decode_text, parse_json
 from planners.files.base import Format, from_plain, to_plain
 from planners.motion import Motion
 
@@ -19,7 +19,7 @@ class Json(Format):
 
     def from_bytes(self, content: bytes) -> Motion:
         """As `Format.from_bytes`."""
-        return from_plain(parsed(text_of(content), "content"))
+        return from_plain(parse_json(decode_text(content), "content"))
 
 
 METHOD = Json

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optik.errors import InvalidInput
-from optik.files import parsed
+from optik.file_io import parse_json
 from planners.files.base import Format, Parts, from_parts, to_parts
 from planners.motion import Motion
 
@@ -43,7 +43,7 @@ class Npz(Format):
         for name, array, kind in (("header", header, "U"), ("knots", knots, "f"), ("coefficients", coefficients, "f")):
             if array.dtype.kind != kind or (kind == "f" and array.dtype.itemsize != 8):
                 raise InvalidInput(name, f"an array of {array.dtype}", "JSON text" if kind == "U" else "float64")
-        data = parsed(str(header), "header")
+        data = parse_json(str(header), "header")
         if not isinstance(data, dict):
             raise InvalidInput("header", repr(data)[:60], "a mapping")
         digest = data.pop("sha256", None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import Contact, check_scene, contact, nearest_pairs
+from optik.arm.shapes.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.scene import Scene
 from optik.types import Array, Flags
 from planners.certificate.clearance import Clearance, clearance
@@ -31,7 +31,7 @@ class Around:
 
     def free(self, q: Array) -> Flags:
         """At which configurations no links touch, and the scene is farther away than the margin."""
-        return np.asarray(nearest_pairs(self.robot, self.scene, q, self.margin)[0] > 0.0)
+        return np.asarray(find_nearest_pairs(self.robot, self.scene, q, self.margin)[0] > 0.0)
 
     def keeps(self, way: Track) -> bool:
         """Whether the quintics through a tracked branch are proved to be free."""
@@ -41,7 +41,7 @@ class Around:
 
     def start(self, q: Array) -> Stop | None:
         """Why a motion cannot start at a configuration."""
-        near = contact(self.robot, self.scene, q, self.margin)
+        near = find_contact(self.robot, self.scene, q, self.margin)
         if near.room > 0.0:
             return None
         reason = f"the start configuration is not free: {self._words(near)}"
@@ -56,7 +56,7 @@ class Around:
         s = np.append(np.linspace(0.0, joints.end, PLACES), found.time)
         touching = ~self.free(joints(s))
         k = int(np.argmax(touching)) if touching[:-1].any() else PLACES
-        reason = f"{self._words(contact(self.robot, self.scene, joints(s[k]), self.margin))} at s = {s[k]:.6g}"
+        reason = f"{self._words(find_contact(self.robot, self.scene, joints(s[k]), self.margin))} at s = {s[k]:.6g}"
         return Stop(FollowStatus.CONTACT, float(s[k]), None, reason, "")
 
     def _along(self, polynomial: object) -> Clearance:

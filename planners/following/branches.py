@@ -137,7 +137,7 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
         shift[i] = k * turn
         lower, upper = robot.limits.lower - shift - LIMIT_TOLERANCE, robot.limits.upper - shift + LIMIT_TOLERANCE
         leaves = march.leaves(way.s, way.q, way.dq, lower, upper, i)
-        x = robot.limits.normalised(way.q + shift)[:, i]
+        x = robot.limits.normalise(way.q + shift)[:, i]
         cost = LIMITS_WEIGHT * float(x**2 @ steps)
         away = START_WEIGHT * abs(q + k * turn - near[i]) if near is not None else 0.0
         out.append((leaves, cost + away, cost, k))

@@ -204,7 +204,7 @@ def _checked(
     if not path.end > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")
     if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
-        off = robot.errors(q, path.pose(0.0))
+        off = robot.pose_errors(q, path.pose(0.0))
         distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
         if max(distance, angle) > START_TOLERANCE:
             raise InvalidInput(
@@ -362,7 +362,7 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
     chain, x, d = robot.chain, np.empty(robot.n), np.empty((3, robot.n))
     for k in range(len(more)):
         at, x[:] = (nodes.twists[k], nodes.rows[k], nodes.values[k]), q[k]
-        newton.put_on(chain, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
+        newton.polish(chain, nodes.poses[k], nodes.rows[k, 0], nodes.values[k, 0], 8, x)
         if newton.derivatives_at(chain, x, *at, d, march.REGULAR)[1] >= march.REGULAR:
             q[k], dq[k] = x, d
     order = np.argsort(np.concatenate([way.s, more]), kind="stable")

@@ -9,7 +9,7 @@ import numpy as np
 from optik.compiled import compiled
 from optik.kinematics import Chain, Range, frames, tool_motion, tool_pose
 from optik.linear import copy_vector
-from optik.newton import derivatives_at, put_on
+from optik.newton import derivatives_at, polish
 from optik.types import Array
 from planners.curve import bell
 
@@ -262,7 +262,7 @@ def march(
         h, ahead = s[k + 1] - s[k], q[k + 1]
         if not _predict(h, q[k], dq[k], ahead, b) <= LARGEST_STEP:
             return k + 1, TOO_LONG, 0.0, 0
-        worst, rank = put_on(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, ahead)
+        worst, rank = polish(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, ahead)
         code, joint = _corrected(q[k], ahead, worst, poses[k + 1], b)
         if code != DONE:
             return k + 1, code, worst if code == NOT_MET else 0.0, joint

@@ -69,7 +69,7 @@ class FreeMotion:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
         self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.ranged, robot.limits.half, np.inf)  # a locked joint has no room to keep
+        self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, ROOM_WEIGHT
         self._carry(s[len(way) :])
@@ -141,13 +141,13 @@ class FreeMotion:
 def _reach(robot: Robot, poses: Array, q: Array) -> Flags:
     """Project configurations (k, n), in place, onto poses (k, 4, 4) by minimum-norm steps; return which of them converge."""
     newton.polish_batch(robot.chain, q, poses, 12)
-    return np.asarray(np.abs(robot.errors(q, poses)).max(axis=1) < STATION_REACHED)
+    return np.asarray(np.abs(robot.pose_errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 
 def _programmed(robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None) -> list[Array]:
     """The cheapest sequences (k, n) over the stations, by dynamic programming; shorter where none reaches the last station."""
     solver, rng = _solver(robot), np.random.default_rng(0)
-    starts = robot.limits.draw(rng, STATION_DRAWS * len(poses))
+    starts = robot.limits.sample(rng, STATION_DRAWS * len(poses))
     drawn = solver.solve_batch(np.repeat(poses, STATION_DRAWS, axis=0), starts, threads=1)
     layers: list[Array] = []
     costs: list[Array] = []
@@ -223,7 +223,7 @@ def _solver(robot: Robot) -> IKSolver:
 def _standing(robot: Robot, q: Array) -> Array:
     """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
     sigma = smallest_singular_values(robot, q)
-    x = np.minimum(np.abs(robot.limits.normalised(q)), LOG_EDGE)
+    x = np.minimum(np.abs(robot.limits.normalise(q)), LOG_EDGE)
     return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
 
 

@@ -48,14 +48,14 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
     nodes, predicted, dq = course.nodes(np.array([s])), q.copy(), np.empty((3, robot.n))
     rows, values, reach = nodes.rows[0], nodes.values[0], max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-    error, _ = newton.put_on(chain, nodes.poses[0], rows[0], values[0], 8, q)
+    error, _ = newton.polish(chain, nodes.poses[0], rows[0], values[0], 8, q)
     rank, sigma = newton.derivatives_at(chain, q, nodes.twists[0], rows, values, dq, away)
     if not (sigma >= away and rank > 0.0):
         if 0.0 < s < course.path.end:
             return None
         q = predicted.copy()
         dq = np.stack([near.dq[0] + h * (near.dq[1] + 0.5 * h * near.dq[2]), near.dq[1] + h * near.dq[2], near.dq[2]])
-        error = newton.settle(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
+        error = newton.polish_damped(chain, nodes.poses[0], nodes.twists[0, 0], 6, q, dq[0])
         error = 0.0 if np.isfinite(error) else error  # the remaining error counts in the bound
     if not (error <= march.ON_PATH * reach and np.abs(q - predicted).max() <= march.LARGEST_CORRECTION):
         return None
@@ -77,7 +77,7 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
                     continue
             dq = np.empty((3, robot.n))
             at = nodes.twists[0], none, none[:, :, 0]
-            newton.put_on(chain, nodes.poses[0], none[0], none[0, :, 0], 8, q)
+            newton.polish(chain, nodes.poses[0], none[0], none[0, :, 0], 8, q)
             rank, sigma = newton.derivatives_at(chain, q, *at, dq, march.REGULAR)
             if not (sigma >= CLEAR and rank > 0.0):
                 continue

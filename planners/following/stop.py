@@ -81,7 +81,7 @@ def unit(robot: Robot, joint: int) -> str:
 @lru_cache(maxsize=16)
 def rank_of(robot: Robot) -> int:
     """Return the greatest rank of the Jacobian at random configurations, which is that of almost all."""
-    q = robot.limits.draw(np.random.default_rng(0), RANK_DRAWS)
+    q = robot.limits.sample(np.random.default_rng(0), RANK_DRAWS)
     sigma = robot.singular_values(q)
     return int((sigma > ZERO_SHARE * sigma[:, :1]).sum(axis=1).max())
 

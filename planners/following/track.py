@@ -125,7 +125,7 @@ class _Tracker:
         """Correct the start onto the path; at a singular one, begin with a smooth motion that starts there."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
-        error, _ = newton.put_on(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
+        error, _ = newton.polish(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
         at = nodes.twists[0], nodes.rows[0], nodes.values[0]
         rank, sigma = newton.derivatives_at(self.chain, q, *at, dq, march.REGULAR)
         outside = np.maximum(self.slack[0] - q, q - self.slack[1])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.plain import record
+from optik.arm.plain import read_record
 from optik.arm.robot import Robot
 from optik.content import content
 from optik.errors import InvalidInput
@@ -332,7 +332,7 @@ class MotionLimits:
         """
         extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
         required = tuple(name for name in ALL_LIMITS if name not in LOADED)
-        checked = record(data, (*required, *extra), "limits", optional=LOADED)
+        checked = read_record(data, (*required, *extra), "limits", optional=LOADED)
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
         return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 

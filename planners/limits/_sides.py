@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.limits import frozen
+from optik.arm.limits import freeze
 from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -39,8 +39,8 @@ def checked_pair(value: Any, argument: str) -> Array | float:
     if (np.isinf(lower) != np.isinf(upper)).any():
         raise InvalidInput(argument, "a pair with one infinite side", PAIR)
     if (lower == -upper).all():
-        return frozen(upper, argument) if upper.ndim else float(upper)
-    return frozen(np.stack([lower, upper]), argument)
+        return freeze(upper, argument) if upper.ndim else float(upper)
+    return freeze(np.stack([lower, upper]), argument)
 
 
 def sides(bound: Array) -> tuple[Array, Array]:

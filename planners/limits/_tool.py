@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import positive
-from optik.arm.plain import numbers
+from optik.arm.limits import check_positive
+from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
@@ -39,7 +39,7 @@ class ToolSpeedLimit(Limit):
         """Return a bound as `MotionLimits` keeps it: one, or one for each segment of the path. See `Limit.checked`."""
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
             return super().checked(value)
-        each = positive(value, len(value), self.name) if len(value) else np.zeros(0)
+        each = check_positive(value, len(value), self.name) if len(value) else np.zeros(0)
         if not each.size:
             raise InvalidInput(self.name, "no numbers", "a number above 0, or one for each segment of the path")
         return float(each[0]) if each.size == 1 else each
@@ -47,12 +47,12 @@ class ToolSpeedLimit(Limit):
     def array(self, value: ArrayLike | None, n: int) -> Array:
         """Return a bound as an array; see `Limit.array`."""
         bound = np.inf if value is None else value
-        return positive(bound, np.size(bound), self.name)
+        return check_positive(bound, np.size(bound), self.name)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
         """Return the bound that `to_plain` wrote; see `Limit.from_plain`."""
         if isinstance(data, list):
-            return numbers(data, (len(data),), f"limits.{self.name}")
+            return read_numbers(data, (len(data),), f"limits.{self.name}")
         return super().from_plain(data, n)
 
     def rows(self, at: PathPoints, bound: Array) -> Array:

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import frozen, positive
-from optik.arm.plain import numbers, plain_numbers
+from optik.arm.limits import check_positive, freeze
+from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
@@ -77,7 +77,7 @@ class Limit(ABC):
                 expected = f"one number above 0, or one for each joint: {self.name} has no two sides"
                 raise InvalidInput(self.name, "a pair (lower, upper)", expected)
             return checked_pair(value, self.name)
-        kept = positive(value, np.size(value), self.name)
+        kept = check_positive(value, np.size(value), self.name)
         return kept if np.ndim(value) else float(kept[0])
 
     def array(self, value: ArrayLike | None, n: int) -> Array:
@@ -104,8 +104,8 @@ class Limit(ABC):
             pair = np.asarray(value, dtype=np.float64)
             if pair.shape not in ((2,), (2, n)):
                 raise InvalidInput(self.name, f"a pair of {pair.shape[-1]} numbers each", f"numbers or {n} of them")
-            return frozen(np.broadcast_to(pair.reshape(2, -1), (2, n)), self.name)
-        return positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
+            return freeze(np.broadcast_to(pair.reshape(2, -1), (2, n)), self.name)
+        return check_positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
 
     def to_plain(self, value: ArrayLike | None) -> Any:
         """Return a bound as plain data for files.
@@ -120,7 +120,7 @@ class Limit(ABC):
         float, list or None
             Read back by `from_plain` to the last bit.
         """
-        return None if value is None else plain_numbers(value)
+        return None if value is None else numbers_to_list(value)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
         """Return the bound that `to_plain` wrote.
@@ -146,10 +146,10 @@ class Limit(ABC):
             return None
         where = f"limits.{self.name}"
         if self.sided and isinstance(data, list) and len(data) == 2 and (data[0] == "-inf" or is_pair(data)):
-            return numbers(data, (2, n) if isinstance(data[0], list) else (2,), where)
+            return read_numbers(data, (2, n) if isinstance(data[0], list) else (2,), where)
         if self.subject is None and isinstance(data, list):
-            return numbers(data, (n,), where)
-        return float(numbers(data, (), where))
+            return read_numbers(data, (n,), where)
+        return float(read_numbers(data, (), where))
 
     # ------------------------------------------------------------ time laws
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
-from optik.registry import load_method, loaded, names, short_name
+from optik.registry import find_loaded, load_method, names, short_name
 from planners.paths.base import Path
 
 __all__ = ["Path", "make_path", "path_of", "paths"]
@@ -84,7 +84,7 @@ def path_of(data: Mapping[str, Any], robot: Robot | None = None) -> Path:
     if not isinstance(data, Mapping) or not isinstance(data.get("path"), str):
         raise InvalidInput("data", repr(data)[:60], "a mapping with the name of a path in 'path'")
     name = data["path"]
-    kind: type[Path] | None = loaded("planners.paths", name)
+    kind: type[Path] | None = find_loaded("planners.paths", name)
     if kind is None:
         raise UnknownName("path", str(name), paths())
     return kind.from_dict(data, robot)

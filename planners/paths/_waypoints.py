@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.files import content_of, text_of
+from optik.file_io import decode_text, read_bytes
 from optik.types import Array
 
 POSITION_COLUMNS = {("x", "y", "z"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
@@ -34,7 +34,7 @@ def waypoints_of(file: str | os.PathLike[str], orientation: ArrayLike | None) ->
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
     name = os.fspath(file)
-    columns, lines, numbers = _table(name, text_of(content_of(Path(name))))
+    columns, lines, numbers = _table(name, decode_text(read_bytes(Path(name))))
     position = next(names for names in POSITION_COLUMNS if set(names) <= set(columns))
     turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)), ())
     if turned in ((), AXIS_COLUMNS) and orientation is None:

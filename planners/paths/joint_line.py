@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, newton, se3
-from optik.arm.plain import robot_difference
+from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
@@ -132,7 +132,7 @@ class JointLine(Path):
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
         """Return configurations at s, or their derivatives: q' is constant."""
         if robot != self.robot:
-            other = f"{robot!r}, which differs in {robot_difference(robot, self.robot)}"
+            other = f"{robot!r}, which differs in {describe_difference(robot, self.robot)}"
             raise InvalidInput("robot", other, f"the arm this path was made for, {self.robot!r}")
         return self._joints(s, order)
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.files import content_of, suffix_of, text_of, write_whole
+from optik.file_io import check_suffix, decode_text, read_bytes, write_atomically
 from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
 from planners.certificate.violation import Allow, check_valid, required_limits
@@ -107,7 +107,7 @@ def to_ros(
     InvalidMotion
         The motion, before or after controller interpolation, has a violation that ``allow`` does not permit.
     """
-    suffix, motion = suffix_of(file, MESSAGE_SUFFIXES), motion_of(motion)
+    suffix, motion = check_suffix(file, MESSAGE_SUFFIXES), motion_of(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
     _form(motion, **options)
     _checked_rate(motion, rate, strict, keep_speed)
@@ -115,7 +115,7 @@ def to_ros(
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
     _check_start(motion, start, tolerance, columns_of(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
-    write_whole(file, lambda part: part.write_text(text, encoding="utf-8"))
+    write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
     return sent
 
 
@@ -167,12 +167,12 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
     MissingDependency
         YAML without PyYAML.
     """
-    suffix = suffix_of(file, MESSAGE_SUFFIXES)
+    suffix = check_suffix(file, MESSAGE_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     form = Form("quintic", columns_of(robot, joint_names))
     try:
-        return controlled(from_text(text_of(content_of(FilePath(file))), suffix), form.names)
+        return controlled(from_text(decode_text(read_bytes(FilePath(file))), suffix), form.names)
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
 

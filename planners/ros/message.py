@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.errors import InvalidInput, MissingDependency
-from optik.files import parsed
+from optik.file_io import parse_json
 from optik.types import Array
 from planners.controller import interpolated, points_of, states
 from planners.trajectory import Trajectory
@@ -122,7 +122,7 @@ def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
 
 def from_text(text: str, suffix: str) -> Any:
     """Return the plain data of JSON or YAML."""
-    return parsed(text, "content") if suffix == ".json" else _from_yaml(text)
+    return parse_json(text, "content") if suffix == ".json" else _from_yaml(text)
 
 
 def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:

@@ -15,9 +15,9 @@ import optik
 import planners
 from benchmarks.cli.running import FEWEST_PARTS, _Rate
 from benchmarks.cli.shared import START_SAMPLES, sampled_start
-from optik.arm.library import home_of, robot_from_toml
-from optik.arm.shapes.contact import contact
-from optik.arm.units import per
+from optik.arm.library import read_home, robot_from_toml
+from optik.arm.shapes.contact import find_contact
+from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from tests.oracles import REPOSITORY
 
@@ -75,21 +75,21 @@ def test_what_is_no_vector_is_named(typed: Any, text: str) -> None:
 @pytest.mark.parametrize("name", optik.robots())
 def test_every_arm_has_a_home_that_is_regular_and_free(name: str) -> None:
     arm = optik.load(name)
-    home = home_of(name)
+    home = read_home(name)
     assert home is not None
-    q = home / per(arm)
+    q = home / unit_factors(arm)
     room = np.minimum(q - arm.limits.lower, arm.limits.upper - q)
     assert (room > 0.05 * np.minimum(arm.limits.upper - arm.limits.lower, 1.0) * ~arm.prismatic).all()
     assert arm.singular_values(q)[-1] > 0.1
     if arm.shapes is not None:
-        assert contact(arm, optik.Scene(), q).distance > 0.0
+        assert find_contact(arm, optik.Scene(), q).distance > 0.0
 
 
 def test_a_home_is_a_configuration_of_the_arm(tmp_path: Path) -> None:
     text = 'convention = "dh"\njoints = [{ a_mm = 300, range_deg = [-90, 90] }, { type = "prismatic", range_mm = [0, 100] }]\n'
     file = write(tmp_path / "arm.toml", f"home_deg = [10, 50]\n{text}")
-    assert home_of(file).tolist() == [10.0, 50.0]
-    assert home_of(write(tmp_path / "other.toml", text)) is None
+    assert read_home(file).tolist() == [10.0, 50.0]
+    assert read_home(write(tmp_path / "other.toml", text)) is None
     for home in ("[10]", "[100, 50]", "[10, 101]", '"x"'):
         with pytest.raises(InvalidInput, match="home_deg"):
             robot_from_toml(write(tmp_path / "wrong.toml", f"home_deg = {home}\n{text}"))
@@ -112,8 +112,8 @@ def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_p
     _, _, said = typed("ik", "-r", str(tmp_path / "arm.urdf"), "--xyz", "0.3,0.2,0.4")
     found = re.search(r"sampled: it has no home_deg: --start-deg (\S+)", said)
     assert found
-    q = np.array([float(x) for x in found[1].split(",")]) / per(arm)
-    drawn = arm.limits.draw(np.random.default_rng(0), START_SAMPLES)
+    q = np.array([float(x) for x in found[1].split(",")]) / unit_factors(arm)
+    drawn = arm.limits.sample(np.random.default_rng(0), START_SAMPLES)
     sigma = np.array([np.linalg.svd(J, compute_uv=False) for J in arm.jacobian(np.vstack([q, drawn]))])
     conditioned = sigma[:, -1] / sigma[:, 0]
     assert conditioned[0] > 0.99 * conditioned[1:].max()
@@ -124,7 +124,7 @@ def test_the_sampled_start_is_free_of_self_contact_and_inside() -> None:
         arm = optik.load(name)
         q = sampled_start(arm)
         assert arm.limits.contains(q)
-        assert contact(arm, optik.Scene(), q).distance > 0.0
+        assert find_contact(arm, optik.Scene(), q).distance > 0.0
     assert optik.load("irb910sc").limits.contains(sampled_start(optik.load("irb910sc")))
 
 
@@ -134,7 +134,7 @@ def test_the_sampled_start_is_free_of_self_contact_and_inside() -> None:
 @pytest.mark.parametrize("orientation", ["rpy-deg", "quat"])
 def test_ik_takes_what_fk_prints(typed: Any, orientation: str) -> None:
     arm, rng = optik.load("ur5e"), np.random.default_rng(4)
-    for q in arm.limits.draw(rng, 4):
+    for q in arm.limits.sample(rng, 4):
         _, shown, _ = typed("fk", "-r", "ur5e", ",".join(map(str, np.degrees(q))))
         options = dict(re.findall(r"--(xyz|rpy-deg|quat) (\S+)", shown))
         status, out, _ = typed(

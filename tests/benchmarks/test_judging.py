@@ -140,7 +140,7 @@ def fk_extended(robot: optik.Robot, q: Array) -> Any:
 @pytest.mark.parametrize("name", names("optik.robots"))
 def test_the_judge_is_exact_far_below_its_finest_tolerance(name: str) -> None:
     robot = optik.load(name)
-    for q in robot.limits.draw(np.random.default_rng(1), 12):
+    for q in robot.limits.sample(np.random.default_rng(1), 12):
         target = fk_extended(robot, q).astype(np.float64)
         rows = judged(robot, target[None], [q[None]], wraps=False)
         assert max(rows["position_error"][0], rows["rotation_error"][0]) < 1e-15
@@ -152,7 +152,7 @@ def test_the_judge_is_exact_far_below_its_finest_tolerance(name: str) -> None:
 
 def test_answers_are_judged_as_plain_kinematics_does(run: RunFolder) -> None:
     robot, rng = optik.load("paper6r"), np.random.default_rng(3)
-    q = robot.limits.draw(rng, 40)
+    q = robot.limits.sample(rng, 40)
     targets = np.stack([fk_extended(robot, v).astype(np.float64) for v in q])
     offered = q + rng.normal(size=q.shape) * 10.0 ** rng.uniform(-11, -2, size=(40, 1))
     offered[0] = np.r_[robot.limits.upper[0] + 1e-3, q[0, 1:]]

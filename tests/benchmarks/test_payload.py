@@ -18,7 +18,7 @@ from benchmarks.kinds.laws.run import check_laws, line_rows
 from benchmarks.kinds.laws.settings import LawBlock, read_block
 from benchmarks.kinds.plans.nearest import nearest_points, placed
 from benchmarks.settings import Target
-from optik.arm.shapes.contact import SELF, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import SELF, find_nearest_pairs, find_pairs
 from optik.errors import InvalidInput
 from planners import MotionLimits
 
@@ -128,9 +128,9 @@ def test_sampling_that_is_too_coarse_misses_contacts_and_the_proof_none() -> Non
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_the_nearest_points_are_as_far_apart_as_the_compiled_distances_say(name: str) -> None:
     arm, scene = optik.load("panda"), scene_named(name)
-    bodies = examined_pairs(arm, scene).bodies
-    q = arm.limits.draw(np.random.default_rng(3), 40)
-    for at, distance, k in zip(q, *nearest_pairs(arm, scene, q), strict=True):
+    bodies = find_pairs(arm, scene).bodies
+    q = arm.limits.sample(np.random.default_rng(3), 40)
+    for at, distance, k in zip(q, *find_nearest_pairs(arm, scene, q), strict=True):
         one, other, kind = bodies[k].tolist()
         ends = nearest_points(placed(arm, at), scene, one, other, kind)
         assert distance <= 0.0 or np.linalg.norm(ends[1] - ends[0]) == pytest.approx(distance, abs=1e-9)

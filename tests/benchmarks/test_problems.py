@@ -62,11 +62,11 @@ def test_arms_with_seven_joints_have_singular_targets_too() -> None:
 
 def test_joints_are_put_on_their_limits_and_at_zero() -> None:
     robot, rng = optik.load("paper6r"), np.random.default_rng(4)
-    q = put_on_limits(robot, rng, robot.limits.draw(rng, 50), but=4)
+    q = put_on_limits(robot, rng, robot.limits.sample(rng, 50), but=4)
     on = (q == robot.limits.lower) | (q == robot.limits.upper)
     assert on.any(axis=1).all()
     assert not on[:, 4].any()
-    zeros = put_at_zero(robot, rng, robot.limits.draw(rng, 50)) == 0.0
+    zeros = put_at_zero(robot, rng, robot.limits.sample(rng, 50)) == 0.0
     assert zeros.any(axis=1).all()
     assert zeros[0].all()
 
@@ -122,7 +122,7 @@ def drawn(name: str, robot: Robot, seed: int = 4, **options: Any) -> ProblemSet:
 
 def test_a_target_that_one_attempt_misses_is_known_and_one_out_of_reach_is_proved() -> None:
     robot = optik.load("paper6r")
-    q = robot.limits.draw(np.random.default_rng(9), 200)
+    q = robot.limits.sample(np.random.default_rng(9), 200)
     targets = robot.fk(q)
     targets[0, :3, 3] += [0.0, 0.0, 5.0]
     starts = np.tile(robot.limits.middle, (200, 1))
@@ -135,7 +135,7 @@ def test_a_target_that_one_attempt_misses_is_known_and_one_out_of_reach_is_prove
 
 def test_what_closed_forms_alone_find_counts_as_known() -> None:
     robot = optik.load("paper6r")
-    q = robot.limits.draw(np.random.default_rng(9), 60)
+    q = robot.limits.sample(np.random.default_rng(9), 60)
     starts = np.tile(robot.limits.middle, (60, 1))
     few = optik.ik.make_solver(robot, "lm", max_restarts=0).solve_batch(robot.fk(q), starts).solved
     assert not few.all()
@@ -181,7 +181,7 @@ def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp
 
 def test_starts_are_where_their_kind_says() -> None:
     robot = optik.load("paper6r")
-    q = robot.limits.draw(stream(4, "q"), 300)
+    q = robot.limits.sample(stream(4, "q"), 300)
     at = {kind: start_configurations(robot.limits, stream(4, kind), q, kind, 0.1) for kind in START_KINDS}
     for starts in at.values():
         assert robot.limits.contains(starts).all()

@@ -59,7 +59,7 @@ def test_its_model_is_ours_or_it_refuses(name: str, robot: str) -> None:
     arm, peer = optik.load(robot), usable(name, robot)
     if peer is None:
         return
-    q = arm.limits.draw(np.random.default_rng(11), 1)[0]
+    q = arm.limits.sample(np.random.default_rng(11), 1)[0]
     pose = peer.fk(q)
     assert (pose is None) == (name in WITHOUT_MODEL)
     if pose is not None:

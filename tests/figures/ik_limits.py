@@ -87,7 +87,7 @@ def measure(case: int) -> Row:
     if not len(q):
         return row
     targets, solver = oracles.fk(arm, q), LM(robot, task=task)
-    for start in (robot.limits.draw(rng, len(q)), robot.limits.clip(q + rng.normal(0.0, 1e-3, q.shape))):
+    for start in (robot.limits.sample(rng, len(q)), robot.limits.clip(q + rng.normal(0.0, 1e-3, q.shape))):
         batch = solver.solve_batch(targets, start, threads=1)
         poses = oracles.fk(arm, batch.q)
         if task == "pose":

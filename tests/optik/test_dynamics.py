@@ -47,7 +47,7 @@ def random_robot(seed: int) -> Robot:
 
 def states(robot: Robot, count: int, seed: int = 0) -> Any:
     rng = np.random.default_rng(seed)
-    return robot.limits.draw(rng, count), *(rng.normal(size=(2, count, robot.n)) * [[[2.0]], [[10.0]]])
+    return robot.limits.sample(rng, count), *(rng.normal(size=(2, count, robot.n)) * [[[2.0]], [[10.0]]])
 
 
 # ---------------------------------------------------------------- against Pinocchio
@@ -127,7 +127,7 @@ def test_friction_is_its_closed_form_and_none_at_rest(name: str) -> None:
 def test_gravity_torques_of_the_puma_are_those_of_the_published_constants() -> None:
     """Armstrong, Khatib and Burdick 1986: constants g1 … g5 with their tolerances [N·m]; their arm is turned by π."""
     robot = optik.load("puma560")
-    q = robot.limits.draw(np.random.default_rng(3), 400)
+    q = robot.limits.sample(np.random.default_rng(3), 400)
     _, two, three, four, five, _ = (q + np.pi * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])).T
     s23, c23 = np.sin(two + three), np.cos(two + three)
     s4, c4, s5, c5 = np.sin(four), np.cos(four), np.sin(five), np.cos(five)

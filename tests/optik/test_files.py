@@ -6,14 +6,14 @@ import sys
 import pytest
 
 from optik.errors import InvalidInput, OutputError
-from optik.files import content_of, parsed, suffix_of, text_of, write_whole
+from optik.file_io import check_suffix, decode_text, parse_json, read_bytes, write_atomically
 from tests.oracles import REPOSITORY
 
 
 def test_a_file_is_written_and_nothing_else_is_left(tmp_path):
     target = tmp_path / "run.json"
-    write_whole(target, lambda path: path.write_text("one"))
-    write_whole(str(target), lambda path: path.write_text("two"))
+    write_atomically(target, lambda path: path.write_text("one"))
+    write_atomically(str(target), lambda path: path.write_text("two"))
     assert target.read_text() == "two"
     assert list(tmp_path.iterdir()) == [target]
 
@@ -28,7 +28,7 @@ def test_a_write_that_ends_early_leaves_the_old_file_and_no_part(tmp_path, error
         raise error
 
     with pytest.raises(OutputError if isinstance(error, OSError) else type(error)) as caught:
-        write_whole(target, write)
+        write_atomically(target, write)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
     if isinstance(error, OSError):
@@ -42,7 +42,7 @@ def test_what_cannot_be_written_is_named(tmp_path):
     (folder / "file").write_text("kept")
     for target in (folder, tmp_path / "nowhere" / "x", folder / "file" / "x", tmp_path / "nul\0byte"):
         with pytest.raises(OutputError) as caught:
-            write_whole(target, lambda path: path.write_text("new"))
+            write_atomically(target, lambda path: path.write_text("new"))
         assert caught.value.path == str(target)
     assert (folder / "file").read_text() == "kept"
     assert list(tmp_path.iterdir()) == [folder]
@@ -50,11 +50,11 @@ def test_what_cannot_be_written_is_named(tmp_path):
 
 KILLED = """
 import os, sys
-from optik.files import write_whole
+from optik.file_io import write_atomically
 def write(path):
     path.write_text("half")
     os._exit(9)
-write_whole(sys.argv[1], write)
+write_atomically(sys.argv[1], write)
 """
 
 
@@ -73,42 +73,42 @@ def test_a_file_is_read_up_to_a_size_and_no_further(tmp_path):
     file = tmp_path / "data"
     for size in (0, 5, 2**20 + 1):
         file.write_bytes(b"x" * size)
-        assert content_of(file) == b"x" * size
-        assert content_of(file, most=size) == b"x" * size
+        assert read_bytes(file) == b"x" * size
+        assert read_bytes(file, most=size) == b"x" * size
     with pytest.raises(InvalidInput, match="source: expected an arm; got more than 1 MB"):
-        content_of(file, argument="source", expected="an arm", most=2**20)
+        read_bytes(file, argument="source", expected="an arm", most=2**20)
 
 
 @pytest.mark.parametrize("name", ["missing", "", "none/x", "nul\0byte"])
 def test_what_cannot_be_read_is_named(name, tmp_path):
     with pytest.raises(InvalidInput) as caught:
-        content_of(tmp_path / name)
+        read_bytes(tmp_path / name)
     assert caught.value.argument == "file"
     assert repr(name)[1:-1] in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["a.json", "b/A.JSON", "x.y.json"])
 def test_a_suffix_is_read_in_lower_case(name):
-    assert suffix_of(name, (".npz", ".json")) == ".json"
+    assert check_suffix(name, (".npz", ".json")) == ".json"
 
 
 @pytest.mark.parametrize("name", ["a.jso", "json", ".json", "", 3, None, b"a.json"])
 def test_another_suffix_is_refused(name):
     with pytest.raises(InvalidInput, match=r"\.npz, \.json"):
-        suffix_of(name, (".npz", ".json"))
+        check_suffix(name, (".npz", ".json"))
 
 
 def test_text_is_utf_8():
-    assert text_of("q̇ ≤ 2".encode()) == "q̇ ≤ 2"
+    assert decode_text("q̇ ≤ 2".encode()) == "q̇ ≤ 2"
     with pytest.raises(InvalidInput, match="UTF-8"):
-        text_of(b"\xe9")
+        decode_text(b"\xe9")
 
 
 @pytest.mark.parametrize("text", ["", "{", "NaN", "[-Infinity]", "[" * 100_000, "1 2"])
 def test_what_is_no_strict_json_is_refused(text):
     with pytest.raises(InvalidInput, match="header: expected JSON"):
-        parsed(text, "header")
+        parse_json(text, "header")
 
 
 def test_json_is_parsed():
-    assert parsed('{"a": [1, 2.5, null]}', "header") == {"a": [1, 2.5, None]}
+    assert parse_json('{"a": [1, 2.5, null]}', "header") == {"a": [1, 2.5, None]}

@@ -117,7 +117,7 @@ def test_an_answer_that_is_no_number_is_no_success(joint, value, claim):
 
 
 def test_success_needs_both_errors_within_the_tolerance():
-    e = np.abs(PAPER.errors(START, TARGET))
+    e = np.abs(PAPER.pose_errors(START, TARGET))
     p, r = np.linalg.norm(e[:3]), np.linalg.norm(e[3:])
     for position, rotation, expected in (
         (1.001 * p, 1.001 * r, True),

@@ -550,12 +550,12 @@ def test_a_straight_wrist_of_an_arm_with_rounded_numbers_has_its_branch():
         fixed = robot.fixed.copy()
         fixed[:, :3, 3] += 1e-7 * rng.choice([-1.0, 1.0], (6, 3))
         solver = ClosedForm(Robot("rounded", fixed, robot.prismatic, robot.tool, robot.limits), backend="enumeration")
-        for q in robot.limits.draw(rng, 10):
+        for q in robot.limits.sample(rng, 10):
             q[4] = 0.0
             target = solver.robot.fk(q)
             found = solver.branches(target)
             assert 0 < len(found.q) <= 64
-            assert np.abs(solver.robot.errors(found.q, target)).max() < 1e-6
+            assert np.abs(solver.robot.pose_errors(found.q, target)).max() < 1e-6
 
 
 @pytest.mark.parametrize("limit", [1e-6, 1e-7, -1e-7, 1e-8])

@@ -621,7 +621,7 @@ def test_singular_targets_with_joints_at_limits_are_solved(name, fraction):
     assert len(q) > 500
     assert oracles.smallest(arm, q).max() < 1e-8
     targets = oracles.fk(arm, q)
-    for first in (robot.limits.draw(rng, len(q)), robot.limits.clip(q + rng.normal(0.0, 1e-3, q.shape))):
+    for first in (robot.limits.sample(rng, len(q)), robot.limits.clip(q + rng.normal(0.0, 1e-3, q.shape))):
         assert unsolved(arm, targets, first) == 0
 
 

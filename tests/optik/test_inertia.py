@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import Inertia, JointLimits, Payload, Robot
-from optik.arm.body import joined, moved_body
+from optik.arm.body import join_bodies, transform_body
 from optik.arm.library import robot_from_toml
 from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests import oracles
@@ -50,11 +50,11 @@ def test_bodies_are_joined_as_their_points_are(seed: int, count: int) -> None:
 
     whole = body(np.concatenate([m for m, _ in clouds]), np.concatenate([p for _, p in clouds]))
     nothing = (0.0, np.ones(3), np.zeros((3, 3)))
-    for one, other in zip(joined([nothing, *(body(*cloud) for cloud in clouds)]), whole, strict=True):
+    for one, other in zip(join_bodies([nothing, *(body(*cloud) for cloud in clouds)]), whole, strict=True):
         assert np.abs(one - other).max() < 1e-13
     T = oracles.pose(*rng.normal(size=(2, 3)))
     moved = body(clouds[0][0], clouds[0][1] @ T[:3, :3].T + T[:3, 3])
-    for one, other in zip(moved_body(body(*clouds[0]), T), moved, strict=True):
+    for one, other in zip(transform_body(body(*clouds[0]), T), moved, strict=True):
         assert np.abs(one - other).max() < 1e-13
 
 
@@ -147,7 +147,7 @@ MISUSE: dict[str, tuple[Any, str]] = {
     "a torque limit of 0": (lambda r: r.with_limits(torque=0.0), "torque: .*above 0"),
     "a torque rate of three joints": (lambda r: r.with_limits(torque_rate=[1.0] * 3), "torque_rate"),
     "a payload that is none": (lambda r: replace(r, payload=3.0), "payload: "),
-    "frames of another arm": (lambda r: r.inertia.moved(np.eye(4)), "poses"),
+    "frames of another arm": (lambda r: r.inertia.transform(np.eye(4)), "poses"),
     "loads of unknown masses": (lambda r: optik.load("kr6").loads, "robot: .*'kr6'"),
 }
 
@@ -194,7 +194,7 @@ def test_masses_are_of_the_content_and_what_is_unknown_leaves_the_fingerprint_as
     assert optik.load("kr6").fingerprint == "98b80423bbbde5da"
     robot = optik.load("panda")
     assert robot.inertia is not None
-    bare = replace(robot, inertia=None, shapes=None, limits=robot.limits.replaced(torque=None, torque_rate=None))
+    bare = replace(robot, inertia=None, shapes=None, limits=robot.limits.replace(torque=None, torque_rate=None))
     assert bare.fingerprint == "c1aa0f9604181606"
     other = [
         bare,
@@ -346,5 +346,5 @@ def test_masses_and_torque_limits_of_our_arms_have_a_source_and_hold_them_up(nam
         return
     assert robot.inertia.source
     assert robot.limits.torque is not None
-    q = robot.limits.draw(np.random.default_rng(0), 300)
+    q = robot.limits.sample(np.random.default_rng(0), 300)
     assert (np.abs(robot.gravity_torques(q)) < 0.7 * robot.limits.torque).all()

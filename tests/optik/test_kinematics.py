@@ -220,7 +220,7 @@ def test_derivatives_of_a_line_are_the_differences_of_its_joint_path():
     T0, h, way = robot.fk(q0), 0.005, np.array([-0.12, 0.0, 0.2]) / np.hypot(0.12, 0.2)
     targets = np.array([oracles.trans(*(k * h * way)) @ T0 for k in range(-3, 4)])
     q = polished(robot, np.repeat(q0[None], 7, axis=0), targets)
-    assert size(robot.errors(q, targets)).max() < 1e-13
+    assert size(robot.pose_errors(q, targets)).max() < 1e-13
     twists = np.zeros((1, 3, 6))
     twists[0, 0, :3] = way
     dq = derivatives(robot, q[3:4], twists)[0][0]
@@ -241,7 +241,7 @@ def test_polish_reaches_rounding_from_a_solvers_tolerance(name):
     robot, q = optik.load(name), regular(name, 200, 28)
     targets = robot.fk(q)
     near = q + np.random.default_rng(29).uniform(-1e-3, 1e-3, q.shape)
-    assert size(robot.errors(near, targets)).min() > 1e-6
+    assert size(robot.pose_errors(near, targets)).min() > 1e-6
     better = polished(robot, near, targets)
     errors = [oracles.error(T, goal) for T, goal in zip(robot.fk(better), targets, strict=True)]
     assert size(np.array(errors)).max() < 1e-12
@@ -254,8 +254,8 @@ def test_polish_never_makes_an_error_larger(name):
     arm = oracles.table(name)
     q = np.vstack([oracles.configurations(arm, 200, 30), np.zeros((1, robot.n))])
     targets = robot.fk(np.vstack([oracles.configurations(arm, 200, 31), np.full((1, robot.n), 0.3)]))
-    before = size(robot.errors(q, targets))
-    after = size(robot.errors(polished(robot, q, targets), targets))
+    before = size(robot.pose_errors(q, targets))
+    after = size(robot.pose_errors(polished(robot, q, targets), targets))
     assert (after <= before).all()
     assert np.isfinite(after).all()
 
@@ -269,7 +269,7 @@ def test_polish_of_no_steps_changes_nothing():
 def test_polish_converges_quadratically():
     robot, q = optik.load("paper6r"), regular("paper6r", 50, 33)
     targets, near = robot.fk(q), q + 1e-3
-    sizes = [size(robot.errors(polished(robot, near, targets, k), targets)) for k in range(4)]
+    sizes = [size(robot.pose_errors(polished(robot, near, targets, k), targets)) for k in range(4)]
     assert np.median(sizes[1] / sizes[0]) < 1e-2
     assert np.median(sizes[2] / sizes[0]) < 1e-6
 

@@ -74,7 +74,7 @@ def test_a_users_own_file_is_the_arm_that_it_describes(tmp_path):
     base = oracles.pose((0.0, 0.0, math.pi / 2), (0.0, 0.0, 0.5))
     expected = Robot.from_dh(rows, limits, base=base, tool=oracles.trans(z=0.12))
     robot = robot_from_toml(written(tmp_path, ARM))
-    q = limits.draw(np.random.default_rng(0), 20)
+    q = limits.sample(np.random.default_rng(0), 20)
     assert np.abs(robot.fk(q) - expected.fk(q)).max() < 1e-14
     for field in ("lower", "upper", "velocity", "acceleration", "jerk"):
         assert np.abs(getattr(robot.limits, field) - getattr(limits, field)).max() < 1e-14
@@ -201,7 +201,7 @@ def test_the_default_line_begins_and_ends_at_the_papers_notes():
     assert np.abs(T[:3, 3] - (0.1640, 0.3536, 0.1496)).max() < 0.5e-4
     # the end's angles are given to 0.01°, which is 2e-4 m at this reach
     assert np.abs(goal[:3, 3] - T[:3, 3] - (-0.12, 0.0, 0.20)).max() < 2e-4
-    assert np.abs(robot.errors(end, T)[3:]).max() < 5e-4
+    assert np.abs(robot.pose_errors(end, T)[3:]).max() < 5e-4
     assert robot.limits.contains(np.array([start, end])).all()
 
 

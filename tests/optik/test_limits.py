@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from optik import JointLimits
-from optik.arm.limits import positive
+from optik.arm.limits import check_positive
 from optik.errors import InvalidInput
 
 
@@ -88,7 +88,7 @@ def test_pickled_limits_come_back_the_same():
 
 def test_positive_gives_one_figure_a_joint_and_no_hold_of_the_callers():
     mine = np.array([1.0, 2.0])
-    limit = positive(mine, 2, "speed")
+    limit = check_positive(mine, 2, "speed")
     mine[0] = 7.0
     assert limit.tolist() == [1, 2]
     assert not limit.flags.writeable
@@ -138,14 +138,16 @@ def test_a_finite_limit_beyond_any_turn_is_refused_and_the_largest_is_not():
 
 @given(joint_limits(), st.integers(0, 2**32))
 def test_positions_relative_to_the_range_are_within_one_and_lead_back(limits, seed):
-    q = limits.draw(np.random.default_rng(seed), 5)
-    x = limits.normalised(q)
-    ranged = limits.ranged & (limits.half > 1e-9)
-    assert limits.ranged.tolist() == [-np.inf < a < b < np.inf for a, b in zip(limits.lower, limits.upper, strict=True)]
+    q = limits.sample(np.random.default_rng(seed), 5)
+    x = limits.normalise(q)
+    ranged = limits.bounded & (limits.half > 1e-9)
+    assert limits.bounded.tolist() == [
+        -np.inf < a < b < np.inf for a, b in zip(limits.lower, limits.upper, strict=True)
+    ]
     assert np.abs(x).max() <= 1.0 + 1e-6
     assert np.abs(x * np.where(ranged, limits.half, 0.0) + limits.middle - q)[:, ranged].max(initial=0.0) < 1e-9
     assert (x[:, np.isinf(limits.half) | (limits.half == 0.0)] == 0.0).all()
-    assert np.abs(limits.normalised(limits.upper)[ranged] - 1.0).max(initial=0.0) < 1e-3
+    assert np.abs(limits.normalise(limits.upper)[ranged] - 1.0).max(initial=0.0) < 1e-3
 
 
 @given(joint_limits(), st.integers(0, 2**32), st.floats(0.0, 2.0))
@@ -153,10 +155,10 @@ def test_configurations_are_drawn_inside_at_most_a_turn_wide_and_off_the_limits(
     least = np.min(np.where(np.isinf(limits.half), pi, limits.half))
     if margin > least + 1e-9:
         with pytest.raises(InvalidInput, match="margin"):
-            limits.draw(np.random.default_rng(seed), 3, margin=margin)
+            limits.sample(np.random.default_rng(seed), 3, margin=margin)
         return
     assume(margin < least - 1e-9 or margin == 0.0)
-    q = limits.draw(np.random.default_rng(seed), 3, margin=margin)
+    q = limits.sample(np.random.default_rng(seed), 3, margin=margin)
     assert q.shape == (3, limits.lower.size)
     assert (q >= limits.lower + margin - 1e-9).all()
     assert (q <= limits.upper - margin + 1e-9).all()
@@ -167,18 +169,18 @@ def test_configurations_are_drawn_inside_at_most_a_turn_wide_and_off_the_limits(
 def test_draws_are_one_call_of_the_generators_uniform():
     limits = JointLimits([-1.0, -np.inf, 2.0, -np.inf], [1.0, np.inf, np.inf, 5.0])
     low, high = [-1.0, -pi, 2.0, 5.0 - 2.0 * pi], [1.0, pi, 2.0 + 2.0 * pi, 5.0]
-    assert (limits.draw(np.random.default_rng(3), 7) == np.random.default_rng(3).uniform(low, high, (7, 4))).all()
+    assert (limits.sample(np.random.default_rng(3), 7) == np.random.default_rng(3).uniform(low, high, (7, 4))).all()
     low, high = [-1.0, -1.0, 2.0, 5.0 - 4.0], [1.0, 1.0, 4.0, 5.0]
-    drawn = limits.draw(np.random.default_rng(3), 7, half_if_infinite=[9.0, 1.0, 1.0, 2.0])
+    drawn = limits.sample(np.random.default_rng(3), 7, half_if_infinite=[9.0, 1.0, 1.0, 2.0])
     assert (drawn == np.random.default_rng(3).uniform(low, high, (7, 4))).all()
     for count in (-1, 2.5, "3"):
         with pytest.raises(InvalidInput, match="count"):
-            limits.draw(np.random.default_rng(3), count)
+            limits.sample(np.random.default_rng(3), count)
 
 
 def test_replaced_limits_keep_those_that_are_not_named():
     limits = JointLimits([-1, -2], [1, 2], velocity=[1, 2], jerk=3)
-    other = limits.replaced(velocity=None, acceleration=5, lower=[0, 0])
+    other = limits.replace(velocity=None, acceleration=5, lower=[0, 0])
     assert other.lower.tolist() == [0, 0]
     assert (other.upper == limits.upper).all()
     assert other.velocity is None
@@ -186,6 +188,6 @@ def test_replaced_limits_keep_those_that_are_not_named():
     assert other.jerk.tolist() == [3, 3]
     assert limits.velocity.tolist() == [1, 2]
     with pytest.raises(InvalidInput, match=r"limits: .*upper, velocity.*got speed"):
-        limits.replaced(speed=3)
+        limits.replace(speed=3)
     with pytest.raises(InvalidInput, match="lower 5 above upper 1 at joint 1"):
-        limits.replaced(lower=[5, 0])
+        limits.replace(lower=[5, 0])

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 import optik
 from optik import se3
-from optik.arm.shapes.enclosure import around_cylinder, box_triangles, clipped, enclosing
-from optik.arm.shapes.excess import Capsule, farthest
+from optik.arm.shapes.enclosure import box_triangles, enclose_cylinder, enclose_mesh, split_mesh
+from optik.arm.shapes.excess import Capsule, bound_excess
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError
 from tests.oracles.shapes import distances
@@ -65,7 +65,7 @@ def test_the_excess_of_a_capsule_is_the_farthest_of_its_surface_from_points_anyw
         phi = np.append(phi[best, None] + dphi * rng.uniform(-1.0, 1.0, (20, 60)), phi[best])
         ds, dphi = 0.6 * ds, 0.6 * dphi
     true = tree.query(surface(capsule, s, phi))[0].max()
-    assert true <= farthest(capsule, [], tree) <= 1.01 * true
+    assert true <= bound_excess(capsule, [], tree) <= 1.01 * true
 
 
 # ---------------------------------------------------------------- files
@@ -180,7 +180,7 @@ SOLIDS = {
 
 @cache
 def enclosed(name):
-    return enclosing(np.asarray(trimesh.util.concatenate(SOLIDS[name]).triangles))
+    return enclose_mesh(np.asarray(trimesh.util.concatenate(SOLIDS[name]).triangles))
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -205,7 +205,7 @@ def test_the_solid_is_inside_and_no_point_of_the_surface_stands_out_farther_than
 
 
 def test_a_bad_fit_is_cut_and_the_cut_has_less_excess():
-    one, several = enclosing(np.asarray(bent().triangles), 1), enclosed("bent")
+    one, several = enclose_mesh(np.asarray(bent().triangles), 1), enclosed("bent")
     assert (len(one), 2 <= len(several) <= 3) == (1, True)
     assert max(c.excess for c in several) < 0.6 * one[0].excess
 
@@ -216,7 +216,7 @@ def test_cutting_keeps_the_surface():
     for _ in range(5):
         normal = RNG.normal(size=3)
         offset = float(RNG.normal() * 0.5)
-        below, above = clipped(triangles, normal, offset)
+        below, above = split_mesh(triangles, normal, offset)
         assert abs(trimesh.triangles.area(below).sum() + trimesh.triangles.area(above).sum() - area) <= 1e-9 * area
         assert (below @ normal).max() <= offset + 1e-9
         assert (above @ normal).min() >= offset - 1e-9
@@ -224,7 +224,7 @@ def test_cutting_keeps_the_surface():
 
 @pytest.mark.parametrize(("radius", "length"), [(0.05, 0.4), (0.1, 0.02), (0.03, 0.06)])
 def test_a_cylinder_is_inside_its_capsule(radius, length):
-    c = around_cylinder(radius, length)
+    c = enclose_cylinder(radius, length)
     turn = RNG.uniform(0.0, 2.0 * np.pi, 200)
     rims = np.stack((radius * np.cos(turn), radius * np.sin(turn), np.where(turn > 3.0, 0.5, -0.5) * length), axis=1)
     assert distances(rims, c.a, c.b, c.radius).max() <= 0.0
@@ -268,7 +268,10 @@ def folder(tmp_path) -> Path:
 def test_collision_elements_become_capsules_of_the_links_that_move_them(folder):
     robot = optik.Robot.from_urdf(folder / "arm.urdf", "tip", shapes=True)
     shapes = robot.shapes
-    rows = {name: [column[shapes.of(name)] for column in (*shapes.capsules, shapes.excess)] for name in shapes.names}
+    rows = {
+        name: [column[shapes.find_capsules(name)] for column in (*shapes.capsules, shapes.excess)]
+        for name in shapes.names
+    }
     assert {name: set(row[0].tolist()) for name, row in rows.items()} == {
         "foot": {0}, "arm": {1}, "wrist": {2}, "hand": {2}, "finger": {2}, "knob": {2},
     }  # fmt: skip

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import JointLimits, Robot, se3
-from optik.arm.plain import numbers, plain_numbers
+from optik.arm.plain import numbers_to_list, read_numbers
 from optik.errors import InvalidInput, OptikError
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -62,7 +62,7 @@ def test_any_robot_comes_back_to_the_last_bit(seed: int, free: bool) -> None:
 @settings(max_examples=25)
 @given(st.lists(st.one_of(finite, st.sampled_from([np.inf, -np.inf])), min_size=1, max_size=9))
 def test_numbers_come_back_to_the_last_bit(values: list[float]) -> None:
-    back = numbers(json.loads(json.dumps(plain_numbers(values), allow_nan=False)), (len(values),), "x")
+    back = read_numbers(json.loads(json.dumps(numbers_to_list(values), allow_nan=False)), (len(values),), "x")
     assert same_bits(back, np.array(values))
 
 
@@ -97,4 +97,4 @@ def test_what_describes_no_robot_is_refused_by_name(damage: Any, named: str) -> 
 
 def test_numbers_of_another_shape_say_which_was_expected() -> None:
     with pytest.raises(InvalidInput, match=r"x: expected numbers of shape \(2, 3\).*got 2 of them"):
-        numbers([[1.0, 2.0, 3.0], [1.0, 2.0]], (2, 3), "x")
+        read_numbers([[1.0, 2.0, 3.0], [1.0, 2.0]], (2, 3), "x")

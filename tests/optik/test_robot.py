@@ -136,7 +136,7 @@ def test_batches_have_the_shape_of_their_parts(shape):
         assert together.shape == (*shape, *part)
         for i in np.ndindex(shape):
             assert (together[i] == function(q[i])).all()
-    e = robot.errors(q, target)
+    e = robot.pose_errors(q, target)
     assert e.shape == (*shape, 6)
     for i in np.ndindex(shape):
         assert np.abs(e[i] - oracles.error(robot.fk(q[i]), target)).max() < 1e-14
@@ -147,7 +147,7 @@ def test_errors_of_many_targets_are_those_of_each():
     q = oracles.configurations(oracles.table("paper6r"), 5, 1)
     targets = robot.fk(oracles.configurations(oracles.table("paper6r"), 5, 2))
     expected = np.array([oracles.error(T, goal) for T, goal in zip(robot.fk(q), targets, strict=True)])
-    assert np.abs(robot.errors(q, targets) - expected).max() < 1e-13
+    assert np.abs(robot.pose_errors(q, targets) - expected).max() < 1e-13
 
 
 # ---------------------------------------------------------------- identity
@@ -343,7 +343,7 @@ BAD_CONFIGURATIONS = {
 @pytest.mark.parametrize("q", BAD_CONFIGURATIONS.values(), ids=BAD_CONFIGURATIONS.keys())
 def test_what_is_no_configuration_is_refused_by_name(q):
     robot = optik.load("paper6r")
-    for function in (robot.fk, robot.frames, robot.jacobian, lambda q: robot.errors(q, np.eye(4))):
+    for function in (robot.fk, robot.frames, robot.jacobian, lambda q: robot.pose_errors(q, np.eye(4))):
         with pytest.raises(InvalidInput, match=r"^q: "):
             function(q)
     with pytest.raises(InvalidInput, match=r"^here: "):
@@ -368,11 +368,14 @@ def test_one_configuration_is_not_a_batch_of_them():
         pytest.param(lambda: one_joint(limits=None), id="no limits"),
         pytest.param(lambda: one_joint(gravity="down"), id="gravity that is a word"),
         pytest.param(lambda: optik.load(None), id="a name that is None"),
-        pytest.param(lambda: optik.load("paper6r").errors(np.zeros(6), np.eye(3)), id="a target that is a rotation"),
         pytest.param(
-            lambda: optik.load("paper6r").errors(np.zeros((3, 6)), np.zeros((2, 4, 4))), id="targets of another batch"
+            lambda: optik.load("paper6r").pose_errors(np.zeros(6), np.eye(3)), id="a target that is a rotation"
         ),
-        pytest.param(lambda: optik.load("paper6r").errors(np.zeros(6), "there"), id="a target that is a word"),
+        pytest.param(
+            lambda: optik.load("paper6r").pose_errors(np.zeros((3, 6)), np.zeros((2, 4, 4))),
+            id="targets of another batch",
+        ),
+        pytest.param(lambda: optik.load("paper6r").pose_errors(np.zeros(6), "there"), id="a target that is a word"),
     ],
 )
 def test_misuse_is_answered_by_optiks_own_error(misuse):

@@ -18,7 +18,7 @@ seeds = st.integers(0, 2**32)
 
 
 def drawn(robot, seed):
-    return robot.limits.draw(np.random.default_rng(seed), 3)
+    return robot.limits.sample(np.random.default_rng(seed), 3)
 
 
 def is_same_but(one, other, *fields):

@@ -69,7 +69,7 @@ def test_what_is_allowed_is_a_link_by_its_joint_or_capsules_by_their_name():
     robot = optik.load("panda").with_shapes(shapes)
 
     def touching(*allow):
-        return (~optik.Scene(spheres=SCENE.spheres, planes=SCENE.planes, allow=allow).examined(robot)).tolist()
+        return (~optik.Scene(spheres=SCENE.spheres, planes=SCENE.planes, allow=allow).pair_mask(robot)).tolist()
 
     assert touching() == [[False, False]] * 3
     assert touching(("base", "sphere1")) == touching(("foot", "sphere1")) == [[True, False], [False] * 2, [False] * 2]
@@ -78,7 +78,7 @@ def test_what_is_allowed_is_a_link_by_its_joint_or_capsules_by_their_name():
     with pytest.raises(UnknownName, match="did you mean lamp"):
         touching(("lump", "plane1"))
     with pytest.raises(InvalidInput, match="without shapes"):
-        optik.Scene().examined(robot.with_shapes(None))
+        optik.Scene().pair_mask(robot.with_shapes(None))
 
 
 BAD = [

@@ -106,7 +106,7 @@ def test_a_payload_has_a_shape_in_the_tools_frame_that_goes_with_it():
     robot = optik.load("panda").with_inertia(masses)
     box = se3.from_xyz_rpy((0.0, 0.0, 0.2), (0.0, 0.0, 0.0)), (0.04, 0.04, 0.1)
     loaded = robot.with_payload(1.0, shapes=[((0, 0, 0.1), 0.05), ((0, 0, 0), (0, 0, 0.1), 0.02), box])
-    mine = loaded.shapes.of("payload")
+    mine = loaded.shapes.find_capsules("payload")
     link, a, b, radius = (column[mine] for column in loaded.shapes.capsules)
     assert set(link.tolist()) == {n}
     assert np.abs(a[:2] - [(0, 0, 0.207), (0, 0, 0.107)]).max() <= 1e-12  # the flange is 107 mm from joint 7
@@ -152,7 +152,7 @@ def test_the_links_of_an_arm_hang_together_and_it_has_room_to_move(name):
     for _ in range(12):
         gap = gaps(robot, rng.uniform(lower, upper))
         for i in range(robot.n):  # the capsules of consecutive links meet at their joint
-            assert gap[np.ix_(shapes.of(i), shapes.of(i + 1))].min() <= 0.01, (name, i)
+            assert gap[np.ix_(shapes.find_capsules(i), shapes.find_capsules(i + 1))].min() <= 0.01, (name, i)
         free += bool((gap[tuple(shapes.pairs.T)] > 0.0).all())
     assert free >= 4
 

@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 import optik
 import planners
 from optik import Scene
-from optik.arm.shapes.contact import SELF, contact, examined_pairs, nearest_pairs
+from optik.arm.shapes.contact import SELF, find_contact, find_nearest_pairs, find_pairs
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.types import Array
@@ -104,7 +104,7 @@ def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot 
     """Bounds (2,) of the whole motion as one interval, which is not divided and whose ends are not looked at."""
     robot, least, pieces = robot or panda(), np.full((2, 4), np.inf), motion.knots.size - 1
     assert robot.shapes is not None
-    pairs = examined_pairs(robot, scene).bodies
+    pairs = find_pairs(robot, scene).bodies
     count = len(pairs)
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
@@ -127,7 +127,7 @@ def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: i
         motion = whole.slowed(1.0) if kind else quarter(whole)
         bound = bounds_of_one_interval(motion, scene)
         t = np.linspace(0.0, motion.end, 16_667)
-        distance, _ = nearest_pairs(panda(), scene, motion(t))
+        distance, _ = find_nearest_pairs(panda(), scene, motion(t))
         assert distance.min() >= bound.min() - 1e-9
         tight.append(distance.min() - bound.min())
     assert kind or min(tight) < 0.02, "the bounds are of use"
@@ -172,7 +172,7 @@ def test_a_bound_is_below_the_distance_and_as_sharp_as_the_acceleration(case: st
     scene = Scene(planes=[(tuple(-0.2 * x for x in normal), normal)], allow=[("first", "plane1")])
     t = np.linspace(0.0, motion.end, 2001)
     kind = 1 if len(kinds) == 3 else 0
-    distance = nearest_pairs(robot, Scene() if kind else scene, motion(t))[0]
+    distance = find_nearest_pairs(robot, Scene() if kind else scene, motion(t))[0]
     bound = bounds_of_one_interval(motion, scene, robot)[kind]
     drop = distance[1000] - distance.min()
     assert drop > 1e-4
@@ -265,8 +265,8 @@ def test_a_plan_that_touches_names_the_place_and_the_pair() -> None:
     refused = planners.plan(panda(), through, REST, scene=table())
     assert refused.status is PlanStatus.CONTACT and refused.stop is not None
     q = refused.prefix(refused.stop.s)  # type: ignore[misc]
-    assert contact(panda(), table(), q).distance <= 0.0
-    assert contact(panda(), table(), refused.prefix(0.9 * refused.stop.s)).distance > 0.0  # type: ignore[misc]
+    assert find_contact(panda(), table(), q).distance <= 0.0
+    assert find_contact(panda(), table(), refused.prefix(0.9 * refused.stop.s)).distance > 0.0  # type: ignore[misc]
     assert "joint7 and box" in refused.stop.reason
     start = planners.plan(panda(), REST, through, scene=table())
     assert start.status is PlanStatus.CONTACT and start.stop is not None
@@ -286,7 +286,7 @@ def test_the_best_branch_is_one_that_is_free() -> None:
     assert kept.status is PlanStatus.CONTACT and kept.stop is not None
     other = planners.plan(arm, path, scene=scene, limits=LIMITS)
     assert other and other.certificate.clearance is not None and other.certificate.clearance.proved
-    free = nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
+    free = find_nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
     assert free.min() >= other.certificate.clearance.value - 1e-9
 
 
@@ -328,9 +328,9 @@ def test_free_inverse_kinematics_is_asked_for() -> None:
     arm, q = elbow_arm(), np.array([0.3, -0.9, 1.2, 0.4, 0.8, 0.1])
     target, scene = arm.fk(q), Scene(spheres=[(arm.frames(q)[2, :3, 3], 0.03)])
     plain = optik.solve_ik(arm, target, q)
-    assert plain and contact(arm, scene, plain.q).distance <= 0.0
+    assert plain and find_contact(arm, scene, plain.q).distance <= 0.0
     free = optik.solve_ik(arm, target, q, scene=scene)
-    assert free and contact(arm, scene, free.q).distance > 0.0
+    assert free and find_contact(arm, scene, free.q).distance > 0.0
     assert np.abs(arm.fk(free.q) - target).max() < 1e-5
     wall = Scene(boxes=[(np.eye(4), (50.0, 50.0, 50.0))])
     none = optik.solve_ik(arm, target, q, scene=wall)

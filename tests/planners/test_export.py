@@ -19,7 +19,7 @@ import pytest
 import optik
 from optik import Robot
 from optik.errors import InvalidInput, OptikError, OutputError
-from optik.files import parsed
+from optik.file_io import parse_json
 from planners import MotionLimits
 from planners.files import load_motion, npz, save
 from planners.motion import Motion, motion_of
@@ -191,7 +191,7 @@ def _digest_in(file: Path) -> str:
 @pytest.mark.parametrize("word", ["NaN", "[Infinity]", '{"a": -Infinity}'])
 def test_what_json_has_no_number_for_is_refused(word: str) -> None:
     with pytest.raises(InvalidInput, match="is no number in JSON"):
-        parsed(word, "x")
+        parse_json(word, "x")
 
 
 def test_the_table_of_a_csv_must_show_its_polynomials(tmp_path: Path) -> None:

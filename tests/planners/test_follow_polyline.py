@@ -109,8 +109,8 @@ def keeps_on(robot: Robot, path: Polyline, q: Array) -> bool:
         y = x.copy()
         for _ in range(6):
             J = robot.jacobian(y)
-            y = y + J.T @ np.linalg.solve(J @ J.T + 1e-15 * np.eye(6), robot.errors(y, pose))
-        if np.abs(robot.errors(y, pose)).max() > 1e-9 or np.abs(y - x).max() > 0.1 or not robot.limits.contains(y):
+            y = y + J.T @ np.linalg.solve(J @ J.T + 1e-15 * np.eye(6), robot.pose_errors(y, pose))
+        if np.abs(robot.pose_errors(y, pose)).max() > 1e-9 or np.abs(y - x).max() > 0.1 or not robot.limits.contains(y):
             return False
         x = y
     return True

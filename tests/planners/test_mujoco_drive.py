@@ -304,7 +304,7 @@ def test_bad_input_is_refused(usual):
     for plant in others:
         with pytest.raises(InvalidInput, match="plant"):
             MujocoDrive(robot, plant=plant)
-    inertia = robot.inertia.replaced(mass=np.zeros(6), tensor=np.zeros((6, 3, 3)), motor=[1, 1, 1, 1, 1, 0])
+    inertia = robot.inertia.replace(mass=np.zeros(6), tensor=np.zeros((6, 3, 3)), motor=[1, 1, 1, 1, 1, 0])
     with pytest.raises(InvalidInput, match="joint6 moves no mass"):
         MujocoDrive(robot.with_inertia(inertia))
     with pytest.raises(InvalidInput, match="robot"):

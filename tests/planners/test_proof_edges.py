@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from optik import DHRow, JointLimits, Robot, Scene, Shapes
 from optik.arm.inertia import Inertia
-from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, examined_pairs
+from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.distance import DISTANCE_ROUNDING
 from optik.errors import InvalidInput
 from optik.scene.model import UNIT_NORMAL
@@ -53,7 +53,7 @@ def polynomial(*pieces: tuple[float, Any]) -> Trajectory:
 
 def bound_of(robot: Robot, motion: Trajectory, scene: Scene) -> float:
     """The bound of a whole motion as one interval, whose ends are not looked at."""
-    pairs = examined_pairs(robot, scene).bodies
+    pairs = find_pairs(robot, scene).bodies
     count, least, pieces = len(pairs), np.full((2, 4), np.inf), motion.knots.size - 1
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])

@@ -51,11 +51,11 @@ def planar_end(robot: Robot, line: Line, q: Array, steps: int = 150) -> Array | 
     x, lower, upper = q.copy(), robot.limits.lower, robot.limits.upper
     for pose in line.pose(np.linspace(0.0, line.end, steps + 1)[1:]):
         for _ in range(5):
-            step = np.linalg.lstsq(robot.jacobian(x)[:, [1, 2, 4]], robot.errors(x, pose), rcond=None)[0]
+            step = np.linalg.lstsq(robot.jacobian(x)[:, [1, 2, 4]], robot.pose_errors(x, pose), rcond=None)[0]
             if np.abs(step).max() > 0.5:
                 return None
             x[[1, 2, 4]] += step
-        if np.abs(robot.errors(x, pose)).max() > 1e-9 or (x < lower).any() or (x > upper).any():
+        if np.abs(robot.pose_errors(x, pose)).max() > 1e-9 or (x < lower).any() or (x > upper).any():
             return None
     return x
 
@@ -173,11 +173,11 @@ def goes_on(robot: Robot, line: Line, q: Array) -> str:
 
     def onto(y: Array, at: float) -> bool:
         for _ in range(8):
-            e = robot.errors(y, line.pose(at))
+            e = robot.pose_errors(y, line.pose(at))
             if np.abs(e).max() < 1e-11:
                 return True
             y += np.linalg.pinv(robot.jacobian(y), rcond=1e-9) @ e
-        return bool(np.abs(robot.errors(y, line.pose(at))).max() < 1e-10)
+        return bool(np.abs(robot.pose_errors(y, line.pose(at))).max() < 1e-10)
 
     for _ in count():
         h = min(h, line.end - s, line.end / 400)
@@ -186,7 +186,7 @@ def goes_on(robot: Robot, line: Line, q: Array) -> str:
         for u in (0.2, 0.4, 0.6, 0.8):
             if good:
                 between = straight = x + u * (y - x)
-                if np.abs(robot.errors(straight, line.pose(s + u * h))).max() > 3e-6:
+                if np.abs(robot.pose_errors(straight, line.pose(s + u * h))).max() > 3e-6:
                     between = straight.copy()
                     good = onto(between, s + u * h) and bool(np.abs(between - straight).max() < 0.004)
         if good:

@@ -134,7 +134,7 @@ def solve(work: AnswersWork) -> pl.DataFrame:
     else:
         batch = _one_by_one(solver, work, targets, starts)
     seconds = time.perf_counter() - begin
-    e = robot.errors(batch.q, targets)
+    e = robot.pose_errors(batch.q, targets)
     return work.rows(
         {
             "inside": robot.limits.contains(batch.q),

@@ -67,7 +67,7 @@ def _solved(robot: Robot, targets: Array, q: Array) -> int:
     count = 0
     for first in range(0, len(q), JUDGED_AT_ONCE):
         here = slice(first, first + JUDGED_AT_ONCE)
-        e = robot.errors(q[here], targets[here])
+        e = robot.pose_errors(q[here], targets[here])
         near = (np.linalg.norm(e[:, :3], axis=1) <= 1e-6) & (np.linalg.norm(e[:, 3:], axis=1) <= 1e-6)
         count += int((near & robot.limits.contains(q[here])).sum())
     return count

@@ -180,7 +180,7 @@ def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[
 
 def as_it_comes(robot: Robot, target: Array, result: IKResult) -> dict[str, NDArray[Any]]:
     """What one call of a method as it comes has reached."""
-    return _errors(robot.errors(result.q[None], target[None])) | {
+    return _errors(robot.pose_errors(result.q[None], target[None])) | {
         "iterations": np.array([result.iterations], dtype=np.int64),
         "status": np.array([str(result.status)]),
         "rises": np.zeros(1, dtype=np.int64),

@@ -42,7 +42,7 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
     q, owner = q[keep], owner[keep]
     if wraps:
         q = wrapped(robot, q)
-    e = robot.errors(q, targets[owner]) if len(q) else np.empty((0, 6))
+    e = robot.pose_errors(q, targets[owner]) if len(q) else np.empty((0, 6))
     position, rotation = np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
     inside = robot.limits.contains(q)
     tolerance = Tolerance()

@@ -13,7 +13,7 @@ from benchmarks.kinds._seeds import trial_seed
 from benchmarks.kinds.cell.settings import AUTO_DRIVE, CellBlock, Noise
 from optik import se3
 from optik.arm.robot import Robot
-from optik.arm.units import per
+from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives import Drive, make_drive
@@ -123,7 +123,7 @@ def start_configuration(robot: Robot, start_deg: tuple[float, ...], where: str) 
         raise InvalidInput(
             f"{where}: start_deg", f"{len(start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}"
         )
-    q = np.array(start_deg) / per(robot)
+    q = np.array(start_deg) / unit_factors(robot)
     if not robot.limits.contains(q):
         raise InvalidInput(f"{where}: start_deg", list(start_deg), f"a configuration inside the limits of {robot.name}")
     return q

@@ -38,7 +38,7 @@ class _Clearance(Kind):
         return read_block(data)
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:
-        scene_named(block.scene).examined(load(block.robot))
+        scene_named(block.scene).pair_mask(load(block.robot))
 
     def measure(self, block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
         return measure(block, seed, tell)

@@ -15,7 +15,7 @@ from benchmarks.kinds.clearance.sampling import CoalSampling
 from benchmarks.kinds.clearance.settings import PROOF, ClearanceBlock, sampling_label
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import nearest_pairs
+from optik.arm.shapes.contact import find_nearest_pairs
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from optik.scene import Scene
@@ -67,8 +67,8 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
     rng = np.random.default_rng((seed, *keys, number))
     ends: list[Array] = []
     for _ in range(MOST_END_DRAWS):
-        q = arm.limits.draw(rng, 1)
-        if nearest_pairs(arm, scene, q, block.margin)[0][0] > END_CLEARANCE:
+        q = arm.limits.sample(rng, 1)
+        if find_nearest_pairs(arm, scene, q, block.margin)[0][0] > END_CLEARANCE:
             ends.append(q[0])
         if len(ends) == 2:
             break

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, PLANE, SELF, examined_pairs
+from optik.arm.shapes.contact import BOX, PLANE, SELF, find_pairs
 from optik.scene import Scene
 from optik.types import Array
 
@@ -29,7 +29,7 @@ class CoalSampling:
         link, a, b, radius = robot.shapes.capsules
         arm = [self._capsule(int(link[k]), a[k], b[k], float(radius[k]), f"arm {k}") for k in range(len(radius))]
         around = self._scene(scene)
-        bodies = examined_pairs(robot, scene).bodies
+        bodies = find_pairs(robot, scene).bodies
         for k, number, kind in bodies.tolist():
             other = arm[number] if kind == SELF else around[kind][number]
             self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
@@ -63,7 +63,7 @@ class CoalSampling:
         return self._add(joint, T, shape, name)
 
     def _scene(self, scene: Scene) -> dict[int, list[int]]:
-        """Add the objects; their numbers by the kinds of `examined_pairs`."""
+        """Add the objects; their numbers by the kinds of `find_pairs`."""
         box_pose, box_half, a, b, radius, point, normal = scene.arrays
         boxes = [
             self._add(0, T, self._coal.Box(*(2.0 * half)), f"box {i}")

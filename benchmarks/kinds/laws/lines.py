@@ -139,7 +139,7 @@ def _first_good(
 
 def _candidates(robot: Robot, rng: np.random.Generator, *, turns: bool) -> tuple[Array, Array]:
     """Start configurations (k, n) and goal poses (k, 4, 4)."""
-    starts = robot.limits.draw(rng, CANDIDATES, margin=LIMIT_MARGIN)
+    starts = robot.limits.sample(rng, CANDIDATES, margin=LIMIT_MARGIN)
     move, axis = rng.normal(size=(2, CANDIDATES, 3))
     length, angle = rng.uniform(*LINE_LENGTHS, CANDIDATES), rng.uniform(*LINE_TURNS, CANDIDATES)
     goals = robot.fk(starts)
@@ -163,7 +163,7 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | N
             break
         moved = _newton(robot, q[alive], poses[alive, step])
         inside = ((moved >= lower) & (moved <= upper)).all(axis=1)
-        inside &= np.abs(robot.errors(moved, poses[alive, step])).max(axis=1) <= TRACK_TOLERANCE
+        inside &= np.abs(robot.pose_errors(moved, poses[alive, step])).max(axis=1) <= TRACK_TOLERANCE
         if stands is not None:
             inside &= stands(moved)
         q[alive] = np.where(inside[:, None], moved, q[alive])
@@ -177,5 +177,5 @@ def _newton(robot: Robot, q: Array, poses: Array) -> Array:
         J = robot.jacobian(q)
         transposed = J.transpose(0, 2, 1)
         normal = J @ transposed + TRACK_DAMPING * np.eye(6)
-        q = q + (transposed @ np.linalg.solve(normal, robot.errors(q, poses)[..., None]))[..., 0]
+        q = q + (transposed @ np.linalg.solve(normal, robot.pose_errors(q, poses)[..., None]))[..., 0]
     return q

@@ -26,7 +26,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.files import content_of, suffix_of, text_of
+from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.ik import make_solver
 from optik.registry import short_name
 from optik.types import Array
@@ -97,7 +97,7 @@ def _joints(
 ) -> tuple[Array, Path, float, int]:
     """A straight move in joint space on which the arm can stand: start, path, smallest singular value, draws."""
     for draws in range(1, MOST_DRAWS + 1):
-        q = arm.limits.draw(rng, 2, margin=LIMIT_MARGIN)
+        q = arm.limits.sample(rng, 2, margin=LIMIT_MARGIN)
         along = q[0] + np.linspace(0.0, 1.0, TRACK_STEPS + 1)[:, None] * (q[1] - q[0])
         if stands is None or stands(along).all():
             return q[0], JointLine(arm, q[0], q[1]), float(arm.singular_values(along)[:, -1].min()), draws
@@ -110,7 +110,7 @@ def _tracked(
     """An arc or a seam that an independent tracker follows whole: start, path, smallest singular value, draws."""
     build = _arc if kind == "arc" else _seam
     for draws in range(0, MOST_DRAWS, TRACKED_AT_ONCE):
-        starts = arm.limits.draw(rng, TRACKED_AT_ONCE, margin=LIMIT_MARGIN)
+        starts = arm.limits.sample(rng, TRACKED_AT_ONCE, margin=LIMIT_MARGIN)
         paths = [build(T, rng, index % 2 == 1) for T in arm.fk(starts)]
         poses = np.stack([one(np.linspace(0.0, one.end, TRACK_STEPS + 1)) for one in paths])
         low, _ = LINE_KINDS["regular"]
@@ -181,9 +181,9 @@ def path_in_file(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
 
 def _holds_waypoints(file: FilePath) -> bool:
     """Whether a file is a table of poses, and not a motion that was saved."""
-    suffix = suffix_of(file, (".csv", ".npz", ".json"))
+    suffix = check_suffix(file, (".csv", ".npz", ".json"))
     if suffix == ".csv":
-        lines = text_of(content_of(file)).splitlines()
+        lines = decode_text(read_bytes(file)).splitlines()
         header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
         return "x_m" in header.replace(",", " ").split()
     if suffix == ".npz":

@@ -13,7 +13,7 @@ from benchmarks.settings import check_keys, check_known, check_table
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
-from optik.plugins.used import data_file_of
+from optik.plugins.usage import resolve_data_file
 from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits
 
 OF_ROBOT = "robot"
@@ -114,7 +114,7 @@ def read_lines(data: Any, where: str) -> LineSet:
         raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(MOTION_KINDS)}")
     payload = read_payload(data.get("payload"), f"{at}: payload")
     if kind == "file":
-        return LineSet(robot, kind, 1, data_file_of(data["path"], f"{at}: path"), payload)
+        return LineSet(robot, kind, 1, resolve_data_file(data["path"], f"{at}: path"), payload)
     check_count(data["count"], f"{at}: count", 1)
     return LineSet(robot, str(kind), data["count"], payload=payload)
 

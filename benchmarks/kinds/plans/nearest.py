@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, PLANE, SELF, examined_pairs, rooms_batch
+from optik.arm.shapes.contact import BOX, PLANE, SELF, find_pairs, rooms_batch
 from optik.distance import segment_box, segment_plane, segment_segment
 from optik.scene import Scene
 from optik.types import Array, Indices
@@ -24,7 +24,7 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
     assert planned.scene is not None
     robot, scene, t = planned.robot, planned.scene, np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
     assert robot.shapes is not None
-    q, bodies = np.ascontiguousarray(planned.trajectory(t)), examined_pairs(robot, scene).bodies
+    q, bodies = np.ascontiguousarray(planned.trajectory(t)), find_pairs(robot, scene).bodies
     columns = {}
     for name, chosen in (("scene", bodies[:, 2] != SELF), ("own", bodies[:, 2] == SELF)):
         distance, which = np.full(t.size, np.inf), np.empty(t.size, np.int64)
@@ -46,7 +46,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     if closest is None:
         return None
     arm = placed(robot, planned.trajectory(closest.time))
-    one, other, kind = _nearest_body(arm, scene, examined_pairs(robot, scene).bodies, own=proof.scene is None)
+    one, other, kind = _nearest_body(arm, scene, find_pairs(robot, scene).bodies, own=proof.scene is None)
     box_pose, box_half, a, b, radius, point, normal = scene.arrays
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,

@@ -18,7 +18,7 @@ from benchmarks.records import RunFolder
 from optik import se3
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
-from optik.arm.units import per
+from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.types import Array
@@ -119,8 +119,8 @@ def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
             "samples": len(joints.knots),
             "knots_in_time": len(planned.trajectory.knots),
             "end_error": float(off),
-            "q_start_deg": (joints.q[0] * per(planned.robot)).tolist(),
-            "q_end_deg": (joints.q[-1] * per(planned.robot)).tolist(),
+            "q_start_deg": (joints.q[0] * unit_factors(planned.robot)).tolist(),
+            "q_end_deg": (joints.q[-1] * unit_factors(planned.robot)).tolist(),
             "joint_path_distance": joints.deviation[0],
             "joint_path_angle": joints.deviation[1],
             "ik_position_error": float(joints.ik.position_error.max()),

@@ -212,7 +212,7 @@ def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Pee
 def different_model(peer: Peer, robot: Robot) -> Absent | None:
     """Compare the forward kinematics of a peer with ours at random configurations inside the limits."""
     worst = np.zeros(2)
-    for q in robot.limits.draw(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
+    for q in robot.limits.sample(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
         pose = peer.fk(q.copy())
         if pose is None:
             return None

@@ -42,7 +42,9 @@ class ScipyLeastSquares(LoopPeer):
 
         def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
             start = np.clip(q0, *inside)
-            found = least_squares(lambda q: robot.errors(q, target), start, jac=lambda q: -robot.jacobian(q), **options)
+            found = least_squares(
+                lambda q: robot.pose_errors(q, target), start, jac=lambda q: -robot.jacobian(q), **options
+            )
             # SciPy's own `success` only says that it converged, also away from the target
             return found.x, int(found.nfev), bool(np.linalg.norm(found.fun) <= LSQ_CLAIM)
 

@@ -16,7 +16,7 @@ from benchmarks.report.run import Run
 from benchmarks.report.sections import built
 from benchmarks.report.shown import ShownCell, shown_table
 from benchmarks.report.takeout import all_tables
-from optik.plugins.files import without_code
+from optik.plugins.files import forbid_code
 
 MARKDOWN = "report.md"
 """Name of the report in the run folder."""
@@ -28,7 +28,7 @@ _SPECIAL = re.compile(r"([\\`*_{}\[\]#|~$])")
 """Characters that Markdown reads as marks."""
 
 
-@without_code()
+@forbid_code()
 def write_markdown(folder: RunFolder) -> list[Path]:
     """Write ``report.md`` and its figures into a run folder."""
     run = Run(folder)

@@ -11,13 +11,13 @@ from benchmarks.kinds._shown import Cell, Column, Table
 from benchmarks.records import RunFolder, slug
 from benchmarks.report.run import Run
 from benchmarks.report.takeout import all_tables
-from optik.plugins.files import without_code
+from optik.plugins.files import forbid_code
 
 TABLES_FOLDER = "tables"
 """Folder of the run that has tables in other formats."""
 
 
-@without_code()
+@forbid_code()
 def write_csv(folder: RunFolder) -> list[Path]:
     """Write ``tables/ID.csv`` for every table of a run."""
     return [write_table(folder, table.id, "csv", csv_of(table)) for table in all_tables(Run(folder))]

@@ -11,7 +11,7 @@ from benchmarks.report.formats.tables_csv import write_table
 from benchmarks.report.run import Run
 from benchmarks.report.shown import ShownCell, shown_table
 from benchmarks.report.takeout import all_tables
-from optik.plugins.files import without_code
+from optik.plugins.files import forbid_code
 
 LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "_": r"\_", "%": r"\%",
@@ -31,7 +31,7 @@ _LOWERED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 """Raised digits, as LaTeX writes them in an exponent."""
 
 
-@without_code()
+@forbid_code()
 def write_tex(folder: RunFolder) -> list[Path]:
     """Write ``tables/ID.tex`` for every table of a run."""
     return [write_table(folder, table.id, "tex", tex_of(table)) for table in all_tables(Run(folder))]

@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.limits import frozen
-from optik.check import check_count, check_number, real_array, shown
+from optik.arm.limits import freeze
+from optik.check import check_count, check_number, format_value, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 
@@ -24,7 +24,7 @@ MOST_CAPSULES = 4096
 """Most capsules of an arm: four hundred times what an arm needs, and all pairs of them still fit in memory."""
 
 
-def checked_capsules(value: Any) -> Capsules:
+def check_capsules(value: Any) -> Capsules:
     """Return capsules as kernels take them, checked."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
         if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
@@ -33,38 +33,38 @@ def checked_capsules(value: Any) -> Capsules:
             )
         value = list(zip(*(part.tolist() for part in value), strict=True))
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InvalidInput("shapes.capsules", shown(value), "a list of (link, a, b, radius)")
-    rows = [_checked_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
+        raise InvalidInput("shapes.capsules", format_value(value), "a list of (link, a, b, radius)")
+    rows = [_check_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
     if not 1 <= len(rows) <= MOST_CAPSULES:
         raise InvalidInput("shapes.capsules", f"{len(rows)} of them", f"1 to {MOST_CAPSULES} capsules")
     links, a, b, radii = zip(*rows, strict=True)
     link = np.array(links, dtype=np.int64)
     link.setflags(write=False)
-    return link, frozen(np.array(a), "a"), frozen(np.array(b), "b"), frozen(np.array(radii), "radius")
+    return link, freeze(np.array(a), "a"), freeze(np.array(b), "b"), freeze(np.array(radii), "radius")
 
 
-def _checked_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
+def _check_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
     """Link, ends and radius of one capsule; of a sphere both ends are the centre."""
     if not isinstance(row, list | tuple) or len(row) not in (3, 4):
-        raise InvalidInput(where, shown(row), "(link, a, b, radius), or (link, centre, radius) of a sphere")
+        raise InvalidInput(where, format_value(row), "(link, a, b, radius), or (link, centre, radius) of a sphere")
     check_count(row[0], f"{where}: link", 0)
-    ends = [point_of(end, where, LONGEST_LINK) for end in row[1:-1]]
-    return int(row[0]), ends[0], ends[-1], length_of(row[-1], f"{where}: radius", LONGEST_LINK)
+    ends = [check_point(end, where, LONGEST_LINK) for end in row[1:-1]]
+    return int(row[0]), ends[0], ends[-1], check_length(row[-1], f"{where}: radius", LONGEST_LINK)
 
 
-def checked_excess(value: ArrayLike, count: int, where: str) -> Array:
+def check_excess(value: ArrayLike, count: int, where: str) -> Array:
     """Return how far shapes stand out beyond what they enclose, checked."""
     excess = real_array(value, where, f"a number, or {count} of them")
     if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
-        raise InvalidInput(where, shown(value), f"{count} lengths ≥ 0 (NaN where unknown)")
-    return frozen(np.broadcast_to(excess, (count,)), where)
+        raise InvalidInput(where, format_value(value), f"{count} lengths ≥ 0 (NaN where unknown)")
+    return freeze(np.broadcast_to(excess, (count,)), where)
 
 
-def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
+def check_point(value: ArrayLike, where: str, farthest: float) -> Array:
     """Return a point, checked."""
-    point = frozen(value, where)
+    point = freeze(value, where)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InvalidInput(where, shown(value), "points of three finite numbers")
+        raise InvalidInput(where, format_value(value), "points of three finite numbers")
     if (far := float(np.abs(point).max())) > farthest:
         raise InvalidInput(
             where, f"a coordinate of {far:.6g} m", f"metres (within {farthest:g}): looks like millimetres"
@@ -72,7 +72,7 @@ def point_of(value: ArrayLike, where: str, farthest: float) -> Array:
     return point
 
 
-def length_of(value: Any, where: str, largest: float) -> float:
+def check_length(value: Any, where: str, largest: float) -> float:
     """Return a length above 0, checked."""
     length = check_number(value, where, "a length above 0", above=0.0)
     if length > largest:

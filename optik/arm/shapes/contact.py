@@ -12,7 +12,7 @@ from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.check import check_number
 from optik.compiled import compiled, inlined
-from optik.distance import Nearest, segment_box, segment_plane, segment_segment
+from optik.distance import NearestPoint, segment_box, segment_plane, segment_segment
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
 from optik.types import Array, Indices
@@ -44,9 +44,9 @@ class Pairs(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def examined_pairs(robot: Robot, scene: Scene) -> Pairs:
+def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     """Return the pairs of shapes whose distance a motion can change, except those that are left out by name."""
-    examined = scene.examined(robot)
+    examined = scene.pair_mask(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
     own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
@@ -75,7 +75,7 @@ def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
         return margin
     if not isinstance(scene, Scene):
         raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
-    examined_pairs(robot, scene)
+    find_pairs(robot, scene)
     return margin
 
 
@@ -90,9 +90,9 @@ class Contact(NamedTuple):
     pair: tuple[str, str]
 
 
-def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> tuple[Array, Indices]:
+def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> tuple[Array, Indices]:
     """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links."""
-    pairs = examined_pairs(robot, scene)
+    pairs = find_pairs(robot, scene)
     assert robot.shapes is not None
     at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
     room, which = np.empty(len(at)), np.empty(len(at), np.int64)
@@ -100,10 +100,10 @@ def nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0)
     return room, which
 
 
-def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Contact:
+def find_contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Contact:
     """Find the pair of shapes with the least room at one configuration."""
-    rooms, which = nearest_pairs(robot, scene, q, margin)
-    room, k, pairs = float(rooms[0]), int(which[0]), examined_pairs(robot, scene)
+    rooms, which = find_nearest_pairs(robot, scene, q, margin)
+    room, k, pairs = float(rooms[0]), int(which[0]), find_pairs(robot, scene)
     if k < 0:
         return Contact(room, room, ("", ""))
     return Contact(room, room if pairs.bodies[k, 2] == SELF else room + margin, pairs.names[k])
@@ -113,7 +113,7 @@ def contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Co
 
 
 @inlined
-def row_of(x: Array, i: int) -> Triple:
+def read_row(x: Array, i: int) -> Triple:
     """Return a row of three numbers.
 
     Shapes and units: x (k, 3) [m]. Returns [m].
@@ -122,7 +122,7 @@ def row_of(x: Array, i: int) -> Triple:
 
 
 @inlined
-def placed(frame: Array, link: int, p: Triple) -> Triple:
+def transform_point(frame: Array, link: int, p: Triple) -> Triple:
     """Place of a point of a link in the base frame.
 
     Shapes and units: frame (n, 4, 4) [1, m], p [m]. Returns [m].
@@ -138,20 +138,20 @@ def placed(frame: Array, link: int, p: Triple) -> Triple:
 
 
 @inlined
-def nearest_of(pair: tuple[int, int, int], scene: Objects, places: Array) -> Nearest:
+def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> NearestPoint:
     """Distance of the axis of a capsule to the second body of a pair, whose radius is left out.
 
     Shapes and units: places (m, 2, 3) [m]. Returns [m].
     """
     k, i, kind = pair
-    a, b = row_of(places[k], 0), row_of(places[k], 1)
+    a, b = read_row(places[k], 0), read_row(places[k], 1)
     if kind == BOX:
         return segment_box(a, b, scene[0][i], scene[1][i])
     if kind == PLANE:
         return segment_plane(a, b, scene[5][i], scene[6][i])
     if kind == SELF:
-        return segment_segment(a, b, row_of(places[i], 0), row_of(places[i], 1))
-    return segment_segment(a, b, row_of(scene[2], i), row_of(scene[3], i))
+        return segment_segment(a, b, read_row(places[i], 0), read_row(places[i], 1))
+    return segment_segment(a, b, read_row(scene[2], i), read_row(scene[3], i))
 
 
 @compiled
@@ -165,12 +165,12 @@ def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Arr
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for m in range(link.shape[0]):
-            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = placed(frame, link[m], row_of(a, m))
-            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = placed(frame, link[m], row_of(b, m))
+            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = transform_point(frame, link[m], read_row(a, m))
+            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = transform_point(frame, link[m], read_row(b, m))
         room[k], which[k] = np.inf, -1
         for p in range(pairs.shape[0]):
             m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
-            found = nearest_of((m, i, kind), scene, places)[0] - thick
+            found = find_nearest((m, i, kind), scene, places)[0] - thick
             if found < room[k]:
                 room[k], which[k] = found, p

@@ -12,7 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.excess import Capsule, distance_to_segment, farthest, measured, points_on, right_angles
+from optik.arm.shapes.excess import (
+    Capsule,
+    bound_excess,
+    complete_frame,
+    distance_to_segment,
+    measure_excess,
+    sample_points,
+)
 from optik.types import Array, Flags
 
 ENCLOSURE_ROUNDING = 1e-9
@@ -43,18 +50,18 @@ FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 """Corners of the faces of a box, each around its face."""
 
 
-def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
+def enclose_mesh(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
     """Enclose a mesh by capsules: one, or several if it stands out too far."""
-    tree = points_on(triangles)
-    parts, found = [triangles], [fitted(triangles)]
-    found = measured(found, tree)
+    tree = sample_points(triangles)
+    parts, found = [triangles], [fit_capsule(triangles)]
+    found = measure_excess(found, tree)
     closed: set[int] = set()
     while len(parts) < most:
         open_ = [i for i, c in enumerate(found) if c.excess > excess and id(parts[i]) not in closed]
         if not open_:
             break
         i = max(open_, key=lambda k: found[k].excess)
-        better = _divided(parts, found, i, tree, most + 1 - len(parts))
+        better = _divide(parts, found, i, tree, most + 1 - len(parts))
         if better is None:
             closed.add(id(parts[i]))
         else:
@@ -62,25 +69,25 @@ def enclosing(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_EN
     return found
 
 
-def _divided(
+def _divide(
     parts: list[Array], found: list[Capsule], i: int, tree: Any, most: int
 ) -> tuple[list[Array], list[Capsule]] | None:
     """Parts and capsules with one part cut in at most so many, if that brings excess and size down enough; else None."""
     others = found[:i] + found[i + 1 :]
     pieces = _cut(parts[i], others, tree, most)
-    capsules = [fitted(piece) for piece in pieces]
+    capsules = [fit_capsule(piece) for piece in pieces]
     if not capsules:
         return None
     before = found[i].excess * _size([found[i]])
-    if _worst(capsules, others, tree) * _size(capsules) > WORTH_A_CUT * before:
+    if _largest_excess(capsules, others, tree) * _size(capsules) > WORTH_A_CUT * before:
         return None
-    return [*parts[:i], *pieces, *parts[i + 1 :]], measured([*found[:i], *capsules, *found[i + 1 :]], tree)
+    return [*parts[:i], *pieces, *parts[i + 1 :]], measure_excess([*found[:i], *capsules, *found[i + 1 :]], tree)
 
 
-def _worst(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+def _largest_excess(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
     """Largest excess of some capsules of a mesh."""
     rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
-    return max(farthest(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
+    return max(bound_excess(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
 
 
 def box_triangles(edges: Array) -> Array:
@@ -92,36 +99,36 @@ def box_triangles(edges: Array) -> Array:
 # ---------------------------------------------------------------- one capsule
 
 
-def fitted(triangles: Array) -> Capsule:
+def fit_capsule(triangles: Array) -> Capsule:
     """Enclose triangles by one capsule of small volume."""
     from scipy.optimize import minimize
 
     points = triangles.reshape(-1, 3)
     corners = _hull(points)
-    starts = sorted(_starts(corners), key=lambda start: _volume(*_about(corners, *start)))
+    starts = sorted(_starts(corners), key=lambda start: _volume(*_fit_about_line(corners, *start)))
 
     best: tuple[Array, Array, float] = (*starts[0], 0.0)
     for origin, u in starts[:2]:
-        v, w = right_angles(u)
+        v, w = complete_frame(u)
         size = float(np.ptp(corners, axis=0).max())
 
         def placed(x: Array, o: Array = origin, u: Array = u, v: Array = v, w: Array = w) -> tuple[Array, Array, float]:
             return o + x[0] * v + x[1] * w, u + x[2] * v + x[3] * w, x[4]
 
         def cost(x: Array, placed: Any = placed) -> float:
-            return _volume(*_about(corners, *placed(x)))
+            return _volume(*_fit_about_line(corners, *placed(x)))
 
         steps = np.array([0.05 * size, 0.05 * size, 0.1, 0.1, 0.2])
         simplex = np.vstack((np.zeros(5), np.diag(steps)))
         result = minimize(cost, np.zeros(5), method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 600})
-        if result.fun < _volume(*_about(corners, *best)):
+        if result.fun < _volume(*_fit_about_line(corners, *best)):
             best = placed(result.x)
-    a, b, _ = _about(corners, *best)
+    a, b, _ = _fit_about_line(corners, *best)
     radius = float(distance_to_segment(points, a, b).max()) * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING
     return Capsule(a, b, radius)
 
 
-def around_cylinder(radius: float, length: float) -> Capsule:
+def enclose_cylinder(radius: float, length: float) -> Capsule:
     """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume."""
     # With radius r the ends of the segment stand √(r² − radius²) inside the cylinder's faces; at the last r it is a sphere.
     r = radius + np.linspace(0.0, 1.0, 1001) ** 2 * (np.hypot(radius, 0.5 * length) - radius)
@@ -151,13 +158,13 @@ def _starts(points: Array) -> list[tuple[Array, Array]]:
     """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
     found = []
     for u in _axes(points):
-        v, w = right_angles(u)
+        v, w = complete_frame(u)
         middle = sum(0.5 * ((points @ x).min() + (points @ x).max()) * x for x in (u, v, w))
         found.append((np.asarray(middle), u))
     return found
 
 
-def _about(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
+def _fit_about_line(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
     """Shortest capsule about a line that encloses points, wider than needed by the square of a factor."""
     u = direction / np.linalg.norm(direction)
     offsets = points - origin
@@ -197,8 +204,8 @@ def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[
             pieces = _slabs(few, u, offsets)
             if min(len(piece) for piece in pieces) == 0:
                 continue
-            capsules = [_roughly(piece) for piece in pieces]
-            worst = _worst(capsules, others, tree, coarse=True) * _size(capsules)
+            capsules = [_fit_roughly(piece) for piece in pieces]
+            worst = _largest_excess(capsules, others, tree, coarse=True) * _size(capsules)
             if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule has to pay
                 best, least = (u, offsets), worst
     return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
@@ -208,7 +215,7 @@ def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]
     """Parts of a mesh between parallel planes."""
     pieces = []
     for offset in offsets:
-        below, triangles = clipped(triangles, normal, offset)
+        below, triangles = split_mesh(triangles, normal, offset)
         pieces.append(below)
     return [*pieces, triangles]
 
@@ -220,13 +227,15 @@ def _axes(points: Array) -> Array:
     return np.vstack((np.eye(3), principal[np.abs(principal).max(axis=1) < SAME_AXIS]))
 
 
-def _roughly(triangles: Array) -> Capsule:
+def _fit_roughly(triangles: Array) -> Capsule:
     """Capsule about the best of a few axes."""
     corners = _hull(triangles.reshape(-1, 3))
-    return Capsule(*min((_about(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c)))
+    return Capsule(
+        *min((_fit_about_line(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c))
+    )
 
 
-def clipped(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
+def split_mesh(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
     """Cut triangles by a plane."""
     height = triangles @ normal - offset
     up: Flags = height > 0.0

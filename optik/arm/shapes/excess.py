@@ -38,12 +38,12 @@ class Capsule(NamedTuple):
     radius: float
     excess: float = np.nan
 
-    def moved(self, T: Array) -> Capsule:
+    def transform(self, T: Array) -> Capsule:
         """Return the capsule in another frame."""
         return self._replace(a=T[:3, :3] @ self.a + T[:3, 3], b=T[:3, :3] @ self.b + T[:3, 3])
 
 
-def right_angles(u: Array) -> tuple[Array, Array]:
+def complete_frame(u: Array) -> tuple[Array, Array]:
     """Return two unit vectors that make a right-angled frame with a unit vector."""
     x, y, z = u.tolist()
     least = int(np.argmin(np.abs(u)))
@@ -61,7 +61,7 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
     return np.asarray(np.linalg.norm(points - (a + t[:, None] * d), axis=1))
 
 
-def points_on(triangles: Array) -> Any:
+def sample_points(triangles: Array) -> Any:
     """Return a tree of points on triangles, near enough to each other for distances to the mesh."""
     from scipy.spatial import cKDTree
 
@@ -83,20 +83,20 @@ def points_on(triangles: Array) -> Any:
     return cKDTree(np.concatenate(points))
 
 
-def measured(capsules: list[Capsule], tree: Any) -> list[Capsule]:
+def measure_excess(capsules: list[Capsule], tree: Any) -> list[Capsule]:
     """Return the capsules of a mesh, each with the bound of its excess."""
     others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
-    return [c._replace(excess=farthest(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
+    return [c._replace(excess=bound_excess(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
 
 
-def farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
+def bound_excess(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
     """Return a bound of the distance of a capsule's surface, as far as it is the union's surface, from points of the mesh."""
     meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
     steps = (np.arange(CELLS) + 0.5) / CELLS
     s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
     ds, dphi, bound = meridian / CELLS, 2.0 * np.pi / CELLS, 0.0
     while len(s):
-        place, across = _on_surface(capsule, s, phi)
+        place, across = _surface_points(capsule, s, phi)
         extent = 0.5 * ds + 0.5 * dphi * np.minimum(across + 0.5 * ds, capsule.radius)
         outside = np.ones(len(s), dtype=bool)
         for other in others:
@@ -115,12 +115,12 @@ def farthest(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool
     return bound
 
 
-def _on_surface(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
+def _surface_points(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
     """Points of a capsule's surface by the length along the meridian and the angle, and their distances from the axis."""
     r, d = capsule.radius, capsule.b - capsule.a
     length = float(np.linalg.norm(d))
     u = d / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    v, w = right_angles(u)
+    v, w = complete_frame(u)
     cap = 0.5 * np.pi * r
     angle = np.where(s < cap, s, np.where(s > cap + length, s - length, cap)) / r
     along = np.clip(s - cap, 0.0, length) - r * np.cos(angle)

@@ -13,7 +13,7 @@ import numpy as np
 
 from optik.check import check_words
 from optik.errors import InvalidInput
-from optik.files import content_of
+from optik.file_io import read_bytes
 from optik.types import Array
 
 MOST_MESH_BYTES = 64 * 2**20
@@ -100,7 +100,7 @@ class MeshFolders:
         return [(root, root / path) for root in roots]  # an absolute path replaces the root
 
 
-def folders_of(
+def find_mesh_folders(
     source: str | os.PathLike[str],
     package_dirs: Folders,
 ) -> MeshFolders:
@@ -113,7 +113,7 @@ def read_mesh(file: Path) -> Array:
     """Read the triangles of a mesh in STL or OBJ."""
     where = f"mesh {file.name!r}"
     expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
-    content = content_of(file, argument=where, expected=expected, most=MOST_MESH_BYTES)
+    content = read_bytes(file, argument=where, expected=expected, most=MOST_MESH_BYTES)
     triangles = (_obj if file.suffix.lower() == ".obj" else _stl)(content, where)
     if not 1 <= len(triangles) <= MOST_TRIANGLES:
         raise InvalidInput(where, f"{len(triangles):,} triangles", f"1 to {MOST_TRIANGLES:,} triangles")

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.shapes.check import Capsules, checked_capsules, checked_excess
-from optik.check import check_count, check_words, shown
+from optik.arm.shapes.check import Capsules, check_capsules, check_excess
+from optik.check import check_count, check_words, format_value
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 
@@ -60,17 +60,17 @@ class Shapes:
     source: str = ""
 
     def __post_init__(self) -> None:
-        capsules = checked_capsules(self.capsules)
+        capsules = check_capsules(self.capsules)
         m = len(capsules[0])
         names = check_words(self.names, "shapes.names")
         if names and len(names) != m:
             raise InvalidInput("shapes.names", f"{len(names)} names", f"one for each of {m} capsules")
         if not isinstance(self.source, str):
-            raise InvalidInput("shapes.source", shown(self.source), "a word")
+            raise InvalidInput("shapes.source", format_value(self.source), "a word")
         checked = {
             "capsules": capsules,
             "names": names,
-            "excess": checked_excess(self.excess, m, "shapes.excess"),
+            "excess": check_excess(self.excess, m, "shapes.excess"),
         }
         for field, value in checked.items():
             object.__setattr__(self, field, value)
@@ -105,7 +105,7 @@ class Shapes:
 
     # ------------------------------------------------------------ pairs
 
-    def of(self, part: str | int) -> Indices:
+    def find_capsules(self, part: str | int) -> Indices:
         """Return the capsules of a part.
 
         Parameters
@@ -130,8 +130,8 @@ class Shapes:
         examined = np.zeros((self.m, self.m), dtype=bool)
         examined[one, other] = np.abs(link[one] - link[other]) > 1
         for first, second, _ in self.apart:
-            for i in self.of(first):
-                examined[i, self.of(second)] = examined[self.of(second), i] = False
+            for i in self.find_capsules(first):
+                examined[i, self.find_capsules(second)] = examined[self.find_capsules(second), i] = False
         found = np.argwhere(examined).astype(np.int64)
         found.setflags(write=False)
         return found
@@ -145,8 +145,8 @@ class Shapes:
             if abs(link[i] - link[j]) == 1 and names[i] != names[j]:
                 found.setdefault((names[i], names[j]), NEIGHBOURS)
         for first, second, reason in self.apart:
-            for i in self.of(first):
-                for j in self.of(second):
+            for i in self.find_capsules(first):
+                for j in self.find_capsules(second):
                     if abs(link[i] - link[j]) > 1:
                         found.setdefault((names[min(i, j)], names[max(i, j)]), reason)
         return tuple((one, other, reason) for (one, other), reason in found.items())
@@ -154,15 +154,17 @@ class Shapes:
     def _checked_apart(self, pairs: Any) -> Iterable[Apart]:
         expected = "pairs (one, other, reason): names of capsules or numbers of links, and a word"
         if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-            raise InvalidInput("shapes.apart", shown(pairs), expected)
+            raise InvalidInput("shapes.apart", format_value(pairs), expected)
         for i, pair in enumerate(pairs):
             if not isinstance(pair, list | tuple) or len(pair) != 3 or not isinstance(pair[2], str):
-                raise InvalidInput(f"shapes.apart[{i}]", shown(pair), expected)
+                raise InvalidInput(f"shapes.apart[{i}]", format_value(pair), expected)
             for part in pair[:2]:
                 if isinstance(part, str):
                     if part not in self.names:
                         known = ", ".join(dict.fromkeys(self.names))
-                        raise InvalidInput(f"shapes.apart[{i}]", shown(part), f"a name of capsules: {known[:200]}")
+                        raise InvalidInput(
+                            f"shapes.apart[{i}]", format_value(part), f"a name of capsules: {known[:200]}"
+                        )
                 else:
                     check_count(part, f"shapes.apart[{i}]", 0)
             yield tuple(part if isinstance(part, str) else int(part) for part in pair)  # type: ignore[misc]
@@ -207,10 +209,10 @@ class Shapes:
         InvalidInput
             No such file, no XML, or no SRDF.
         """
-        from optik.arm.shapes.srdf import disabled_pairs
+        from optik.arm.shapes.srdf import read_disabled_pairs
 
         known = set(self.names)
-        return self.with_apart(pair for pair in disabled_pairs(source) if {pair[0], pair[1]} <= known)
+        return self.with_apart(pair for pair in read_disabled_pairs(source) if {pair[0], pair[1]} <= known)
 
     def with_part(self, name: str, link: int, objects: Iterable[Any], place: ArrayLike | None = None) -> Shapes:
         """Return the shapes with one more part, in place of a present one of that name.
@@ -237,16 +239,16 @@ class Shapes:
         InvalidInput
             Objects that are none of these.
         """
-        from optik.arm.shapes.part import capsules_of
+        from optik.arm.shapes.part import enclose_objects
 
-        found = capsules_of(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
-        kept = self.without(name) if name in self.names else self
+        found = enclose_objects(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
+        kept = self.without_part(name) if name in self.names else self
         rows = [*zip(*kept.capsules, strict=True), *((link, c.a, c.b, c.radius) for c in found)]
         names = (*kept.names, *(name for _ in found))
         excess = np.concatenate((kept.excess, [c.excess for c in found]))
         return replace(kept, capsules=rows, names=names, excess=excess)  # type: ignore[arg-type]
 
-    def without(self, name: str) -> Shapes:
+    def without_part(self, name: str) -> Shapes:
         """Return the shapes without a part.
 
         Parameters
@@ -269,7 +271,7 @@ class Shapes:
         apart = tuple(pair for pair in self.apart if name not in pair[:2])
         return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source)  # type: ignore[arg-type]
 
-    def moved_part(self, name: str, T: Array) -> Shapes:
+    def transform_part(self, name: str, T: Array) -> Shapes:
         """Return the shapes with a part moved in its links' frames.
 
         Parameters
@@ -284,9 +286,9 @@ class Shapes:
         Shapes
             The shapes.
         """
-        return self._moved(np.array([other == name for other in self.names]), T)
+        return self._transform(np.array([other == name for other in self.names]), T)
 
-    def moved_all(self, poses: Sequence[Array]) -> Shapes:
+    def transform_links(self, poses: Sequence[Array]) -> Shapes:
         """Return the shapes in other frames of the links.
 
         Parameters
@@ -301,10 +303,10 @@ class Shapes:
         """
         shapes = self
         for link, T in enumerate(poses):
-            shapes = shapes.moved(link, T)
+            shapes = shapes.transform_link(link, T)
         return shapes
 
-    def moved(self, link: int, T: Array) -> Shapes:
+    def transform_link(self, link: int, T: Array) -> Shapes:
         """Return the shapes with the capsules of one link moved, as when the link's frame is exchanged.
 
         Parameters
@@ -319,14 +321,14 @@ class Shapes:
         Shapes
             The shapes.
         """
-        return self._moved(self.capsules[0] == link, T)
+        return self._transform(self.capsules[0] == link, T)
 
-    def _moved(self, here: Flags, T: Array) -> Shapes:
+    def _transform(self, here: Flags, T: Array) -> Shapes:
         links, a, b, radius = self.capsules
         a, b = (np.where(here[:, None], end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
         return replace(self, capsules=(links, a, b, radius))
 
-    def named(self, links: Sequence[str]) -> Shapes:
+    def with_link_names(self, links: Sequence[str]) -> Shapes:
         """Return the shapes themselves, or, if their capsules have no names yet, with the names of the links.
 
         Parameters

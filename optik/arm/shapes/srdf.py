@@ -8,7 +8,7 @@ from optik.arm.urdf_tree import read_xml
 from optik.errors import InvalidInput
 
 
-def disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
+def read_disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
     """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements."""
     try:
         root = read_xml(source)

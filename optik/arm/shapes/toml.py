@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.plain import record, word
+from optik.arm.plain import read_record, read_word
 from optik.arm.shapes.check import LONGEST_LINK
 from optik.arm.shapes.model import Shapes
 from optik.check import check_count, check_number
@@ -20,13 +20,13 @@ CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
 
 def shapes_from_toml(table: Any, source: str, joint_names: Sequence[str]) -> Shapes:
     """Read the table ``shapes`` of a robot's TOML file."""
-    record(table, ("capsules",), "shapes", optional=("apart", "source"))
+    read_record(table, ("capsules",), "shapes", optional=("apart", "source"))
     links = {"base": 0} | {name: i + 1 for i, name in enumerate(joint_names)}
     rows = _rows(table["capsules"], "shapes.capsules")
     for i, row in enumerate(rows):
-        record(row, ("link", "radius_mm"), f"shapes.capsules[{i}]", optional=CAPSULE_KEYS)
+        read_record(row, ("link", "radius_mm"), f"shapes.capsules[{i}]", optional=CAPSULE_KEYS)
     capsules = [_capsule(row, f"shapes.capsules[{i}]", links) for i, row in enumerate(rows)]
-    named = [word(row.get("name", ""), f"shapes.capsules[{i}].name") for i, row in enumerate(rows)]
+    named = [read_word(row.get("name", ""), f"shapes.capsules[{i}].name") for i, row in enumerate(rows)]
     of_link = {number: name for name, number in links.items()}
     names = tuple(name or of_link.get(row[0], str(row[0])) for name, row in zip(named, capsules, strict=True))
     apart = tuple(
@@ -34,7 +34,7 @@ def shapes_from_toml(table: Any, source: str, joint_names: Sequence[str]) -> Sha
         for i, row in enumerate(_rows(table.get("apart", []), "shapes.apart"))
     )
     excess = [_length(row["excess_mm"], "shapes.capsules: excess_mm") if "excess_mm" in row else np.nan for row in rows]
-    return Shapes(capsules, names, apart, np.array(excess), word(table.get("source", source), "shapes.source"))  # type: ignore[arg-type]
+    return Shapes(capsules, names, apart, np.array(excess), read_word(table.get("source", source), "shapes.source"))  # type: ignore[arg-type]
 
 
 def _capsule(row: Mapping[str, Any], where: str, links: Mapping[str, int]) -> tuple[int, Array, Array, float]:
@@ -53,13 +53,13 @@ def _capsule(row: Mapping[str, Any], where: str, links: Mapping[str, int]) -> tu
 
 def _apart(row: Any, where: str, links: Mapping[str, int], names: Sequence[str]) -> tuple[str | int, str | int, str]:
     """Two parts that are not examined against each other, and the reason."""
-    record(row, ("links", "reason"), where)
+    read_record(row, ("links", "reason"), where)
     pair = row["links"]
     if not isinstance(pair, list) or len(pair) != 2:
         raise InvalidInput(f"{where}.links", repr(pair)[:60], "two links")
     # A name of capsules stands for those; a link's own name for all of its capsules, whatever they are called.
     one, other = (part if part in names else links.get(part, part) if isinstance(part, str) else part for part in pair)
-    return one, other, word(row["reason"], f"{where}.reason")
+    return one, other, read_word(row["reason"], f"{where}.reason")
 
 
 def _rows(value: Any, where: str) -> list[Any]:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.enclosure import around_cylinder, box_triangles, enclosing, fitted
+from optik.arm.shapes.enclosure import box_triangles, enclose_cylinder, enclose_mesh, fit_capsule
 from optik.arm.shapes.excess import Capsule
 from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh
 from optik.arm.shapes.model import Shapes
-from optik.arm.urdf_tree import Joint, Tree, joint_origin, number, origin_pose, triple
+from optik.arm.urdf_tree import Joint, Tree, joint_origin, origin_pose, read_number, read_triple
 from optik.errors import RobotModelError
 from optik.types import Array
 
@@ -27,18 +27,18 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     """
     chain = {joint.child for joint, _ in placed}
     carried: dict[str, list[tuple[str, Capsule]]] = {}
-    for link in reversed(_ordered(tree, base)):  # children before parents
-        found = [(link, c) for c in _own(tree, link, folders)]
+    for link in reversed(_order_links(tree, base)):  # children before parents
+        found = [(link, c) for c in _read_own(tree, link, folders)]
         for child in tree.below.get(link, ()):
             if child not in chain:
                 joint = tree.above[child]
                 T = joint_origin(tree.name, joint)
-                found += [(name, _swept(tree.name, joint, c, axis).moved(T)) for name, c in carried.pop(child)]
+                found += [(name, _sweep(tree.name, joint, c, axis).transform(T)) for name, c in carried.pop(child)]
         carried[link] = found
     rows = [(0, np.eye(4), base)]
     for joint, T in placed:
         rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
-    capsules = [(i, name, c.moved(T)) for i, T, link in rows for name, c in carried[link]]
+    capsules = [(i, name, c.transform(T)) for i, T, link in rows for name, c in carried[link]]
     if not capsules:
         raise RobotModelError(tree.name, "no <collision> on any link of the chain")
     return Shapes(
@@ -49,17 +49,17 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     )
 
 
-def _own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
+def _read_own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
     """Capsules of a link's own <collision> elements, in the link's frame."""
     found = []
     for element in tree.parts(link, "collision"):
         where = f"<collision> of link {link!r}"
         T = origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
-        found += [c.moved(T) for c in read_geometry(tree, element, where, folders)]
+        found += [c.transform(T) for c in read_geometry(tree, element, where, folders)]
     return found
 
 
-def _ordered(tree: Tree, base: str) -> list[str]:
+def _order_links(tree: Tree, base: str) -> list[str]:
     """Links at and below a link, each behind its parent."""
     found = [base]
     for link in found:  # grows while it is read
@@ -67,7 +67,7 @@ def _ordered(tree: Tree, base: str) -> list[str]:
     return found
 
 
-def _swept(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
+def _sweep(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
     """A capsule that encloses another in every position of the joint that moves it, in the frame before the joint."""
     if joint.kind == "fixed":
         return c
@@ -82,16 +82,16 @@ def _swept(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
         raise RobotModelError(
             robot, f"{where}: type {joint.kind!r} without limits, so that its links' space is unknown"
         )
-    ends = [number(robot, where, limit.get(side), f"{side} limit") * axis(joint) for side in ("lower", "upper")]
+    ends = [read_number(robot, where, limit.get(side), f"{side} limit") * axis(joint) for side in ("lower", "upper")]
     corners = np.array([end + shift for end in (c.a, c.b) for shift in ends])
-    hull = fitted(corners[[[0, 1, 2], [1, 2, 3]]])
+    hull = fit_capsule(corners[[[0, 1, 2], [1, 2, 3]]])
     return Capsule(hull.a, hull.b, hull.radius + c.radius)
 
 
 # ---------------------------------------------------------------- geometries
 
 
-def geometry_of(tree: Tree, element: Any) -> tuple[str, Any]:
+def find_geometry(tree: Tree, element: Any) -> tuple[str, Any]:
     """Return the geometry of a <collision>."""
     outer = element.find(f"{tree.prefix}geometry")
     for child in () if outer is None else outer:
@@ -102,10 +102,10 @@ def geometry_of(tree: Tree, element: Any) -> tuple[str, Any]:
 
 def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
     """Enclose the geometry of a <collision> by capsules, in its own frame."""
-    kind, shape = geometry_of(tree, element)
+    kind, shape = find_geometry(tree, element)
 
     def length(name: str) -> float:
-        value = number(tree.name, where, shape.get(name, ""), f"{kind} {name}")
+        value = read_number(tree.name, where, shape.get(name, ""), f"{kind} {name}")
         if not 0.0 < value <= FARTHEST_CORNER:
             expected = f"a length above 0 of at most {FARTHEST_CORNER:g} m"
             raise RobotModelError(tree.name, f"{where}: {kind} {name} {value:.6g}, expected {expected}")
@@ -116,22 +116,22 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         if not farthest <= FARTHEST_CORNER:
             problem = f"{where}: the {kind} extends to {farthest:.6g} m, expected at most {FARTHEST_CORNER:g} m"
             raise RobotModelError(tree.name, problem)
-        return enclosing(triangles)
+        return enclose_mesh(triangles)
 
     if kind == "box":
-        edges = triple(tree.name, where, shape.get("size", ""), "box size")
+        edges = read_triple(tree.name, where, shape.get("size", ""), "box size")
         if (edges <= 0.0).any():
             raise RobotModelError(tree.name, f"{where}: box size {edges.tolist()}, expected lengths above 0")
         return enclosed(box_triangles(edges))
     if kind == "sphere":
         return [Capsule(np.zeros(3), np.zeros(3), length("radius"), 0.0)]
     if kind == "cylinder":
-        return [around_cylinder(length("radius"), length("length"))]
+        return [enclose_cylinder(length("radius"), length("length"))]
     if kind == "capsule":
         end = np.array([0.0, 0.0, 0.5 * length("length")])
         return [Capsule(-end, end, length("radius"), 0.0)]
     if kind == "mesh":
-        scale = triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
+        scale = read_triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
         with np.errstate(over="ignore"):
             return enclosed(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
     raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")

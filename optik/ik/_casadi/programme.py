@@ -156,7 +156,7 @@ class ProgrammeSolver(IKSolver):
                 message += " (not kept)"
         else:
             message += self._suffix
-        errors = self.robot.errors(np.array(visited), target) if trace else None
+        errors = self.robot.pose_errors(np.array(visited), target) if trace else None
         return Attempt(q, status, count, errors, message)
 
     def _value(self, target: Array, q: Array) -> float:

@@ -150,7 +150,7 @@ def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, fl
             total += 0.5 * weight * ca.sumsqr(m.q - posture)
         elif name == "limits":
             middle, half = robot.limits.middle, robot.limits.half
-            for i in np.flatnonzero(robot.limits.ranged):
+            for i in np.flatnonzero(robot.limits.bounded):
                 total += 0.5 * weight * ((m.q[int(i)] - middle[i]) / half[i]) ** 2
         else:
             rows = along(m, task)

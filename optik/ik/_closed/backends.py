@@ -100,11 +100,11 @@ class Backend:
 
     def _try(self, robot: Robot) -> None:
         """Check that it finds the configurations of some poses; solving once also loads what it loads late."""
-        for q in robot.limits.draw(np.random.default_rng(2), 4):
+        for q in robot.limits.sample(np.random.default_rng(2), 4):
             target = robot.fk(q)
             found = self.candidates(target)
             found = found[np.isfinite(found).all(axis=1)]
-            right = np.abs(robot.errors(found, target)).max(axis=1, initial=0.0) < 1e-6
+            right = np.abs(robot.pose_errors(found, target)).max(axis=1, initial=0.0) < 1e-6
             if not right.any():
                 raise Refused("it answers none of the poses that it was tried with")
             turns = np.abs((found[right] - q + np.pi) % (2.0 * np.pi) - np.pi).max(axis=1)

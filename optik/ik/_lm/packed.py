@@ -62,7 +62,7 @@ def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
     0.3 m (measured: anything between 0.15 and 0.5 does as well).
     """
     rng = np.random.default_rng(1)
-    q = on_limits(robot, rng, robot.limits.draw(rng, SEEDS), held)
+    q = on_limits(robot, rng, robot.limits.sample(rng, SEEDS), held)
     T = inverse(robot.fixed[0]) @ robot.fk(q[:COMPARED_SEEDS])
     R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
     return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q

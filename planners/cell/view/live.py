@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.units import per, units
+from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput, MissingDependency, OptikError
 from optik.types import Array
 from planners.cell.drives.base import Drive, Execution, Moment
@@ -163,7 +163,7 @@ class Viewer:
     def _write(self, q: Array, dq: Array | None) -> None:
         """Joint values, and the tool's position and speed."""
         robot = self.show.robot
-        scale, signs = per(robot), units(robot)
+        scale, signs = unit_factors(robot), unit_names(robot)
         rows = []
         for i, name in enumerate(robot.joint_names):
             words = f"{_fixed(scale[i] * q[i])}{signs[i]}"

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.arm.units import per, units
+from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput
-from optik.files import suffix_of, write_whole
+from optik.file_io import check_suffix, write_atomically
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell.view.show import Show, Track
@@ -51,12 +51,12 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
     OutputError
         The file cannot be written.
     """
-    suffix_of(file, PAGE_SUFFIXES)
+    check_suffix(file, PAGE_SUFFIXES)
     content = page_of(show).encode()
     if len(content) > MOST_PAGE:
         got = f"a page of {len(content) / 1e6:.1f} MB"
         raise InvalidInput("show", got, f"what fits in {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
-    write_whole(file, lambda part: part.write_bytes(content))
+    write_atomically(file, lambda part: part.write_bytes(content))
 
 
 def page_of(show: Show) -> str:
@@ -69,7 +69,7 @@ def page_of(show: Show) -> str:
         autoescape=True, undefined=StrictUndefined, loader=PackageLoader("planners.cell", "view"),
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    kinds = sorted({unit.strip() for unit in units(show.robot)}, reverse=True)
+    kinds = sorted({unit.strip() for unit in unit_names(show.robot)}, reverse=True)
     scene, facts = _scene(show)
     return environment.get_template("page.html.j2").render(
         show=show,
@@ -128,8 +128,8 @@ def _arm(robot: Robot) -> dict[str, Any]:
         "fixed": _numbers(fixed),
         "prismatic": [bool(slides) for slides in prismatic],
         "tool": _numbers(tool),
-        "per": per(robot).tolist(),
-        "units": units(robot),
+        "per": unit_factors(robot).tolist(),
+        "units": unit_names(robot),
     }
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.plain import numbers, record, word
+from optik.arm.plain import read_numbers, read_record, read_word
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import contact, nearest_pairs
+from optik.arm.shapes.contact import find_contact, find_nearest_pairs
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
@@ -41,7 +41,7 @@ def failed_plan_data(plan: Plan) -> dict[str, Any]:
     if plan.scene is not None:
         data |= {"scene": plan.scene.to_dict(), "margin": plan.margin}
         if len(q):
-            near = contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q), plan.margin)
+            near = find_contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q), plan.margin)
             data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
     return data
 
@@ -63,7 +63,7 @@ def _before_failure(plan: Plan) -> tuple[Array, Array]:
 
 def _nearest(robot: Robot, scene: Scene, q: Array) -> Array:
     """Return the configuration, out of (k, n), with the least distance between two shapes."""
-    return np.asarray(q[int(np.argmin(nearest_pairs(robot, scene, q)[0]))])
+    return np.asarray(q[int(np.argmin(find_nearest_pairs(robot, scene, q)[0]))])
 
 
 def show_of_recorded(data: Mapping[str, Any]) -> Show:
@@ -76,14 +76,14 @@ def _execution(data: Mapping[str, Any]) -> Show:
         expected = "one of a motion that was sent, written by `optik drive --out`"
         raise InvalidInput("PLAN", "an execution without a motion", expected)
     motion = from_plain(data["plan"])
-    n, sent = motion.robot.n, record(data["setpoints"], ("t", "q"), "setpoints")
+    n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints")
     t, q = _table(sent["t"], sent["q"], n, "setpoints")
     done, did = _table(data.get("t"), data.get("q"), n, "q")
     executed, unread = executed_track(done, did, _table(data.get("t"), data.get("dq"), n, "dq")[1])
-    drive = word(data.get("drive", ""), "drive")
-    status = word(data.get("status", ""), "status").replace("_", " ")
+    drive = read_word(data.get("drive", ""), "drive")
+    status = read_word(data.get("status", ""), "status").replace("_", " ")
     rows = [("Drive", drive_words(drive)), ("Execution", status)]
-    rows += [(name.capitalize(), word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
+    rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     return Show(
         motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", _played(t, q),
         path_points(motion.path), executed, motion.scene,
@@ -97,7 +97,7 @@ def _failed_plan(data: Mapping[str, Any]) -> Show:
         raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan … --out-failed`")
     robot = Robot.from_dict(data["robot"])
     path = path_of(data["path"], robot)
-    status, reason, advice = (word(data[key], key) for key in ("status", "reason", "advice"))
+    status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
     if not data["t"]:
         raise NoSolution(f"the plan failed at the start of its path: {reason}", advice=advice)
     t, q = _table(data["t"], data["q"], robot.n, "q")
@@ -105,8 +105,8 @@ def _failed_plan(data: Mapping[str, Any]) -> Show:
     if isinstance(data.get("s"), float | int):
         rows.append(("Failed at", f"s = {data['s']:.4g} of {path.end:.4g} {path.unit}"))
     if isinstance(data.get("nearest"), Mapping):
-        near = record(data["nearest"], ("pair", "distance"), "nearest")
-        pair, distance = " and ".join(map(str, near["pair"])), float(numbers(near["distance"], (), "distance"))
+        near = read_record(data["nearest"], ("pair", "distance"), "nearest")
+        pair, distance = " and ".join(map(str, near["pair"])), float(read_numbers(near["distance"], (), "distance"))
         rows.append(("Contact pair" if distance <= 0.0 else "Nearest pair", f"{pair}, {1e3 * distance:.3g} mm"))
     scene = None if data.get("scene") is None else Scene.from_dict(data["scene"])
     return Show(

@@ -18,7 +18,7 @@ BYTES_AT_ONCE = 2**20
 """Bytes read in one call: Python reserves as many as are asked for, even if the file is short."""
 
 
-def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
+def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
     """Return the suffix of a file's name, in lower case."""
     suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
     if suffix not in known:
@@ -27,7 +27,7 @@ def suffix_of(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
     return str(suffix)
 
 
-def content_of(
+def read_bytes(
     file: Path, *, argument: str = "file", expected: str = "a readable file", most: int = MOST_BYTES
 ) -> bytes:
     """Return the content of a file."""
@@ -44,7 +44,7 @@ def content_of(
     return bytes(content)
 
 
-def text_of(content: bytes) -> str:
+def decode_text(content: bytes) -> str:
     """Decode UTF-8."""
     try:
         return content.decode("utf-8", errors="surrogatepass")
@@ -52,7 +52,7 @@ def text_of(content: bytes) -> str:
         raise InvalidInput("content", str(error)[:120], "text in UTF-8") from None
 
 
-def parsed(text: str, argument: str) -> Any:
+def parse_json(text: str, argument: str) -> Any:
     """Parse strict JSON, without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
@@ -64,7 +64,7 @@ def parsed(text: str, argument: str) -> Any:
         raise InvalidInput(argument, f"{str(error)[:120]}", "JSON, whole") from None
 
 
-def write_whole(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
+def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
     """Write a file whole or not at all: under a temporary name beside the target, then renamed."""
     target = Path(path)
     if not target.name or "\0" in str(target):

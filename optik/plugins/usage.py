@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.plugins.files import SUFFIXES, digest, split_links
 
 
-class Used(NamedTuple):
+class UsedPlugin(NamedTuple):
     """A plug-in that settings name.
 
     Attributes
@@ -36,7 +36,7 @@ class _Reading(NamedTuple):
     """Settings that are being read: where their relative paths start, and which plug-ins they have named so far."""
 
     folder: Path | None
-    used: list[Used]
+    used: list[UsedPlugin]
 
 
 _reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
@@ -46,17 +46,17 @@ DATA = "files"
 """Group under which files of data that settings name are noted: poses and motions, which no method is found in."""
 
 
-def data_file_of(name: str, kind: str) -> str:
+def resolve_data_file(name: str, kind: str) -> str:
     """Return the absolute path of a file of data, which exists, and note it: a run records its SHA-256."""
     if not isinstance(name, str) or not name:
         raise InvalidInput(kind, repr(name)[:60], "the path of a file")
-    file = file_of(name, kind, "a file; its path starts at the suite's folder")
+    file = resolve_file(name, kind, "a file; its path starts at the suite's folder")
     if not in_finished_run():
-        note(Used(DATA, file.name, file))
+        note(UsedPlugin(DATA, file.name, file))
     return str(file)
 
 
-def file_of(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:
+def resolve_file(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:
     """Return the absolute path of a plug-in's file, which exists."""
     text = split_links(os.fspath(name))[0]
     reading = _reading.get()
@@ -68,13 +68,13 @@ def file_of(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path
     except (OSError, ValueError):  # ValueError: a NUL in the name
         file, there = Path(text), False
     if not there:
-        beside = file_beside(text)
+        beside = suggest_file(text)
         expected = expected or f"a file, because a name with a separator or one of {', '.join(SUFFIXES)} is a path"
         raise InvalidInput(kind, f"{text!r}, which is no file", f"{beside}, which is one" if beside else expected)
     return file
 
 
-def file_beside(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
+def suggest_file(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
     """Return a name with the suffix that makes it an existing file, for advice where the suffix was forgotten."""
     reading = _reading.get()
     folder = (reading and reading.folder) or Path()
@@ -85,9 +85,9 @@ def file_beside(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
 
 
 @contextmanager
-def reading(folder: Path | None) -> Iterator[list[Used]]:
+def collect_plugins(folder: Path | None) -> Iterator[list[UsedPlugin]]:
     """Read settings: relative paths in them start at a folder, and every plug-in that they name is noted."""
-    used: list[Used] = []
+    used: list[UsedPlugin] = []
     token = _reading.set(_Reading(folder, used))
     try:
         yield used
@@ -95,7 +95,7 @@ def reading(folder: Path | None) -> Iterator[list[Used]]:
         _reading.reset(token)
 
 
-def note(plugin: Used) -> None:
+def note(plugin: UsedPlugin) -> None:
     """Note a plug-in that settings name, where settings are being read."""
     current = _reading.get()
     if current is None or plugin in current.used:
@@ -113,12 +113,12 @@ def in_finished_run() -> bool:
     return current is not None and current.folder is None
 
 
-def has_code(plugin: Used) -> bool:
+def has_code(plugin: UsedPlugin) -> bool:
     """Return whether using a plug-in runs code out of a file: robots in TOML, URDF or JSON, and tables, are data."""
     return isinstance(plugin.source, Path) and plugin.source.suffix.lower() == ".py"
 
 
-def check_allowed(used: Iterable[Used], allowed: bool) -> None:
+def check_allowed(used: Iterable[UsedPlugin], allowed: bool) -> None:
     """Refuse Python files in a suite unless they are allowed: running them is running code. Files of data are not."""
     files = sorted({str(u.source) for u in used if has_code(u)})
     if files and not allowed:
@@ -126,7 +126,7 @@ def check_allowed(used: Iterable[Used], allowed: bool) -> None:
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
 
 
-def record(used: Iterable[Used]) -> list[dict[str, str]]:
+def record_plugins(used: Iterable[UsedPlugin]) -> list[dict[str, str]]:
     """Return what a run's manifest says of its plug-ins, as plain data."""
     rows = []
     for group, name, source in used:
@@ -139,7 +139,7 @@ def record(used: Iterable[Used]) -> list[dict[str, str]]:
     return sorted(rows, key=lambda row: (row["group"], row["name"]))
 
 
-def compare(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, str]]) -> None:
+def check_same_plugins(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, str]]) -> None:
     """Refuse to continue a run with other plug-ins than those that it began with."""
     before, after = ({(row["group"], row["name"]): row for row in rows} for rows in (recorded, now))
     for key in sorted(before.keys() | after.keys()):

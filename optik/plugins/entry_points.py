@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint
 from typing import NamedTuple
 
 
-class Refused(NamedTuple):
+class RefusedEntryPoint(NamedTuple):
     """An entry point that cannot be used.
 
     Attributes
@@ -46,6 +46,6 @@ def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
     return tuple(importlib.metadata.entry_points(group=group))
 
 
-def distribution_of(point: EntryPoint) -> str:
+def describe_distribution(point: EntryPoint) -> str:
     """Return the name and version of the package that an entry point comes from."""
     return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown package"
