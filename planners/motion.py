@@ -62,9 +62,7 @@ class Motion:
     speed : float, optional
         The constant tool speed [m/s; rad/s for a pure rotation] that was asked.
     scene : Scene, optional
-        What must not be touched by an arm with shapes.
-    margin : float, optional
-        What all distances to it must exceed [m].
+        Obstacles for an arm with shapes, and the margin to them.
     before : (2,) tuple, optional
         Limits that replace ``limits`` until a time [s].
 
@@ -84,7 +82,6 @@ class Motion:
     span: tuple[float, float] | None = None
     speed: float | None = None
     scene: Scene | None = None
-    margin: float = 0.0
     before: tuple[MotionLimits, float] | None = None
 
     def __post_init__(self) -> None:
@@ -108,7 +105,7 @@ class Motion:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
-        object.__setattr__(self, "margin", check_scene(self.robot, self.scene, self.margin))
+        check_scene(self.robot, self.scene)
 
     def certify(self, **options: Any) -> Certificate:
         """Certify the motion anew.
@@ -134,7 +131,7 @@ class Motion:
             "tolerance": self.tolerance,
             "span": self.span,
         }
-        known |= {"scene": self.scene, "margin": self.margin, "before": self.before}
+        known |= {"scene": self.scene, "before": self.before}
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
     def check_valid(self, allow: Allow = ()) -> None:

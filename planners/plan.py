@@ -74,8 +74,8 @@ class Plan:
         The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
     speed : float or None
         The constant tool speed [m/s; rad/s for a pure rotation] that the law was given.
-    scene, margin : Scene or None, and float
-        Obstacles, and the least distance to them [m].
+    scene : Scene or None
+        Obstacles, and the margin to them.
     before : (2,) tuple, or None
         Limits that hold until a time [s], if the motion respects `limits` only from then on: after `replan` with lower limits.
     start_error : (3,) tuple of float, or None
@@ -100,7 +100,6 @@ class Plan:
     span: tuple[float, float] | None = None
     speed: float | None = None
     scene: Scene | None = None
-    margin: float = 0.0
     seconds: PlanSeconds = field(default=PlanSeconds(), compare=False)
     before: tuple[MotionLimits, float] | None = None
     start_error: tuple[float, float, float] | None = None
@@ -184,7 +183,7 @@ class Plan:
         proof = self.certificate
         return Motion(
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
-            self.speed, self.scene, self.margin, self.before,
+            self.speed, self.scene, self.before,
         )  # fmt: skip
 
     def save(
@@ -229,7 +228,7 @@ def plan(
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
     duration: float | None = None, strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
-    scene: Scene | None = None, margin: float = 0.0, allow: Allow = (),
+    scene: Scene | None = None, allow: Allow = (),
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -257,9 +256,9 @@ def plan(
         Largest distance [m] and angle [rad] between tool and path with which the certificate is valid.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
-    scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, proved for every instant (`Certificate.clearance`),
-        and what distances to the scene must exceed [m]. An empty scene for the links alone; by default nothing is examined.
+    scene : Scene, optional
+        Obstacles for an arm with shapes, and the margin to them; its links are checked too. The motion is proved to be
+        collision-free at every instant (`Certificate.clearance`). An empty scene checks the links alone.
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
 
@@ -274,14 +273,14 @@ def plan(
         An invalid argument, a limit that the law needs and that was not given; an unknown method or law; a law that
         enforces an unknown limit, or whose result is not a trajectory; a scene with an arm without shapes.
     """
-    solver, request = _build_request(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, margin, allow))
+    solver, request = _build_request(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, allow))
     _check_wishes(duration, strict)
     followable: dict[str, Any] = {
         "tolerance": Tolerance(*(FOLLOWED * x for x in request.tolerance)),
         "samples": samples,
     }
     started = perf_counter()
-    followed = follow(solver, request.path, q_start, branch=branch, scene=scene, margin=margin, **followable)
+    followed = follow(solver, request.path, q_start, branch=branch, scene=scene, **followable)
     return _clocked(started, perf_counter(), _timed(request, followed, duration, strict))
 
 
@@ -294,7 +293,7 @@ def _clocked(started: float, followed: float, found: Plan) -> Plan:
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    judged: tuple[tuple[float, float], float, Scene | None, float, Allow],
+    judged: tuple[tuple[float, float], float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
@@ -309,10 +308,10 @@ def _build_request(
         raise InvalidInput("ik", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
-    tolerance, rate, scene, margin, allow = judged
-    check_scene(robot, scene, margin)
+    tolerance, rate, scene, allow = judged
+    check_scene(robot, scene)
     return solver, PlanRequest(
-        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene, margin=margin,
+        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS),
     )  # fmt: skip
 
@@ -353,7 +352,6 @@ class PlanRequest:
     rate: float
     span: tuple[float, float] | None = None
     scene: Scene | None = None
-    margin: float = 0.0
     before: tuple[MotionLimits, float] | None = None
     start_error: tuple[float, float, float] | None = None
     stop_kind: StopKind | None = None
@@ -371,13 +369,13 @@ class PlanRequest:
         started = perf_counter()
         proof = certify(
             self.robot, self.path, trajectory, self.limits, law=self.law.name, enforced=self.enforced, rate=self.rate,
-            tolerance=self.tolerance, span=self.span, scene=self.scene, margin=self.margin, before=self.before,
+            tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
         status, stop = verdict(proof, self.law.list_enforced(self.limits))
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
-            self.span, self.law.speed, self.scene, self.margin, seconds, self.before, self.start_error, self.stop_kind,
+            self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
     def infeasible(
@@ -390,7 +388,6 @@ class PlanRequest:
         """A plan without a motion; the joint path goes as far as it could be followed."""
         return Plan(
             self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None, scene=self.scene,
-            margin=self.margin,
         )  # fmt: skip
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -174,7 +174,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
     plan = planners.plan(
         arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
         branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
-        margin=wish.margin or 0.0, allow=[word for word in allow if word in LIMIT_WORDS],
+        allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
     refused = forbidden(plan.certificate, allow) if plan.has_motion else ()
     valid = plan.has_motion and not refused
@@ -255,7 +255,8 @@ def scene_of(arm: optik.Robot, wish: Wish) -> Any:
             typed = f"--robot '{wish.robot}{'&' if '#' in wish.robot else '#'}shapes=yes'"
             expected = f"its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
         raise InvalidInput("--scene", f"{wish.scene} for {arm.name}, which has no shapes", expected)
-    return optik.Scene() if wish.scene == "self" else optik.Scene.load(wish.scene)
+    scene = optik.Scene() if wish.scene == "self" else optik.Scene.load(wish.scene)
+    return scene if wish.margin is None else replace(scene, margin=wish.margin)
 
 
 def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:

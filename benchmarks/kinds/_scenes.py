@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ def scene_name(value: Any, where: str) -> str:
     return resolve_data_file(value, where)
 
 
-def scene_named(name: str) -> Scene:
-    """Load a scene."""
-    return Scene.load(SCENES.get(name, name))
+def scene_named(name: str, margin: float = 0.0) -> Scene:
+    """Load a scene; a margin [m] replaces the scene's own."""
+    scene = Scene.load(SCENES.get(name, name))
+    return replace(scene, margin=margin) if margin else scene

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.content import content
 from optik.errors import InvalidInput
 from optik.ik._free import solve_free
@@ -114,7 +113,7 @@ def _kept_from_file(robot: Robot, method: type[IKSolver], solver: Any, options: 
 
 def solve_ik(
     robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm",
-    *, scene: Scene | None = None, margin: float = 0.0, **options: Any,
+    *, scene: Scene | None = None, **options: Any,
 ) -> IKResult:  # fmt: skip
     """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
 
@@ -128,9 +127,9 @@ def solve_ik(
         Start, inside the limits [rad, m].
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
-    scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]. Up to
-        100 other starts are tried; where every solution found touches, the status is IN_CONTACT.
+    scene : Scene, optional
+        Obstacles for an arm with shapes, and the margin to them; its links are checked too. Up to 100 other seeds are tried;
+        the status is IN_CONTACT if every solution found is in contact.
     **options
         ``trace=True``, ``closest=True``, and the options of the method.
 
@@ -150,9 +149,7 @@ def solve_ik(
     if scene is not None:
         if closest:
             raise InvalidInput("closest", "True, with a scene", "one of the two: the nearest pose may touch")
-        return solve_free(solver_for(robot, solver, options), target, q0, scene, margin, trace)
-    if margin != 0.0:
-        check_scene(robot, None, margin)
+        return solve_free(solver_for(robot, solver, options), target, q0, scene, trace)
     return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 

@@ -19,12 +19,10 @@ STARTS = 100
 """Starts that are tried at least: calls of `lm` take microseconds, and six joints have eight branches as a rule."""
 
 
-def solve_free(
-    solver: IKSolver, target: ArrayLike, q0: ArrayLike, scene: Scene, margin: float, trace: bool = False
-) -> IKResult:
+def solve_free(solver: IKSolver, target: ArrayLike, q0: ArrayLike, scene: Scene, trace: bool = False) -> IKResult:
     """Find a configuration whose tool pose is the target, and which touches neither a scene nor itself."""
     robot = solver.robot
-    margin = check_scene(robot, scene, margin)
+    check_scene(robot, scene)
     first = best = solver.solve(target, q0, trace=trace)
     pose, start = check_problem(robot, target, q0)
     iterations, found, least = 0, 0, Contact(-float("inf"), 0.0, ("", ""))
@@ -36,7 +34,7 @@ def solve_free(
             if result.status is IKStatus.UNREACHABLE:
                 break
             continue
-        near = find_contact(robot, scene, result.q, margin)
+        near = find_contact(robot, scene, result.q)
         if near.room > 0.0:
             return result._replace(iterations=iterations, restarts=max(restart, result.restarts))
         found += 1

@@ -2,6 +2,7 @@
 
 A TOML file holds tables of objects, each of which can be left out, in the frame of the arm's base:
 
+    margin_mm = 10.0                          # a distance at or below it counts as contact
     allow = [["base", "table"]]               # pairs that are not examined: a link of the arm, and an object
 
     [[boxes]]
@@ -56,7 +57,7 @@ ROW_KEYS = {
 }
 """Keys of a row of each kind: required ones, and others."""
 
-SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess")
+SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
 
 
@@ -87,7 +88,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput("scene", str(error)[:120], "TOML") from None
-    read_record(data, (), "scene", optional=(*OBJECT_KINDS, "allow"))
+    read_record(data, (), "scene", optional=(*OBJECT_KINDS, "allow", "margin_mm"))
     objects: dict[str, list[Any]] = {kind: [] for kind in OBJECT_KINDS}
     names = []
     for kind in OBJECT_KINDS:
@@ -100,7 +101,8 @@ def scene_from_toml(text: str) -> dict[str, Any]:
             read_record(row, required, where, optional=optional)
             objects[kind].append(_object(kind, row, where))
             names.append(read_word(row.get("name", f"{_singular(kind)}{i + 1}"), f"{where}.name"))
-    return {**objects, "allow": data.get("allow", ()), "names": tuple(names)}
+    margin = check_number(data.get("margin_mm", 0.0), "scene.margin_mm", "millimetres, 0 or more", least=0.0) / 1000.0
+    return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin}
 
 
 def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
@@ -136,13 +138,14 @@ def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
 
     objects = {kind: [[plain(part) for part in one] for one in scene[kind]] for kind in OBJECT_KINDS}
     excess = [None if e != e else e for e in scene["excess"].tolist()]
-    return objects | {"allow": [list(pair) for pair in scene["allow"]], "names": list(scene["names"]), "excess": excess}
+    rest = {"names": list(scene["names"]), "excess": excess, "margin": scene["margin"]}
+    return objects | {"allow": [list(pair) for pair in scene["allow"]]} | rest
 
 
 def scene_from_dict(data: Any) -> dict[str, Any]:
     """Read a scene from plain data; see `Scene.from_dict`."""
     data = read_record(data, SCENE_KEYS, "scene")
-    for key in SCENE_KEYS:
+    for key in SCENE_KEYS[:-1]:
         if not isinstance(data[key], list):
             raise InvalidInput(f"scene.{key}", repr(data[key])[:60], "a list")
     known = data["excess"]

@@ -14,7 +14,7 @@ import numpy as np
 from optik import se3
 from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
-from optik.check import check_words, format_value
+from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
@@ -58,11 +58,14 @@ class Scene:
         One for each object, in the order boxes, spheres, capsules, planes; by default box1, …, sphere1, ….
     excess : scalar or (objects,) array, optional
         How far each object stands out beyond what it encloses at most, such as a mesh [m]; 0 by default.
+    margin : float
+        Distance [m] to the objects at or below which the arm counts as in contact; it does not apply between its own links.
 
     Raises
     ------
     InvalidInput
-        Not poses, points or lengths, a normal of length 0, lengths in millimetres, or an unknown object in ``allow``.
+        Not poses, points or lengths, a normal of length 0, lengths in millimetres, an unknown object in ``allow``, a margin
+        below 0.
     """
 
     boxes: tuple[tuple[Array, Array], ...] = ()
@@ -72,6 +75,7 @@ class Scene:
     allow: tuple[tuple[str, str], ...] = ()
     names: tuple[str, ...] = ()
     excess: Array = 0.0  # type: ignore[assignment]
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
@@ -85,12 +89,14 @@ class Scene:
         object.__setattr__(self, "names", _check_names(self.names, counts))
         object.__setattr__(self, "allow", tuple(_check_allow(self.allow, self.names)))
         object.__setattr__(self, "excess", check_excess(self.excess, len(self.names), "scene.excess"))
+        margin = check_number(self.margin, "scene.margin", "metres, 0 or more", least=0.0)
+        object.__setattr__(self, "margin", margin)
 
     # ------------------------------------------------------------ identity
 
     @cached_property
     def _content(self) -> Any:
-        return content((*(getattr(self, kind) for kind in OBJECT_KINDS), self.allow, self.names, self.excess))
+        return content(tuple(getattr(self, key) for key in SCENE_KEYS))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Scene) and self._content == other._content
@@ -99,11 +105,12 @@ class Scene:
         return hash(self._content)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.boxes, self.spheres, self.capsules, self.planes, self.allow, self.names, self.excess)
+        return Scene, tuple(getattr(self, key) for key in SCENE_KEYS)
 
     def __repr__(self) -> str:
         counts = (f"{len(getattr(self, kind))} {kind}" for kind in OBJECT_KINDS if getattr(self, kind))
-        return f"Scene({', '.join(counts) or 'empty'})"
+        margin = [f"margin {1e3 * self.margin:.4g} mm"] if self.margin else []
+        return f"Scene({', '.join([*counts, *margin]) or 'empty'})"
 
     # ------------------------------------------------------------ files
 

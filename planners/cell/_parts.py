@@ -32,7 +32,6 @@ class CellParts:
     drive: Drive
     limits: MotionLimits
     scene: Scene | None
-    margin: float
     gripper: Gripper | None
 
     def __init__(self, laser: PanTiltLaser, unit: PanTiltLaser, base: ArrayLike, seed: int) -> None:

@@ -235,7 +235,7 @@ class Task:
         cell, wishes = self.cell, self.wishes
         return plan(
             cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=wishes.samples,
-            duration=duration, scene=cell.scene, margin=cell.margin,
+            duration=duration, scene=cell.scene,
         )  # fmt: skip
 
     def _add_planned(self, found: Plan) -> None:

@@ -57,8 +57,8 @@ class Cell(CellParts):
         Of a simulation: the true unit, which makes the readings; by default ``laser``.
     seed : int
         Of the readings' noise.
-    scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, and what distances to it must exceed [m].
+    scene : Scene, optional
+        Obstacles for an arm with shapes, and the margin to them.
     q : (n,) array, optional
         Where a drive that is given by name starts [rad, m].
 
@@ -83,7 +83,7 @@ class Cell(CellParts):
         self,
         robot: Robot, laser: PanTiltLaser, drive: Drive | str | os.PathLike[str], limits: MotionLimits | None = None,
         *, base: ArrayLike | None = None, gripper: Gripper | None = None, unit: PanTiltLaser | None = None,
-        seed: int = 0, scene: Scene | None = None, margin: float = 0.0, q: ArrayLike | None = None,
+        seed: int = 0, scene: Scene | None = None, q: ArrayLike | None = None,
     ) -> None:  # fmt: skip
         kinds = {
             "robot": Robot,
@@ -102,7 +102,8 @@ class Cell(CellParts):
         self.width = None if gripper is None else gripper.opening
         self.robot = robot if gripper is None else gripper.mounted(robot)
         self.limits = MotionLimits.of(robot) if limits is None else limits
-        self.scene, self.margin = scene, 0.0 if scene is None else check_scene(self.robot, scene, margin)
+        check_scene(self.robot, scene)
+        self.scene = scene
         self.drive = self._driven(drive, q)
 
     def _driven(self, drive: Any, q: ArrayLike | None) -> Drive:

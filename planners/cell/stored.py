@@ -62,7 +62,7 @@ def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
     status, stop = verdict(proof)
     return Plan(
         motion.robot, motion.path, motion.limits, status, ik, motion.law, joints, stop,
-        motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene, margin=motion.margin,
+        motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene,
     )  # fmt: skip
 
 

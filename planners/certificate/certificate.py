@@ -240,7 +240,7 @@ def certify(
     *,
     law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
     tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
-    scene: Scene | None = None, margin: float = 0.0, before: tuple[MotionLimits, float] | None = None,
+    scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None,
 ) -> Certificate:  # fmt: skip
     """Prove what a trajectory keeps at every instant.
 
@@ -263,8 +263,8 @@ def certify(
         Largest distance [m] and angle [rad] to the path with which the certificate is valid.
     span : (2,) tuple of float, optional
         Places of the path where the motion should begin and end; by default the path's own ends.
-    scene, margin : Scene and float, optional
-        Obstacles, and the least distance to them [m]; self-contact is checked too. By default there is no collision check.
+    scene : Scene, optional
+        Obstacles and the margin to them; self-contact is checked too. By default there is no collision check.
     before : (2,) tuple, optional
         Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
 
@@ -288,9 +288,9 @@ def certify(
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
         tolerance = check_tolerance(tolerance)
-    margin = check_scene(robot, scene, margin)
+    check_scene(robot, scene)
     enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
-    promise = _Promise(law, enforced, rate, tolerance, scene, margin, before)
+    promise = _Promise(law, enforced, rate, tolerance, scene, before)
     return _proved(analyse_motion(robot, trajectory, path, enough), limits, promise, span)
 
 
@@ -302,13 +302,12 @@ class _Promise(NamedTuple):
     rate: float
     tolerance: tuple[float, float] | None
     scene: Scene | None
-    margin: float
     before: tuple[MotionLimits, float] | None
 
 
 def _proved(motion: MotionAnalysis, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
     """The certificate of checked arguments: all judgements."""
-    law, enforced, rate, tolerance, scene, margin, before = promise
+    law, enforced, rate, tolerance, scene, before = promise
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
     judged = judged_parts(motion, parts)
@@ -332,7 +331,7 @@ def _proved(motion: MotionAnalysis, limits: MotionLimits, promise: _Promise, spa
         jump=largest_jump(trajectory, motion.jumps),
         t_position_margin=position_times(robot, trajectory),
         rest=motion.rest,
-        clearance=None if scene is None else clearance(robot, trajectory, scene, margin),
+        clearance=None if scene is None else clearance(robot, trajectory, scene),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
         **_effort(motion, limits),

@@ -137,7 +137,7 @@ def _plain(kind: Closest) -> dict[str, Any]:
     return finite | {"pair": list(kind.pair)}
 
 
-def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float = 0.0) -> Clearance:
+def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     """Prove the least distance between an arm and a scene, and between its links, over a motion.
 
     On an interval with the middle m and half length h, let D be the distance of two convex bodies at m, one of them the axis of
@@ -160,19 +160,19 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene, margin: float 
     subtracted (`optik.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016; before
     it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
     """
-    margin = check_scene(robot, scene, margin)
+    check_scene(robot, scene)
     assert robot.shapes is not None
     pairs = find_pairs(robot, scene)
     motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
-    wanted = (margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
+    wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
-    touched = least[0, 0] <= margin or least[1, 0] <= 0.0
+    touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
     kinds = []
     for found, t, value, pair in least.tolist():
         proved = -np.inf if touched else min(value, found)
         kinds.append(Closest(proved, found, t, pairs.names[int(pair)]) if pair >= 0 else None)
-    return Clearance(kinds[0], kinds[1], margin, pairs.left_out)
+    return Clearance(kinds[0], kinds[1], scene.margin, pairs.left_out)
 
 
 def _continuous(trajectory: Trajectory) -> Flags:

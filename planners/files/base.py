@@ -25,7 +25,7 @@ CONTENT = "optik-motion/2"
 """Value of the key ``format`` in every motion file; a change of the keys needs another number."""
 HEADER = ("format", "robot", "path", "limits", "law", "enforced", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
-OPTIONAL = ("span", "speed", "scene", "margin", "before")
+OPTIONAL = ("span", "speed", "scene", "before")
 """Keys that a file has only where the motion has them, so that files without them stay as they were."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
@@ -153,7 +153,7 @@ def to_parts(motion: Motion) -> Parts:
     if motion.speed is not None:
         header["speed"] = motion.speed
     if motion.scene is not None:
-        header |= {"scene": motion.scene.to_dict(), "margin": motion.margin}
+        header["scene"] = motion.scene.to_dict()
     if motion.before is not None:
         header["before"] = [motion.before[0].to_plain(), motion.before[1]]
     return Parts(header, motion.trajectory.knots, motion.trajectory.coefficients)
@@ -177,7 +177,6 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         None if header.get("span") is None else _pair(header["span"], "span"),
         None if header.get("speed") is None else float(read_numbers(header["speed"], (), "speed")),
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),
-        float(read_numbers(header.get("margin", 0.0), (), "margin")),
         _before(header.get("before"), robot.n),
     )
 

@@ -23,15 +23,14 @@ PLACES = 401
 
 @dataclass(frozen=True)
 class Around:
-    """A scene around an arm, and the margin [m] that distances to it must exceed; checked by `around`."""
+    """A scene around an arm; checked by `around`."""
 
     robot: Robot
     scene: Scene
-    margin: float
 
     def free(self, q: Array) -> Flags:
         """At which configurations no links touch, and the scene is farther away than the margin."""
-        return np.asarray(find_nearest_pairs(self.robot, self.scene, q, self.margin)[0] > 0.0)
+        return np.asarray(find_nearest_pairs(self.robot, self.scene, q)[0] > 0.0)
 
     def keeps(self, way: Track) -> bool:
         """Whether the quintics through a tracked branch are proved to be free."""
@@ -41,7 +40,7 @@ class Around:
 
     def start(self, q: Array) -> Stop | None:
         """Why a motion cannot start at a configuration."""
-        near = find_contact(self.robot, self.scene, q, self.margin)
+        near = find_contact(self.robot, self.scene, q)
         if near.room > 0.0:
             return None
         reason = f"the start configuration is not free: {self._words(near)}"
@@ -56,23 +55,22 @@ class Around:
         s = np.append(np.linspace(0.0, joints.end, PLACES), found.time)
         touching = ~self.free(joints(s))
         k = int(np.argmax(touching)) if touching[:-1].any() else PLACES
-        reason = f"{self._words(find_contact(self.robot, self.scene, joints(s[k]), self.margin))} at s = {s[k]:.6g}"
+        reason = f"{self._words(find_contact(self.robot, self.scene, joints(s[k])))} at s = {s[k]:.6g}"
         return Stop(FollowStatus.CONTACT, float(s[k]), None, reason, "")
 
     def _along(self, polynomial: object) -> Clearance:
         """The clearance of a joint path: a motion with s as its time."""
-        return clearance(self.robot, Trajectory(polynomial), self.scene, self.margin)
+        return clearance(self.robot, Trajectory(polynomial), self.scene)
 
     def _words(self, near: Contact) -> str:
         first, second = near.pair
         if near.distance <= 0.0:
             return f"{first} and {second} are in contact"
-        return (
-            f"{first} and {second} are {1e3 * near.distance:.4g} mm apart, and the margin is {1e3 * self.margin:.4g} mm"
-        )
+        distance, margin = 1e3 * near.distance, 1e3 * self.scene.margin
+        return f"{first} and {second} are {distance:.4g} mm apart, and the margin is {margin:.4g} mm"
 
 
-def around(robot: Robot, scene: Scene | None, margin: float) -> Around | None:
+def around(robot: Robot, scene: Scene | None) -> Around | None:
     """Return what stands around an arm; None without a scene."""
-    margin = check_scene(robot, scene, margin)
-    return None if scene is None else Around(robot, scene, margin)
+    check_scene(robot, scene)
+    return None if scene is None else Around(robot, scene)

@@ -70,7 +70,7 @@ def follow(
     q_start: ArrayLike | None = None,
     *,
     branch: str | None = None, samples: int = 151, tolerance: Tolerance = DEFAULT_TOLERANCE,
-    scene: Scene | None = None, margin: float = 0.0,
+    scene: Scene | None = None,
 ) -> Followed:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
@@ -94,9 +94,9 @@ def follow(
         Equally spaced in s, ends included; 151 for the paper's line.
     tolerance : Tolerance
         Bound on the tool's deviation from the path between samples [m, rad].
-    scene, margin : Scene and float, optional
-        What an arm with shapes must not touch, nor its links each other, and what distances to the scene must exceed [m]:
-        ``"best"`` chooses among what is free.
+    scene : Scene, optional
+        Obstacles for an arm with shapes, and the margin to them; its links are checked too. ``"best"`` chooses among
+        collision-free branches.
 
     Returns
     -------
@@ -107,14 +107,14 @@ def follow(
     ------
     InvalidInput
         A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, another branch,
-        no Tolerance, a solver for part of the pose, a scene with an arm without shapes, a margin below 0.
+        no Tolerance, a solver for part of the pose, a scene with an arm without shapes.
     """
     for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    return _clear(solver, path, grid, (q, branch), tolerance, around(solver.robot, scene, margin))
+    return _clear(solver, path, grid, (q, branch), tolerance, around(solver.robot, scene))
 
 
 def _clear(
@@ -152,9 +152,7 @@ def _around_it(
     if branch == "best":
         what = "branch" if solver.robot.n <= 6 else "null-space motion that was tried"
         return f"no {what} follows the whole path free of contact; another path, or the object elsewhere"
-    other = follow(
-        solver, path, q, branch="best", samples=samples, tolerance=tolerance, scene=near.scene, margin=near.margin
-    )
+    other = follow(solver, path, q, branch="best", samples=samples, tolerance=tolerance, scene=near.scene)
     if not other or other.joint_path is None:
         return "no other branch that was tried follows the whole path free of contact; another path"
     start = np.array2string(other.joint_path.q[0], precision=4, separator=", ", max_line_width=200)

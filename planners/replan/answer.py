@@ -29,7 +29,7 @@ def replan(
     stop: bool = False, timing: str | os.PathLike[str] | TimeLaw | None = None,
     limits: MotionLimits | None = None, time_limit: float = 0.02,
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
-    scene: Scene | None = None, margin: float | None = None,
+    scene: Scene | None = None,
 ) -> Plan:  # fmt: skip
     """Replan from a moving state: to the end of the path, for example within other limits, or to rest on the path.
 
@@ -56,8 +56,8 @@ def replan(
         Computing time [s] for improving a stop towards the optimum; 0 returns the stop of the sweep.
     tolerance, rate : (2,) tuple of float, and float
         Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
-    scene, margin : Scene and float, optional
-        Obstacles, and the least distance to them [m]; by default those of the plan.
+    scene : Scene, optional
+        Obstacles, and the margin to them; by default the plan's scene.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def replan(
         stopped already, or a law that starts only at rest.
     """
     running = _running(plan, stop, time_limit)
-    request = build_request(plan, timing, limits, (check_tolerance(tolerance), rate, scene, margin))
+    request = build_request(plan, timing, limits, (check_tolerance(tolerance), rate, scene))
     start = moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput(
@@ -99,7 +99,7 @@ def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
 
 def _contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
     """Return the error for the pair in contact at the start of the motion."""
-    near = around(request.robot, request.scene, request.margin)
+    near = around(request.robot, request.scene)
     touch = None if near is None else near.start(start.joints[0])
     if touch is None:
         return None

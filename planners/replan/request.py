@@ -41,12 +41,12 @@ def build_request(
     plan: Plan,
     timing: str | os.PathLike[str] | TimeLaw | None,
     limits: MotionLimits | None,
-    judged: tuple[tuple[float, float], float, Scene | None, float | None],
+    judged: tuple[tuple[float, float], float, Scene | None],
 ) -> PlanRequest:
     """Build the request: construct a law given by name, and check that it can enforce these limits."""
-    tolerance, rate, scene, margin = judged
-    scene, margin = plan.scene if scene is None else scene, plan.margin if margin is None else margin
-    check_scene(plan.robot, scene, margin)
+    tolerance, rate, scene = judged
+    scene = plan.scene if scene is None else scene
+    check_scene(plan.robot, scene)
     law = law_for(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
     limits, kept = plan.limits if limits is None else limits, plan.certificate.enforced
@@ -57,9 +57,7 @@ def build_request(
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)
-    return PlanRequest(
-        plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, margin=margin, allow=allow
-    )
+    return PlanRequest(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, allow=allow)
 
 
 def _own_law(plan: Plan) -> TimeLaw:

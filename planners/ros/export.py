@@ -66,7 +66,7 @@ def to_ros(
 ) -> Sent:  # fmt: skip
     """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller respects its limits.
 
-    The motion is certified before and after controller interpolation, with its own scene, margin and tolerance.
+    The motion is certified before and after controller interpolation, with its own scene and tolerance.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def calls() -> dict[str, tuple[Callable[[], Any], int]]:
     plan, arm = planners.plan(robot, line, q0), optik.load("panda")
     loaded, faster = arm.with_payload(3.0), planners.MotionLimits(2.0, 12.0, 120.0, tool_speed=0.6)
     box = (optik.se3.pose(p=[0.6, 0.0, 0.1]), (0.3, 0.6, 0.2))
-    scene = optik.Scene(boxes=[box], planes=[((0.0, 0.0, -0.05), (0.0, 0.0, 1.0))])
+    scene = optik.Scene(margin=0.02, boxes=[box], planes=[((0.0, 0.0, -0.05), (0.0, 0.0, 1.0))])
     goal = REST + np.array([0.5, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0])
     many = problems("far", 4000)
     out: dict[str, tuple[Callable[[], Any], int]] = {
@@ -55,7 +55,7 @@ def calls() -> dict[str, tuple[Callable[[], Any], int]]:
         "batch": (lambda: optik.solve_ik_batch(robot, *many, threads=1).q, REPEATS),
         "plan": (lambda: planners.plan(robot, line, q0), 3 * REPEATS),
         "torque plan": (lambda: planners.plan(loaded, goal, REST), REPEATS),
-        "clearance": (lambda: planners.plan(arm, goal, REST, scene=scene, margin=0.02), REPEATS),
+        "clearance": (lambda: planners.plan(arm, goal, REST, scene=scene), REPEATS),
         "replan": (lambda: planners.replan(plan, 0.15, limits=faster), REPEATS),
     }
 

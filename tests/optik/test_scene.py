@@ -21,6 +21,7 @@ SCENE = optik.Scene(
     capsules=[((0.6, 0.3, 0.0), (0.6, 0.3, 0.9), 0.03)],
     planes=[((0.0, 0.0, -0.7), (0.0, 0.0, 2.0))],
     allow=[("base", "box1")],
+    margin=0.01,
 )
 EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if line.startswith("    "))
 
@@ -51,12 +52,13 @@ def test_a_scene_is_equal_by_content_through_pickle_json_and_toml(tmp_path):
     assert pickle.loads(pickle.dumps(SCENE)) == SCENE
     assert optik.Scene.from_dict(json.loads(json.dumps(SCENE.to_dict()))) == SCENE
     assert hash(SCENE) == hash(pickle.loads(pickle.dumps(SCENE)))
+    assert optik.Scene(spheres=SCENE.spheres) != optik.Scene(spheres=SCENE.spheres, margin=0.01)
     assert optik.Scene(spheres=SCENE.spheres) != optik.Scene(spheres=SCENE.spheres, allow=[("base", "sphere1")])
     (tmp_path / "cell.toml").write_text(EXAMPLE, encoding="utf-8")
     (tmp_path / "cell.json").write_text(json.dumps(SCENE.to_dict()), encoding="utf-8")
     read = optik.Scene.load(tmp_path / "cell.toml")
     assert read.names == ("table", "sphere1", "capsule1", "floor")
-    assert read.allow == (("base", "table"),)
+    assert (read.allow, read.margin) == ((("base", "table"),), 0.01)
     for mine, theirs in zip(read.arrays, SCENE.arrays, strict=True):
         assert np.abs(mine - theirs).max() <= 1e-15
     assert optik.Scene.load(tmp_path / "cell.json") == SCENE

@@ -83,7 +83,7 @@ def touching(rng: np.random.Generator) -> Invalid:
     else:
         radius = rng.uniform(0.1, 0.9) * least
         margin = (least - radius) * rng.uniform(1.02, 2.0)
-    plan = replace(plan, scene=Scene(spheres=[(point, radius)]), margin=margin)
+    plan = replace(plan, scene=Scene(spheres=[(point, radius)], margin=margin))
     return Invalid(plan, "contact", 1.0 + (margin - (least - radius)))
 
 

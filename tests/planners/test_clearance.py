@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -219,10 +220,10 @@ def test_the_margin_must_be_exceeded() -> None:
     motion = line(REST, REACHED)
     free = clearance(panda(), motion, table()).scene
     assert free is not None
-    wide = clearance(panda(), motion, table(), free.found + 1e-3)
+    wide = clearance(panda(), motion, replace(table(), margin=free.found + 1e-3))
     assert wide.touches and not wide.proved
     assert "margin" in wide.find_violations()[0].words and "box" in wide.find_violations()[0].words
-    near = clearance(panda(), motion, table(), 0.99 * free.value)
+    near = clearance(panda(), motion, replace(table(), margin=0.99 * free.value))
     assert near.proved and near.scene is not None and near.scene.value > near.margin
     assert near.own is not None and 0.0 < near.own.value < near.margin, "links need not keep the margin"
 
@@ -232,7 +233,7 @@ def test_the_margin_must_be_exceeded() -> None:
 
 @cache
 def solved() -> planners.Plan:
-    return planners.plan(panda(), REACHED, REST, scene=table(), margin=0.002)
+    return planners.plan(panda(), REACHED, REST, scene=replace(table(), margin=0.002))
 
 
 def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
@@ -241,7 +242,7 @@ def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     json.dumps(made.to_dict(), allow_nan=False)
     made.save(tmp_path / "motion.json")
     read = planners.load_motion(tmp_path / "motion.json")
-    assert (read.scene, read.margin) == (made.scene, 0.002)
+    assert read.scene == made.scene == replace(table(), margin=0.002) != table()
     assert read.certify().clearance == made.certificate.clearance
     later = planners.replan(made, 0.3)
     assert later and later.certificate.clearance is not None and later.certificate.clearance.margin == 0.002
@@ -339,15 +340,24 @@ def test_free_inverse_kinematics_is_asked_for() -> None:
         optik.solve_ik(arm.with_shapes(None), target, q, scene=scene)
 
 
-@pytest.mark.parametrize("bad", ["scene", "margin", "robot"])
+@pytest.mark.parametrize("bad", ["scene", "robot"])
 def test_bad_input_is_one_line(bad: str) -> None:
-    robot, scene, margin = panda(), table(), 0.0
     bare = optik.load("panda").with_shapes(None)
-    given = {"scene": (robot, "shelf", margin), "margin": (robot, scene, -1.0), "robot": (bare, scene, margin)}
-    arm, around, least = given[bad]
+    arm, scene = {"scene": (panda(), "shelf"), "robot": (bare, table())}[bad]
     with pytest.raises(InvalidInput) as error:
-        planners.plan(arm, REACHED, REST, scene=around, margin=least)  # type: ignore[arg-type]
+        planners.plan(arm, REACHED, REST, scene=scene)  # type: ignore[arg-type]
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("margin", [float("nan"), -1.0, "x", float("inf"), True])
+def test_a_margin_is_a_distance(margin: Any) -> None:
+    with pytest.raises(InvalidInput, match=r"scene\.margin"):
+        Scene(margin=margin)
+
+
+def test_a_new_scene_of_a_replan_brings_its_own_margin() -> None:
+    later = planners.replan(solved(), 0.3, scene=replace(table(), margin=0.001))
+    assert later.certificate.clearance is not None and later.certificate.clearance.margin == 0.001
 
 
 # ---------------------------------------------------------------- motions of others

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import pickle
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -12,7 +11,7 @@ import pytest
 import optik
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
-from optik.ik import make_solver, solve_ik
+from optik.ik import make_solver
 from planners import (
     FollowStatus,
     JointLine,
@@ -23,8 +22,6 @@ from planners import (
     PlanStatus,
     TimeLaw,
     Trajectory,
-    certify,
-    follow,
     laws,
     load_motion,
     make_law,
@@ -556,24 +553,6 @@ def test_a_name_that_no_file_can_have_is_an_output_error_too(
     except OutputError:
         return
     assert (tmp_path / name).is_file(), "245 letters are a name that a file can have"
-
-
-@pytest.mark.parametrize("margin", [float("nan"), -1.0, "x", float("inf"), True, 0.01])
-def test_a_margin_needs_a_scene_and_is_a_distance(margin):
-    robot, q = paper6r(), START
-    goal = robot.fk(q + 0.05)
-    found = plan(robot, goal, q)
-    calls = (
-        lambda: plan(robot, goal, q, margin=margin),
-        lambda: replan(found, 0.5 * found.trajectory.duration, margin=margin),
-        lambda: follow(make_solver(robot, "lm"), found.path, q, margin=margin),
-        lambda: certify(robot, found.path, found.trajectory, margin=margin),
-        lambda: replace(found.motion, margin=margin),
-        lambda: solve_ik(robot, goal, q, margin=margin),
-    )
-    for call in calls:
-        with pytest.raises(InvalidInput, match="margin"):
-            call()
 
 
 def test_robots_of_the_same_name_are_told_apart_by_what_differs():

@@ -36,7 +36,7 @@ def plans() -> dict[str, planners.Plan]:
         "solved": planners.plan(ARM, moved(ARM, START, -0.12, 0.0, 0.2), START),
         "outside_limits": planners.plan(ARM, moved(ARM, START, 0.0, 0.0, 2.0), START),
         "timing_infeasible": planners.plan(ARM, moved(ARM, START, -0.12, 0.0, 0.2), START, limits=tight),
-        "contact": planners.plan(PANDA, moved(PANDA, middle, 0.05, 0.1, -0.2), middle, scene=Scene(), margin=0.0),
+        "contact": planners.plan(PANDA, moved(PANDA, middle, 0.05, 0.1, -0.2), middle, scene=Scene()),
     }
 
 

@@ -46,9 +46,9 @@ ROW_TYPES = {
 
 def measure(block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
     """Judge every motion of a block by every method."""
-    arm, scene = load(block.robot), scene_named(block.scene)
+    arm, scene = load(block.robot), scene_named(block.scene, block.margin)
     try:
-        coal = CoalSampling(arm, scene, block.margin)
+        coal = CoalSampling(arm, scene)
     except ModuleNotFoundError:
         coal = None
     judged(block, arm, scene, coal, draw(block, arm, scene, seed, 0))  # compiles, and is not counted
@@ -68,7 +68,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
     ends: list[Array] = []
     for _ in range(MOST_END_DRAWS):
         q = arm.limits.sample(rng, 1)
-        if find_nearest_pairs(arm, scene, q, block.margin)[0][0] > END_CLEARANCE:
+        if find_nearest_pairs(arm, scene, q)[0][0] > END_CLEARANCE:
             ends.append(q[0])
         if len(ends) == 2:
             break
@@ -89,7 +89,7 @@ def judged(
 ) -> list[dict[str, Any]]:
     """Judge one motion by every method."""
     begin = time.perf_counter()
-    proof = clearance(arm, motion, scene, block.margin)
+    proof = clearance(arm, motion, scene)
     rows: list[dict[str, Any]] = [
         {
             "method": PROOF, "says": "free" if proof.proved else "contact" if proof.touches else "undecided",

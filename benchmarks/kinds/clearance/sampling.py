@@ -15,7 +15,7 @@ from optik.types import Array
 class CoalSampling:
     """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines."""
 
-    def __init__(self, robot: Robot, scene: Scene, margin: float) -> None:
+    def __init__(self, robot: Robot, scene: Scene) -> None:
         import coal
         import pinocchio as pin
 
@@ -34,7 +34,7 @@ class CoalSampling:
             other = arm[number] if kind == SELF else around[kind][number]
             self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
         self._data, self._placed = self._model.createData(), self._geometry.createData()
-        self._margins = np.where(bodies[:, 2] == SELF, 0.0, margin)
+        self._margins = np.where(bodies[:, 2] == SELF, 0.0, scene.margin)
         for request, least in zip(self._placed.collisionRequests, self._margins, strict=True):
             request.security_margin = float(least)
 

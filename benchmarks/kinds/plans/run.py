@@ -58,13 +58,13 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
     for law in task.laws:
         make_law(law).need(MotionLimits.of(robot), robot)
     if task.scene:
-        check_scene(robot, scene_named(task.scene), task.margin)
+        check_scene(robot, scene_named(task.scene, task.margin))
     return robot, q, path
 
 
 def _around(task: LineTask) -> dict[str, Any]:
     """Arguments of `plan` on the scene: none where the task has none."""
-    return {"scene": scene_named(task.scene), "margin": task.margin} if task.scene else {}
+    return {"scene": scene_named(task.scene, task.margin)} if task.scene else {}
 
 
 def plan_once(task: LineTask) -> None:

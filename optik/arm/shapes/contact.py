@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
-from optik.check import check_number
 from optik.compiled import compiled, inlined
 from optik.distance import NearestPoint, segment_box, segment_plane, segment_segment
 from optik.errors import InvalidInput
@@ -63,20 +62,15 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     return Pairs(bodies, tuple(names), left_out)
 
 
-def check_scene(robot: Robot, scene: Scene | None, margin: float) -> float:
-    """Check that an arm and a scene allow collision checks, and that a margin comes with a scene."""
+def check_scene(robot: Robot, scene: Scene | None) -> None:
+    """Check that an arm and a scene allow collision checks."""
     from optik.scene import Scene
 
-    margin = check_number(margin, "margin", "metres, 0 or more", least=0.0)
     if scene is None:
-        if margin > 0.0:
-            expected = "0, or a scene with it; scene=Scene() checks the arm's own links only"
-            raise InvalidInput("margin", f"{margin:g} without a scene", expected)
-        return margin
+        return
     if not isinstance(scene, Scene):
         raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
     find_pairs(robot, scene)
-    return margin
 
 
 class Contact(NamedTuple):
@@ -90,23 +84,23 @@ class Contact(NamedTuple):
     pair: tuple[str, str]
 
 
-def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> tuple[Array, Indices]:
+def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
     """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links."""
     pairs = find_pairs(robot, scene)
     assert robot.shapes is not None
     at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
     room, which = np.empty(len(at)), np.empty(len(at), np.int64)
-    rooms_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, margin, room, which)
+    rooms_batch(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), at, scene.margin, room, which)
     return room, which
 
 
-def find_contact(robot: Robot, scene: Scene, q: ArrayLike, margin: float = 0.0) -> Contact:
+def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
     """Find the pair of shapes with the least room at one configuration."""
-    rooms, which = find_nearest_pairs(robot, scene, q, margin)
+    rooms, which = find_nearest_pairs(robot, scene, q)
     room, k, pairs = float(rooms[0]), int(which[0]), find_pairs(robot, scene)
     if k < 0:
         return Contact(room, room, ("", ""))
-    return Contact(room, room if pairs.bodies[k, 2] == SELF else room + margin, pairs.names[k])
+    return Contact(room, room if pairs.bodies[k, 2] == SELF else room + scene.margin, pairs.names[k])
 
 
 # ---------------------------------------------------------------- kernels

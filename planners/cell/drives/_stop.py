@@ -36,7 +36,7 @@ def relaxed(plan: Plan, allow: Allow) -> Plan:
         return plan
     proof = replace(plan.certificate, enforced=required_limits(plan.certificate.enforced, allowed))
     scene = None if "contact" in allowed else plan.scene
-    return replace(plan, _certificate=proof, scene=scene, margin=0.0 if scene is None else plan.margin)
+    return replace(plan, _certificate=proof, scene=scene)
 
 
 def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
@@ -46,12 +46,12 @@ def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
         limits = limits if share == 1.0 else limits.scaled(share)
         found = replan(plan, t, stop=True, limits=limits, timing="optimal")
         if found:
-            return replace(found, scene=running.scene, margin=running.margin)
+            return replace(found, scene=running.scene)
         stops.append(found)
     found = (
         replan(plan, t, stop=True) if share == 1.0 else stops[-1]
     )  # a law without jerk limits may stop with any jerk
-    return replace(found, scene=running.scene, margin=running.margin) if found else stops[-1]
+    return replace(found, scene=running.scene) if found else stops[-1]
 
 
 def ends_at_goal(plan: Plan) -> bool:
@@ -134,7 +134,7 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
     onward = long_enough(
         replan(stop, stop.trajectory.end, limits=limits_of(running)[0], timing="optimal"), drive.period
     )
-    onward = replace(onward, scene=execution.plan.scene, margin=execution.plan.margin)
+    onward = replace(onward, scene=execution.plan.scene)
     return replace(drive.execute(onward, **options), before=before)
 
 
@@ -158,7 +158,6 @@ def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
         running.robot.limits.clip(measured),
         limits=joints,
         scene=running.scene,
-        margin=running.margin,
     )
 
 

@@ -279,7 +279,7 @@ class RosDrive(Drive):
             return self._unsent(plan, ExecutionStatus.REFUSED, what, "nothing: the goal is reached")
         still = np.zeros(self.robot.n)
         onward = replan(relaxed(plan, allow), (joints(s), still, still))
-        onward = replace(onward, scene=plan.scene, margin=plan.margin)
+        onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
     # ------------------------------------------------------------ before the start

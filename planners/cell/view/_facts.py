@@ -29,7 +29,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
         unit = "rad/s" if path.turns_only else "m/s"
         rows.append(("Tool speed asked", f"{motion.speed:.4g} {unit}"))
     if motion.scene is not None:
-        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.margin:.4g} mm"))
+        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.scene.margin:.4g} mm"))
     return tuple(rows)
 
 

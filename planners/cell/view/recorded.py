@@ -39,9 +39,9 @@ def failed_plan_data(plan: Plan) -> dict[str, Any]:
         "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
     }  # fmt: skip
     if plan.scene is not None:
-        data |= {"scene": plan.scene.to_dict(), "margin": plan.margin}
+        data["scene"] = plan.scene.to_dict()
         if len(q):
-            near = find_contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q), plan.margin)
+            near = find_contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q))
             data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
     return data
 
