@@ -28,7 +28,7 @@ if not answer:
 limits = planners.MotionLimits(velocity=1.0, acceleration=5.0, jerk=50.0)
 plan = planners.plan(robot, planners.Line(start, goal), q0, limits=limits)
 if not plan:
-    sys.exit(f"no motion: {plan.stop.reason}; what would work: {plan.stop.advice}")
+    sys.exit(f"no motion: {plan.failure.reason}; what would work: {plan.failure.advice}")
 proof = plan.certificate
 print(
     f"line: {plan.trajectory.duration:.3f} s, at most {1e6 * proof.path_error.distance:.2g} µm off the line at any instant"

@@ -26,7 +26,7 @@ limits = planners.MotionLimits(velocity=2.0, acceleration=15.0, jerk=150.0)
 weld = planners.make_law("constant_speed", speed=0.05)  # [m/s] between the two ramps
 plan = planners.plan(robot, seam, q0, timing=weld, limits=limits)
 if not plan:
-    sys.exit(f"no motion: {plan.stop.reason}; what would work: {plan.stop.advice}")
+    sys.exit(f"no motion: {plan.failure.reason}; what would work: {plan.failure.advice}")
 
 sent = planners.to_ros(plan, out, rate=125.0)  # 8 ms between points; what the controller executes is certified
 off = 1e6 * sent.certificate.path_error.distance

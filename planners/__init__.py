@@ -5,11 +5,11 @@ from planners.certificate.active import Binding
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError
-from planners.controller import executed
+from planners.controller import simulate_controller
 from planners.curve import Curve
 from planners.files import formats, load_motion, save
 from planners.files._setpoints import load_trajectory
-from planners.following.follow import Followed, FollowStatus, JointPath, Stop, follow
+from planners.following.follow import Followed, FollowStatus, JointPath, PlanFailure, follow
 from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import Path, make_path, path_of, paths
@@ -40,15 +40,14 @@ __all__ = [
     "Path",
     "PathError",
     "Plan",
+    "PlanFailure",
     "PlanSeconds",
     "PlanStatus",
     "Polyline",
     "Scene",
-    "Stop",
     "TimeLaw",
     "Trajectory",
     "certify",
-    "executed",
     "follow",
     "formats",
     "from_ros",
@@ -62,5 +61,6 @@ __all__ = [
     "plan",
     "replan",
     "save",
+    "simulate_controller",
     "to_ros",
 ]

@@ -21,10 +21,10 @@ POINTS = 1_000_000
 """Most setpoints of a motion: two hours at 125 per second."""
 
 
-def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Trajectory:
+def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str) -> Trajectory:
     """Return the trajectory a controller executes when it gets setpoints at n / rate and at the end.
 
-    Certify it to see what the arm will do: ``certify(robot, path, executed(trajectory, 125.0, "cubic"), limits)``.
+    Certify it to see what the arm will do: ``certify(robot, path, simulate_controller(trajectory, 125.0, "cubic"), limits)``.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def executed(trajectory: Trajectory, rate: float, interpolation: str) -> Traject
     t = np.arange(int(periods) + 1) / rate
     t = t[: 1 + np.count_nonzero(t[1:] < trajectory.end - 1e-6 / rate)]  # no period of rounding before the end
     t = np.append(t, trajectory.end)
-    return interpolated(t, *states(trajectory, t)[: points_of(interpolation)])
+    return trajectory_through(t, *states(trajectory, t)[: points_of(interpolation)])
 
 
 def points_of(interpolation: str) -> int:
@@ -80,7 +80,7 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     return q, v, a
 
 
-def interpolated(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
+def trajectory_through(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
     """Motion through setpoints: positions, and velocities and accelerations where they are given."""
     if v is None:
         return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))

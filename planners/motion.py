@@ -14,7 +14,7 @@ from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.coverage import check_span
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow, check_valid
-from planners.following.stop import FollowStatus
+from planners.following.failure import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory

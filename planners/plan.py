@@ -23,7 +23,7 @@ from planners.certificate.summary import plan_summary
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
 from planners.fit import fitted, stretch
-from planners.following.follow import Followed, JointPath, Stop, follow
+from planners.following.follow import Followed, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
@@ -66,7 +66,7 @@ class Plan:
         The IK method and the time law.
     prefix : JointPath or None
         The joint path, or on failure its valid part.
-    stop : Stop or None
+    failure : PlanFailure or None
         Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
     slowed : float
         Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
@@ -93,7 +93,7 @@ class Plan:
     ik: str
     law: str
     prefix: JointPath | None
-    stop: Stop | None
+    failure: PlanFailure | None
     _trajectory: Trajectory | None
     _certificate: Certificate | None
     slowed: float = 1.0
@@ -122,8 +122,8 @@ class Plan:
         return self._trajectory is not None
 
     def _there(self) -> None:
-        if self.stop is not None and not self.has_motion:
-            raise NoSolution(self.stop.reason, s=self.stop.s, joint=self.stop.joint, advice=self.stop.advice)
+        if self.failure is not None and not self.has_motion:
+            raise self.failure.to_error()
 
     @property
     def joint_path(self) -> JointPath:
@@ -158,8 +158,9 @@ class Plan:
             "limits": self.limits.to_dict(self.robot.n),
             "path": self.path.to_dict(),
         }
-        if self.stop is not None:
-            out |= {"s": self.stop.s, "joint": self.stop.joint, "reason": self.stop.reason, "advice": self.stop.advice}
+        if self.failure is not None:
+            why = self.failure
+            out |= {"s": why.s, "joint": why.joint, "reason": why.reason, "advice": why.advice}
         if self._trajectory is None:
             return out
         motion, t = self._trajectory, self._trajectory.knots
@@ -265,22 +266,18 @@ def plan(
     Returns
     -------
     Plan
-        The plan; on failure with the path parameter, the reason and advice.
+        On failure with a `Plan.failure`: path parameter, reason and advice.
 
     Raises
     ------
     InvalidInput, UnknownName
-        An invalid argument, a limit that the law needs and that was not given; an unknown method or law; a law that
-        enforces an unknown limit, or whose result is not a trajectory; a scene with an arm without shapes.
+        An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
     solver, request = _build_request(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, allow))
-    _check_wishes(duration, strict)
-    followable: dict[str, Any] = {
-        "tolerance": Tolerance(*(FOLLOWED * x for x in request.tolerance)),
-        "samples": samples,
-    }
+    _check_options(duration, strict)
+    allowed = Tolerance(*(FOLLOWED * x for x in request.tolerance))
     started = perf_counter()
-    followed = follow(solver, request.path, q_start, branch=branch, scene=scene, **followable)
+    followed = follow(solver, request.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene)
     return _clocked(started, perf_counter(), _timed(request, followed, duration, strict))
 
 
@@ -316,14 +313,14 @@ def _build_request(
     )  # fmt: skip
 
 
-def _check_wishes(duration: float | None, strict: bool) -> None:
+def _check_options(duration: float | None, strict: bool) -> None:
     if duration is not None:
         check_number(duration, "duration", "seconds above 0", above=0.0)
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
 
 
-def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tuple[PlanStatus, Stop | None]:
+def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tuple[PlanStatus, PlanFailure | None]:
     """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
     if proof.is_valid:
         return PlanStatus.SOLVED, None
@@ -336,7 +333,7 @@ def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tupl
     first = proof.violations[0]
     place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
     reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
-    return status, Stop(status, place, first.joint, reason, advice)
+    return status, PlanFailure(status, place, first.joint, reason, advice)
 
 
 @dataclass(frozen=True)
@@ -372,9 +369,9 @@ class PlanRequest:
             tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
-        status, stop = verdict(proof, self.law.list_enforced(self.limits))
+        status, failure = verdict(proof, self.law.list_enforced(self.limits))
         return Plan(
-            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, trajectory, proof, slowed,
+            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, failure, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
@@ -382,12 +379,12 @@ class PlanRequest:
         self, joints: JointPath, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
     ) -> Plan:
         """Return the plan without a motion, for the reason of an error."""
-        return self._failed(status, joints, Stop(status, error.s or 0.0, error.joint, error.reason, error.advice))
+        return self._failed(status, joints, PlanFailure.from_error(status, error))
 
-    def _failed(self, status: PlanStatus, joints: JointPath | None, stop: Stop) -> Plan:
+    def _failed(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
         """A plan without a motion; the joint path goes as far as it could be followed."""
         return Plan(
-            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, stop, None, None, scene=self.scene,
+            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, failure, None, None, scene=self.scene,
         )  # fmt: skip
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
@@ -398,14 +395,14 @@ class PlanRequest:
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
         if not ratio > 1.0:
             what = proof.reasons[0]
-        stop = Stop(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
-        return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, stop)
+        failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
+        return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, failure)
 
 
 def _timed(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
     """Time and certify a joint path; or say why there is none."""
-    if followed.stop is not None:
-        return request._failed(PlanStatus(followed.stop.status), followed.joint_path, followed.stop)
+    if followed.failure is not None:
+        return request._failed(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)
     assert followed.joint_path is not None
     joints, enforced = followed.joint_path, request.law.list_enforced(request.limits)
     try:

@@ -453,7 +453,7 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
     path = planners.make_path(spiral, arm, **data)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
     plan = planners.plan(arm, path, START, ik=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
-    assert plan, plan.stop
+    assert plan, plan.failure
     assert (plan.ik, plan.law) == ("jt", "law")
     file = tmp_path / "spiral.tsv"
     plan.save(file, format=tsv)

@@ -252,10 +252,10 @@ class Task:
             made["certificate"] = ("holds", found.certificate)
         for (name, (said, result)), seconds in zip(made.items(), found.seconds, strict=False):
             if name == failed:
-                assert found.stop is not None
-                place = "" if "s = " in found.stop.reason else f" (s = {found.stop.s:.6g})"
-                reason = f"{found.status}: {found.stop.reason}{place}"
-                self.steps.append(Step(name, False, reason, found.stop.advice, result, seconds))
+                assert found.failure is not None
+                place = "" if "s = " in found.failure.reason else f" (s = {found.failure.s:.6g})"
+                reason = f"{found.status}: {found.failure.reason}{place}"
+                self.steps.append(Step(name, False, reason, found.failure.advice, result, seconds))
                 raise Ended(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))
 

@@ -13,7 +13,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.controller import SAME_INSTANT, states
-from planners.following.follow import Stop
+from planners.following.follow import PlanFailure
 from planners.motion import Motion
 from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory
@@ -92,8 +92,8 @@ def slowed_to(plan: Plan, duration: float) -> Plan:
     if not plan or again.is_valid:
         return slower
     why = f"the certificate of the motion slowed to {duration:.9g} s is not valid: {'; '.join(again.reasons)}"
-    stop = Stop(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
-    return replace(slower, status=PlanStatus.NOT_PROVED, stop=stop)
+    failure = PlanFailure(PlanStatus.NOT_PROVED, plan.joint_path.end, None, why, "another period")
+    return replace(slower, status=PlanStatus.NOT_PROVED, failure=failure)
 
 
 def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:

@@ -59,9 +59,9 @@ def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         what = f"{ik} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
         raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
-    status, stop = verdict(proof)
+    status, failure = verdict(proof)
     return Plan(
-        motion.robot, motion.path, motion.limits, status, ik, motion.law, joints, stop,
+        motion.robot, motion.path, motion.limits, status, ik, motion.law, joints, failure,
         motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene,
     )  # fmt: skip
 
@@ -71,8 +71,10 @@ def _followed(motion: Motion, ik: str) -> JointPath:
     tolerance = motion.tolerance or UNSTORED
     allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
     found = follow(solver_for(motion.robot, ik), motion.path, motion.trajectory(0.0), tolerance=allowed)
-    if found.stop is not None:
-        stop = found.stop
-        raise NoSolution(f"the path of this motion cannot be followed: {stop.reason}", s=stop.s, advice=stop.advice)
+    if found.failure is not None:
+        failure = found.failure
+        raise NoSolution(
+            f"the path of this motion cannot be followed: {failure.reason}", s=failure.s, advice=failure.advice
+        )
     assert found.joint_path is not None
     return found.joint_path

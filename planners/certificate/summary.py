@@ -19,14 +19,14 @@ def plan_summary(plan: Plan, proof: Certificate | None) -> str:
     path = plan.path
     what = f"{plan.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {plan.ik} + {plan.law}"
     lines = [f"{plan.status}: {what}"]
-    if plan.stop is not None:
-        share = f" ({100.0 * plan.stop.s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
-        joint = f", {plan.stop.joint}" if plan.stop.joint else ""
-        lines.append(f"stopped at s = {plan.stop.s:.3g} {path.unit}{share}{joint}")
-        lines.append(f"reason: {shortened(plan.stop.reason)}")
-        lines.append(f"try: {shortened(plan.stop.advice)}")
+    if plan.failure is not None:
+        share = f" ({100.0 * plan.failure.s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
+        joint = f", {plan.failure.joint}" if plan.failure.joint else ""
+        lines.append(f"stopped at s = {plan.failure.s:.3g} {path.unit}{share}{joint}")
+        lines.append(f"reason: {shortened(plan.failure.reason)}")
+        lines.append(f"try: {shortened(plan.failure.advice)}")
     if proof is not None:
-        lines += certificate_lines(proof)[plan.stop is not None :]
+        lines += certificate_lines(proof)[plan.failure is not None :]
         if plan.slowed > 1.0:
             lines.append(f"duration stretched by {100.0 * (plan.slowed - 1.0):.3g} % to meet the limits")
     return "\n".join(lines)

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.types import Array
-from planners.controller import INTERPOLATIONS, interpolated
+from planners.controller import INTERPOLATIONS, trajectory_through
 from planners.ros.message import controlled, from_text
 from planners.trajectory import Trajectory
 
@@ -114,7 +114,7 @@ def _made(t: Array, orders: list[Array], interpolation: str | None) -> Trajector
     count = len(orders) if interpolation is None else INTERPOLATIONS.index(interpolation) + 1
     if count > len(orders):
         raise InvalidInput("interpolation", repr(interpolation), f"{', '.join(INTERPOLATIONS[: len(orders)])}")
-    return interpolated(t, *orders[:count])
+    return trajectory_through(t, *orders[:count])
 
 
 def _columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]]:

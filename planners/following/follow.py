@@ -20,18 +20,26 @@ from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
 from planners.following import march
-from planners.following.around import Around, around
 from planners.following.branches import branches
+from planners.following.collision import CollisionCheck, make_collision_check
 from planners.following.course import Course, Nodes, unguided
-from planners.following.joint_path import IKRecord, JointPath, apart
+from planners.following.failure import (
+    FollowStatus,
+    PlanFailure,
+    explain_branch_jump,
+    explain_end,
+    explain_ik_failure,
+    find_rank_failure,
+    joint_unit,
+)
+from planners.following.joint_path import IKRecord, JointPath, thin_knots
 from planners.following.redundancy import REFINED, free_motions
 from planners.following.singular import smallest
-from planners.following.stop import FollowStatus, Stop, jumped, lower_rank, no_ik, unit, why_ended
 from planners.following.track import Ended, Track, track
 from planners.hermite import through
 from planners.paths.base import Path
 
-__all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "Stop", "follow"]
+__all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
 START_TOLERANCE = 1e-4
 """Largest distance of the tool from the path's start [m and rad]: the accuracy of a real arm's encoders and model."""
@@ -58,10 +66,10 @@ class Followed(NamedTuple):
     """The joint path, or its part before the place where it stops, and why. ``bool(followed)`` is success."""
 
     joint_path: JointPath | None
-    stop: Stop | None
+    failure: PlanFailure | None
 
     def __bool__(self) -> bool:
-        return self.stop is None
+        return self.failure is None
 
 
 def follow(
@@ -114,7 +122,7 @@ def follow(
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    return _clear(solver, path, grid, (q, branch), tolerance, around(solver.robot, scene))
+    return _clear(solver, path, grid, (q, branch), tolerance, make_collision_check(solver.robot, scene))
 
 
 def _clear(
@@ -123,29 +131,37 @@ def _clear(
     grid: Array,
     asked: tuple[Array | None, str],
     tolerance: Tolerance,
-    near: Around | None,
+    near: CollisionCheck | None,
 ) -> Followed:
     """Follow a path, free of contact where there is a scene."""
     robot, (q, branch) = solver.robot, asked
     given = path.configurations(robot, grid)
     first = given[0] if given is not None else (q if branch == "start" else None)
-    touching = near.start(first) if near is not None and first is not None else None
+    touching = near.check_start(first) if near is not None and first is not None else None
     if touching is not None:
         return Followed(None, touching)
     if given is not None:
         followed = _given(robot, path, grid, given, q)
     else:
         followed = _tracked(solver, path, grid, asked, tolerance, near)
-    stop = near.stop(followed.joint_path) if near is not None and followed and followed.joint_path is not None else None
-    if near is None or stop is None:
+    if near is None or not followed or followed.joint_path is None:
         return followed
-    if given is not None:
-        return followed._replace(stop=replace(stop, advice="another goal, or a way around it in joint space"))
-    return followed._replace(stop=replace(stop, advice=_around_it(solver, path, asked, grid.size, tolerance, near)))
+    failure = near.check_path(followed.joint_path)
+    if failure is None:
+        return followed
+    advice = "another goal, or a way around it in joint space"
+    if given is None:
+        advice = _around_it(solver, path, asked, grid.size, tolerance, near)
+    return followed._replace(failure=replace(failure, advice=advice))
 
 
 def _around_it(
-    solver: IKSolver, path: Path, asked: tuple[Array | None, str], samples: int, tolerance: Tolerance, near: Around
+    solver: IKSolver,
+    path: Path,
+    asked: tuple[Array | None, str],
+    samples: int,
+    tolerance: Tolerance,
+    near: CollisionCheck,
 ) -> str:
     """What would work where a joint path touches: a branch that is free, where there is one; it is tried."""
     q, branch = asked
@@ -165,11 +181,11 @@ def _tracked(
     grid: Array,
     asked: tuple[Array | None, str],
     tolerance: Tolerance,
-    near: Around | None,
+    near: CollisionCheck | None,
 ) -> Followed:
     """Follow a Cartesian path, by the number of joints and the choice of branch."""
     robot, (q, branch) = solver.robot, asked
-    few = lower_rank(robot)
+    few = find_rank_failure(robot)
     if few is not None:
         return Followed(None, few)
     if robot.n > 6:
@@ -220,7 +236,7 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
     """Follow a path in joint space: only its limits are checked."""
     if q_start is not None and np.abs(q_start - q[0]).max() > START_TOLERANCE:
         i = int(np.abs(q_start - q[0]).argmax())
-        came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {unit(robot, i)} from the path's start"
+        came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {joint_unit(robot, i)} from the path's start"
         raise InvalidInput("q_start", came, "the configuration where the path starts, or None")
     knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
     orders = [path.configurations(robot, knots, order) for order in range(4)]
@@ -228,22 +244,22 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
     lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
     leaves = [march.leaves(knots, q, dq, lower, upper, i) for i in range(robot.n)]
     i = int(np.argmin(leaves))
-    stop, good = None, len(knots)
+    failure, good = None, len(knots)
     if leaves[i] <= path.end:
         good = int(np.searchsorted(knots, leaves[i]))
         sigma = float("nan")
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         name = robot.joint_names[i]
-        reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {unit(robot, i)} at s = {leaves[i]:.6g}"
-        stop = Stop(
+        reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {leaves[i]:.6g}"
+        failure = PlanFailure(
             FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma
         )
     if good < 2:
-        return Followed(None, stop)
+        return Followed(None, failure)
     at = knots[:good]
     record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
-    chosen = np.isin(np.arange(good), apart(at, path.breaks))
-    return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), stop)
+    chosen = np.isin(np.arange(good), thin_knots(at, path.breaks))
+    return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
 
 
 # ---------------------------------------------------------------- the best branch
@@ -255,7 +271,7 @@ def _best(
     nodes: Nodes,
     sampled: tuple[Array, Tolerance],
     q: Array | None,
-    near: Around | None,
+    near: CollisionCheck | None,
 ) -> Followed:
     """The best branch that reaches the path's end, free of contact; where none does, the one that goes farthest."""
     robot, path, (grid, tolerance) = solver.robot, course.path, sampled
@@ -267,7 +283,7 @@ def _best(
         way = track(robot, course, nodes, candidate.q, tolerance)
         if best is None or way.s[-1] > best.s[-1]:
             best = way
-        if way.ended is None and (near is None or near.keeps(way)):
+        if way.ended is None and (near is None or near.proves_free(way)):
             best = way
             break
     if best is None:
@@ -275,20 +291,20 @@ def _best(
     return _finished(solver, course, grid, best, "best", best.q[0])
 
 
-def _no_start(solver: IKSolver, path: Path, near: Array | None) -> Stop:
+def _no_start(solver: IKSolver, path: Path, near: Array | None) -> PlanFailure:
     """Why there is no regular configuration at the path's start."""
     robot = solver.robot
     middle = robot.limits.clip(np.zeros(robot.n)) if near is None else near
     result = solve_ik(robot, path.pose(0.0), middle)
     if result:
         ended = Ended(march.SINGULAR, 0.0, 0.0, -1)
-        stop = why_ended(robot, path, reach_bound(robot, POSE), ended, result.q)
-        return replace(stop, advice="a path that begins away from the singularity")
+        failure = explain_end(robot, path, reach_bound(robot, POSE), ended, result.q)
+        return replace(failure, advice="a path that begins away from the singularity")
     kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
     said = "; ".join(word for word in (str(result.status), result.message) if word)
     reason = f"no configuration inside the limits was found for the path's start ({said})"
     advice = "a path that begins within reach; optik.solve_ik with closest=True says how near"
-    return Stop(kind, 0.0, None, reason, advice)
+    return PlanFailure(kind, 0.0, None, reason, advice)
 
 
 # ---------------------------------------------------------------- redundant arms
@@ -300,11 +316,11 @@ def _redundant(
     grid: Array,
     asked: tuple[Array | None, str],
     tolerance: Tolerance,
-    near: Around | None,
+    near: CollisionCheck | None,
 ) -> Followed:
     """Choose the null-space motion, then track it; the first that reaches the end free of contact, or goes farthest."""
     robot, best, (q, branch) = solver.robot, None, asked
-    for motion in free_motions(robot, path, q, branch, None if near is None else near.free):
+    for motion in free_motions(robot, path, q, branch, None if near is None else near.are_free):
         for _ in range(REFINED):
             course = Course(path, motion.guide())
             way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
@@ -312,7 +328,7 @@ def _redundant(
                 best = way, course
             if way.ended is None or not motion.refined(way.ended.s, way.ended.code == march.LIMIT):
                 break
-        if way.ended is None and (near is None or near.keeps(way)):
+        if way.ended is None and (near is None or near.proves_free(way)):
             best = way, course
             break
     if best is None:
@@ -330,20 +346,20 @@ def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch:
     samples = grid[grid <= way.s[-1]]
     (knots, q, dq), node = _with_samples(robot, course, way, samples)
     at = np.searchsorted(knots, samples)
-    record, stop = _solve_samples(solver, path, samples, q[at], q_start)
+    record, failure = _solve_samples(solver, path, samples, q[at], q_start)
     good = len(record.iterations)
-    if stop is None and way.ended is not None:
-        stop = why_ended(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
-    elif stop is not None:
+    if failure is None and way.ended is not None:
+        failure = explain_end(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
+    elif failure is not None:
         last = int(at[good - 1]) + 1 if good else 0
         knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
         if last:
             node[-1] = True
-    if stop is not None and not stop.advice:
-        stop = replace(stop, advice=_advice(solver, path, stop, branch))
+    if failure is not None and not failure.advice:
+        failure = replace(failure, advice=_advice(solver, path, failure, branch))
     if len(knots) < 2:
-        return Followed(None, stop)
-    return Followed(JointPath(robot, path, knots, q, dq, record, node), stop)
+        return Followed(None, failure)
+    return Followed(JointPath(robot, path, knots, q, dq, record, node), failure)
 
 
 def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Flags]:
@@ -370,12 +386,12 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
 
 def _solve_samples(
     solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
-) -> tuple[IKRecord, Stop | None]:
+) -> tuple[IKRecord, PlanFailure | None]:
     """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch."""
     # Answers may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular
     # configurations. There the initial guess is the tracked configuration of the sample before; or that of the sample
     # itself where the first answer is far away, since the null-space motion is given by the tracked branch.
-    robot, stop = solver.robot, None
+    robot, failure = solver.robot, None
     solve, redundant = solver.solve, robot.n > 6
     results: list[Any] = []
     q = q_start
@@ -390,17 +406,17 @@ def _solve_samples(
                 result = solve(target, tracked[i])
                 away = march.farthest(result.q, tracked[i])
             if not result:
-                stop = no_ik(solver, float(samples[i]), result, q)
+                failure = explain_ik_failure(solver, float(samples[i]), result, q)
             elif (redundant and away > march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
-                stop = jumped(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
-            if stop is not None:
+                failure = explain_branch_jump(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
+            if failure is not None:
                 break
         results.append(result)
         q = tracked[i] if free else result.q
     position = np.array([result.position_error for result in results])
     rotation = np.array([result.rotation_error for result in results])
     iterations = np.array([result.iterations for result in results], np.int64)
-    return IKRecord(position, rotation, iterations, samples[: len(results)]), stop
+    return IKRecord(position, rotation, iterations, samples[: len(results)]), failure
 
 
 def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
@@ -410,10 +426,12 @@ def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 
-def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
+def _advice(solver: IKSolver, path: Path, failure: PlanFailure, branch: str) -> str:
     """What would work; each advice is tried out first."""
     robot = solver.robot
-    shorter = f"a path that ends before s = {stop.s:.6g}" if stop.s > 0.0 else "another start configuration or path"
+    shorter = (
+        f"a path that ends before s = {failure.s:.6g}" if failure.s > 0.0 else "another start configuration or path"
+    )
     if branch == "best":
         return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
     if robot.n > 6:
@@ -424,5 +442,5 @@ def _advice(solver: IKSolver, path: Path, stop: Stop, branch: str) -> str:
     if ways and ways[0].ended is None:
         start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
         return f'branch="best": the start configuration {start} reaches the end of the path; or {shorter}'
-    farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > stop.s + 1e-3 * path.end else ""
+    farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > failure.s + 1e-3 * path.end else ""
     return f"{farther}no branch reaches the end of the path; {shorter}"

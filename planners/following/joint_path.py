@@ -64,7 +64,7 @@ class JointPath(PiecewiseCurve):
         nodes: Flags | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
-        self._chosen: Any = apart(knots) if nodes is None else np.flatnonzero(nodes)
+        self._chosen: Any = thin_knots(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
         self._set_polynomial(through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1)))
 
@@ -112,7 +112,7 @@ def smallest_singular_values(robot: Robot, q: Array) -> Array:
     return values
 
 
-def apart(knots: Array, keep: ArrayLike = ()) -> Indices:
+def thin_knots(knots: Array, keep: ArrayLike = ()) -> Indices:
     """Choose knots that are at least `LEAST_SPACING` from each other."""
     if len(knots) < 2 or np.diff(knots).min() >= LEAST_SPACING:
         return np.arange(len(knots))

@@ -11,7 +11,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from planners.certificate.certificate import check_tolerance
-from planners.following.around import around
+from planners.following.collision import make_collision_check
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest, PlanStatus
 from planners.replan.onward import onward_plan
@@ -99,8 +99,8 @@ def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
 
 def _contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
     """Return the error for the pair in contact at the start of the motion."""
-    near = around(request.robot, request.scene)
-    touch = None if near is None else near.start(start.joints[0])
+    near = make_collision_check(request.robot, request.scene)
+    touch = None if near is None else near.check_start(start.joints[0])
     if touch is None:
         return None
     return NoSolution(touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optik.errors import InvalidInput, MissingDependency
 from optik.file_io import parse_json
 from optik.types import Array
-from planners.controller import interpolated, points_of, states
+from planners.controller import points_of, states, trajectory_through
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
@@ -75,7 +75,7 @@ def controlled(message: Any, names: list[str], interpolation: str | None = None)
     if count > len(fields):
         raise InvalidInput("interpolation", repr(interpolation), f"one through {', '.join(fields)}")
     fields = fields[:count]
-    return interpolated(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
+    return trajectory_through(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
 
 
 def _times(points: list[dict[str, Any]]) -> Times:

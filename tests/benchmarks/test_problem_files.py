@@ -148,7 +148,7 @@ def test_drawn_motions_are_followed_whole_by_another_way(robot: str, kind: str, 
     for index in indices:
         drawn = draw_motion(robot, kind, index, seed=3)
         followed = follow(make_solver(drawn.robot, "lm"), drawn.path, drawn.q_start)
-        assert followed, followed.stop
+        assert followed, followed.failure
         np.testing.assert_allclose(oracles.fk(oracles.table(robot), drawn.q_start), drawn.path(0.0), atol=1e-9)
         ends = drawn.path(np.array([0.0, drawn.path.end]))[:, :3, :3]
         turns = np.abs(ends[0] - ends[1]).max() > 1e-6

@@ -15,7 +15,7 @@ import optik
 import planners
 from optik.errors import NoSolution, OptikError
 from planners.cell.view.recorded import FAILED_PLAN, failed_plan_data, show_of_recorded
-from planners.following.stop import Stop
+from planners.following.failure import PlanFailure
 from planners.plan import PlanStatus
 
 WALL = """[[planes]]
@@ -102,8 +102,8 @@ def test_an_invalid_motion_is_shown_whole() -> None:
     q = np.deg2rad([0, -45, 0, -135, 0, 90, 45])
     plan = planners.plan(arm, optik.se3.pose(arm.fk(q)[:3, :3], arm.fk(q)[:3, 3] + [0.1, 0.0, 0.0]), q)
     assert plan
-    stop = Stop(PlanStatus.NOT_PROVED, 0.05, None, "not proved", "another law")
-    data = failed_plan_data(replace(plan, status=PlanStatus.NOT_PROVED, stop=stop))
+    failure = PlanFailure(PlanStatus.NOT_PROVED, 0.05, None, "not proved", "another law")
+    data = failed_plan_data(replace(plan, status=PlanStatus.NOT_PROVED, failure=failure))
     np.testing.assert_allclose(data["q"][-1], plan.trajectory(plan.trajectory.end))
     assert show_of_recorded(json.loads(json.dumps(data))).duration == pytest.approx(plan.trajectory.duration)
 

@@ -136,10 +136,10 @@ def test_junk_is_refused(suffix: str, junk: bytes, tmp_path: Path) -> None:
 def test_a_plan_that_failed_has_no_motion_to_write(suffix: str, tmp_path: Path) -> None:
     start = paper6r().fk(START)
     failed = plan(paper6r(), Line(start, moved(start, 5.0 * MOVE)), START)
-    assert failed.stop is not None
+    assert failed.failure is not None
     with pytest.raises(NoSolution) as caught:
         save(failed, tmp_path / f"motion{suffix}")
-    assert (caught.value.s, caught.value.reason) == (failed.stop.s, failed.stop.reason)
+    assert (caught.value.s, caught.value.reason) == (failed.failure.s, failed.failure.reason)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -399,7 +399,7 @@ WITHIN_REACH = [  # not those of four joints, nor those that ask for more than t
 def test_the_arm_follows_it(name: str, kind: str) -> None:
     path = examples()[name][kind]
     followed = follow(make_solver(paper6r(), "lm"), path, START, samples=401)
-    assert followed, followed.stop
+    assert followed, followed.failure
     joints = followed.joint_path
     assert joints is not None
     s = np.linspace(0.0, path.end, 50)

@@ -136,26 +136,28 @@ def problem(seed: int) -> Problem:
 
 def untrue(one: Problem, result: Plan, seed: int) -> list[str]:
     """What of a failure's reason and advice is not so."""
-    stop, robot, path = result.stop, one.robot, one.path
-    assert stop is not None
+    failure, robot, path = result.failure, one.robot, one.path
+    assert failure is not None
     words = []
     rng = np.random.default_rng([5, seed])
-    if not (0.0 <= stop.s <= path.end and stop.reason and stop.advice):
-        words.append(f"stops at s = {stop.s} of {path.end}: {stop.reason!r}, {stop.advice!r}")
+    if not (0.0 <= failure.s <= path.end and failure.reason and failure.advice):
+        words.append(f"stops at s = {failure.s} of {path.end}: {failure.reason!r}, {failure.advice!r}")
     last = one.q_start if result.prefix is None else result.prefix.q[-1]
-    beyond = min(stop.s + (2e-3 if robot.n >= 6 else 2e-2) * path.end, path.end)  # five joints leave a path by and by
-    if result.status is PlanStatus.OUTSIDE_LIMITS and stop.joint is not None and last is not None:
-        i = robot.joint_names.index(stop.joint)
+    beyond = min(
+        failure.s + (2e-3 if robot.n >= 6 else 2e-2) * path.end, path.end
+    )  # five joints leave a path by and by
+    if result.status is PlanStatus.OUTSIDE_LIMITS and failure.joint is not None and last is not None:
+        i = robot.joint_names.index(failure.joint)
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         at = result.prefix.end if result.prefix is not None else 0.0
         room = min(last[i] - low, high - last[i])
         rate = 1.0 if result.prefix is None else abs(result.prefix.derivatives[-1, 0, i])
-        if room > 2.0 * rate * (stop.s - at) + 1e-5:
-            words.append(f"{stop.joint} has {room:.3g} to its limit at s = {at:.6g}; it ends at {stop.s:.6g}")
+        if room > 2.0 * rate * (failure.s - at) + 1e-5:
+            words.append(f"{failure.joint} has {room:.3g} to its limit at s = {at:.6g}; it ends at {failure.s:.6g}")
         if robot.n == 6 and result.prefix is not None:
             x, off = oracles.newton(robot, path.pose(beyond), last)
             if off < 1e-9 and np.abs(x - last).max() < 0.2 and low <= x[i] <= high:
-                words.append(f"{stop.joint} is inside its range just beyond")
+                words.append(f"{failure.joint} is inside its range just beyond")
     elif result.status is PlanStatus.SINGULAR and last is not None:
         sigma = float(oracles.smallest(robot, last[None])[0])
         if sigma > 2e-2:
@@ -165,11 +167,11 @@ def untrue(one: Problem, result: Plan, seed: int) -> list[str]:
         if found is not None:
             words.append(f"{result.status}, but {found} is at s = {beyond:.6g}")
     elif result.status is PlanStatus.TIMING_INFEASIBLE:
-        if result.law != "constant_speed" or np.linalg.norm(path.twist(stop.s)[:3]) > 1e-6:
+        if result.law != "constant_speed" or np.linalg.norm(path.twist(failure.s)[:3]) > 1e-6:
             words.append("a motion from rest to rest is always slow enough")
     elif result.status is PlanStatus.BRANCH_JUMP:  # of the method, near a singularity and nowhere else
-        if stop.s == 0.0 or not stop.singular_value < 0.1:
-            words.append(f"jumps at a singular value of {stop.singular_value:.3g}")
+        if failure.s == 0.0 or not failure.singular_value < 0.1:
+            words.append(f"jumps at a singular value of {failure.singular_value:.3g}")
     elif result.status is PlanStatus.LIMITS_EXCEEDED or one.options["ik"] == "lm":
         words.append("not to be expected")
     words += bad_advice(one, result)
@@ -183,28 +185,28 @@ def goes(result: Plan) -> bool:
 
 def bad_advice(one: Problem, result: Plan) -> list[str]:
     """Advice that can be followed, followed."""
-    stop, path = result.stop, one.path
-    assert stop is not None
+    failure, path = result.failure, one.path
+    assert failure is not None
     words = []
-    if "reaches the end of the path" in stop.advice and "no branch" not in stop.advice:
+    if "reaches the end of the path" in failure.advice and "no branch" not in failure.advice:
         again = one.planned(branch="best")
         if (
             not goes(again) and again.status is not PlanStatus.BRANCH_JUMP
         ):  # the branch goes on, the method may still jump
-            words.append(f"branch='best' does not reach the end of the path: {again.status}, {again.stop}")
+            words.append(f"branch='best' does not reach the end of the path: {again.status}, {again.failure}")
     # the free motion of a redundant arm is chosen for the whole path: that of a shorter one may be another
     if (
-        "a path that ends before" in stop.advice
+        "a path that ends before" in failure.advice
         and one.robot.n <= 6
         and isinstance(path, Line)
-        and stop.s > 1e-3 * path.end
+        and failure.s > 1e-3 * path.end
     ):
-        shorter = Problem(one.robot, Line(path.start, path.pose(0.98 * stop.s)), one.q_start, one.options)
+        shorter = Problem(one.robot, Line(path.start, path.pose(0.98 * failure.s)), one.q_start, one.options)
         again = shorter.planned()
         if not goes(again) and not (
             one.options["ik"] == "dls" and again.status is PlanStatus.NO_IK
         ):  # that is dls's own limit
-            words.append(f"a line to 0.98 s does not work: {again.status}, {again.stop}")
+            words.append(f"a line to 0.98 s does not work: {again.status}, {again.failure}")
     return words
 
 
@@ -295,7 +297,7 @@ def test_a_replanned_motion_starts_at_the_state_and_ends_at_rest_on_the_path(see
     t = float(np.random.default_rng([6, seed]).uniform(0.0, first.trajectory.duration))
     state = tuple(first.trajectory(t, order) for order in range(3))
     again = replan(first, t if stop else state, stop=stop)
-    assert again, again.stop
+    assert again, again.failure
     joints = oracles.Joints(again.trajectory)
     for order, value in enumerate(state):
         assert np.abs(joints.ends(order)[0][0] - value).max() <= (1e-12, 1e-9, 1e-6)[order]

@@ -97,7 +97,7 @@ def times(running: Plan, rng: np.random.Generator) -> Array:
 def wrong_with(running: Plan, t: float, again: Plan, stop: bool) -> list[str]:
     """What is not as it should be of a motion replanned from a time of a plan's own."""
     if not again:
-        return [f"none: {again.stop}"]
+        return [f"none: {again.failure}"]
     words = [*again.certificate.reasons]
     before, after = oracles.Joints(running.trajectory), oracles.Joints(again.trajectory)
     for order, most in enumerate(EXACT):

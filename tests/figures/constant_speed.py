@@ -185,10 +185,10 @@ def attempt(robot: Any, path: Any, q: Array, speed: float, limits: planners.Moti
     except Exception as error:
         return {"status": f"{type(error).__name__}: {error}"[:200], "speed": speed}
     row: Row = {"status": str(plan.status), "speed": speed, "seconds": time.process_time() - begin}
-    if plan.stop is not None:
-        row["reason"] = plan.stop.reason
-        most = re.match(r"a speed of at most ([0-9.e+-]+);", plan.stop.advice)
-        row |= {"named": float(most[1]) if most else 0.0, "ramp": "in a ramp" in plan.stop.reason}
+    if plan.failure is not None:
+        row["reason"] = plan.failure.reason
+        most = re.match(r"a speed of at most ([0-9.e+-]+);", plan.failure.advice)
+        row |= {"named": float(most[1]) if most else 0.0, "ramp": "in a ramp" in plan.failure.reason}
     return row
 
 

@@ -28,7 +28,7 @@ def measure(case: int) -> Row:
         return {"plan": True, "refused": str(error)}
     row: Row = {"plan": True, "valid": bool(again), "law": made.law, "factor": factor, "names": names}
     if not again:
-        return row | {"reason": "" if again.stop is None else again.stop.reason}
+        return row | {"reason": "" if again.failure is None else again.failure.reason}
     since = again.within_limits_from
     row |= {"since": since, "old": ratio(again, made.limits, names, 0.0), "new": ratio(again, lower, names, since)}
     return row

@@ -30,7 +30,7 @@ def measure(case: int) -> Row:
         row["later"] = again.trajectory.duration - (end - t)
         row["start"] = max(float(np.abs(again.trajectory(0.0, k) - made.trajectory(t, k)).max()) for k in range(2))
     else:
-        row["reason"] = "" if again.stop is None else again.stop.reason
+        row["reason"] = "" if again.failure is None else again.failure.reason
     return row
 
 

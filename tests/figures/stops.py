@@ -43,7 +43,7 @@ def measure(case: int) -> Row:
             row[f"{name}_start"] = exact(made, t, found)
             row[f"{name}_wrong"] = wrong(found)
         else:
-            row[f"{name}_reason"] = "" if found.stop is None else found.stop.reason
+            row[f"{name}_reason"] = "" if found.failure is None else found.failure.reason
     if case % COMPARED == 0 and refined and "jerk" in made.certificate.enforced:
         row["best"] = best_of_ten(made, t, refined)
     return row

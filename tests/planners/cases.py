@@ -33,14 +33,14 @@ def default_line() -> Line:
 @cache
 def default_joint_path(ik: str = "dls", samples: int = 151) -> JointPath:
     followed = follow(make_solver(paper6r(), ik), default_line(), START, samples=samples)
-    assert followed.joint_path is not None and followed.stop is None
+    assert followed.joint_path is not None and followed.failure is None
     return followed.joint_path
 
 
 def followed_line(start: Array, goal: Array) -> JointPath:
     """The joint path of a line from the default start."""
     followed = follow(make_solver(paper6r(), "dls"), Line(start, goal), START)
-    assert followed.joint_path is not None and followed.stop is None
+    assert followed.joint_path is not None and followed.failure is None
     return followed.joint_path
 
 

@@ -12,7 +12,7 @@ import planners
 from optik import Scene
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, Plan, executed
+from planners import JointLine, Line, MotionLimits, Plan, simulate_controller
 from tests.planners.contacts import REST, panda
 
 KINDS = ("contact", "path", "limits", "coverage")
@@ -42,7 +42,7 @@ def planned(rng: np.random.Generator, **options: Any) -> Plan:
     start, goal = ends(rng)
     timing = str(rng.choice(["optimal", "ruckig", "smooth"]))
     plan = planners.plan(panda(), goal, start, **({"limits": LIMITS, "timing": timing} | options))
-    assert plan.has_motion, plan.stop
+    assert plan.has_motion, plan.failure
     return plan
 
 
@@ -95,7 +95,7 @@ def interpolated_contact(rng: np.random.Generator, rate: float = 20.0) -> Plan |
     plan = planners.plan(panda(), goal, start, limits=LIMITS, tolerance=(0.05, 0.5))
     if not plan:
         return None
-    lines = executed(plan.trajectory, rate, "linear")
+    lines = simulate_controller(plan.trajectory, rate, "linear")
     t = instants(plan)[::10]
     frames = panda().frames(plan.trajectory(t))[:, 6, :3, 3]
     true, drawn = plan.trajectory(t), lines(t)

@@ -159,8 +159,8 @@ def test_a_given_limit_that_the_law_does_not_enforce_must_be_respected(tmp_path:
     for limits in (GIVEN, replace(OWN, jerk=5.0)):
         made = line(timing="toppra", limits=limits)
         assert not made and not made.certificate.is_valid and made.has_motion
-        assert made.status is PlanStatus.LIMITS_EXCEEDED and made.stop is not None
-        assert "jerk of joint1 is unbounded" in made.stop.reason and "allow=('jerk',)" in made.stop.advice
+        assert made.status is PlanStatus.LIMITS_EXCEEDED and made.failure is not None
+        assert "jerk of joint1 is unbounded" in made.failure.reason and "allow=('jerk',)" in made.failure.advice
         with pytest.raises(InvalidMotion):
             made.save(tmp_path / "motion.json")
         assert line(timing="toppra", limits=limits, allow="limits").status is PlanStatus.LIMITS_EXCEEDED

@@ -20,7 +20,7 @@ from optik.ik.closed_form import ClosedForm
 from optik.types import Array
 from planners import FollowStatus, JointPath, Line, follow
 from planners.following.branches import branches
-from planners.following.joint_path import LEAST_SPACING, apart
+from planners.following.joint_path import LEAST_SPACING, thin_knots
 from planners.following.march import first_exit, piece_bound
 from planners.following.smoothing import ROOM_WEIGHT
 from tests import oracles
@@ -123,7 +123,7 @@ def test_the_breaks_of_a_path_are_nodes() -> None:
 def test_a_break_next_to_a_sample_is_the_node_of_the_two() -> None:
     grid = np.linspace(0.0, 0.1, 101)
     knots = np.union1d(grid, [0.05001])
-    chosen = knots[apart(knots, [0.05001])]
+    chosen = knots[thin_knots(knots, [0.05001])]
     assert 0.05001 in chosen
     assert grid[50] not in chosen
     assert len(chosen) == 101
@@ -186,8 +186,8 @@ def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_
     for branch in found:  # one by one, as a user would
         alone = follow(solver, path, branch.q)
         assert bool(alone) is (branch.ended is None)
-        if alone.stop is not None:
-            assert alone.stop.s == pytest.approx(branch.s, abs=1e-4 * path.end)
+        if alone.failure is not None:
+            assert alone.failure.s == pytest.approx(branch.s, abs=1e-4 * path.end)
     best = follow(solver, path)
     assert best and best.joint_path is not None
     np.testing.assert_allclose(best.joint_path.q[0], whole[0].q, atol=1e-8)
@@ -214,9 +214,9 @@ def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
     q = q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.sign(turn) * np.deg2rad(210.0)])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.zeros(3), turn * robot.fk(q)[:3, 2]))
     kept = follow(make_solver(robot, "lm"), line, q)
-    assert kept.stop is not None
-    assert (kept.stop.status, kept.stop.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint6")
-    assert "best" in kept.stop.advice
+    assert kept.failure is not None
+    assert (kept.failure.status, kept.failure.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint6")
+    assert "best" in kept.failure.advice
     best = follow(make_solver(robot, "lm"), line, q, branch="best").joint_path
     assert best is not None and best.end == line.end
     # by brute force: of all whole turns of all joints exactly those fit whose every instant is inside
@@ -258,14 +258,16 @@ def test_advice_of_another_branch_is_true() -> None:
     solver = make_solver(robot, "lm")
     for _ in range(25):
         line, q = drawn_line(robot, rng, 0.3)
-        stop = follow(solver, line, q).stop
-        if stop is None:
+        failure = follow(solver, line, q).failure
+        if failure is None:
             continue
         best = follow(solver, line)
-        assert bool(best) is ("reaches the end of the path" in stop.advice and "no branch reaches" not in stop.advice)
+        assert bool(best) is (
+            "reaches the end of the path" in failure.advice and "no branch reaches" not in failure.advice
+        )
         seen += bool(best)
-        if stop.status is FollowStatus.UNREACHABLE:
-            beyond = solver.solve(line.pose(min(stop.s + 1e-3 * line.end, line.end)), robot.limits.clip(q))
+        if failure.status is FollowStatus.UNREACHABLE:
+            beyond = solver.solve(line.pose(min(failure.s + 1e-3 * line.end, line.end)), robot.limits.clip(q))
             assert not beyond
     assert seen >= 1
 
@@ -274,9 +276,9 @@ def test_no_branch_at_the_start_is_said_so() -> None:
     robot = load("ur5e")
     far = np.eye(4)
     far[0, 3] = 3.0
-    stop = follow(make_solver(robot, "lm"), Line(far, oracles.moved(far, np.array([0.1, 0.0, 0.0])))).stop
-    assert stop is not None
-    assert (stop.status, stop.s) == (FollowStatus.UNREACHABLE, 0.0)
+    failure = follow(make_solver(robot, "lm"), Line(far, oracles.moved(far, np.array([0.1, 0.0, 0.0])))).failure
+    assert failure is not None
+    assert (failure.status, failure.s) == (FollowStatus.UNREACHABLE, 0.0)
 
 
 # ---------------------------------------------------------------- fewer joints than six
@@ -314,20 +316,20 @@ def test_what_few_joints_cannot_follow_is_said_with_the_reason(name: str, turn: 
     robot, (line, q) = load(name), line_of_few(name)
     goal = oracles.moved(line.start, np.array([0.02, 0.01, -0.02]), np.array(turn))
     followed = follow(make_solver(robot, "lm"), Line(line.start, goal), q, branch=branch)
-    assert followed.joint_path is None and followed.stop is not None
-    assert (followed.stop.status, followed.stop.s) == (FollowStatus.UNREACHABLE, 0.0)
-    assert f"{robot.n} joints" in followed.stop.reason
+    assert followed.joint_path is None and followed.failure is not None
+    assert (followed.failure.status, followed.failure.s) == (FollowStatus.UNREACHABLE, 0.0)
+    assert f"{robot.n} joints" in followed.failure.reason
 
 
 def test_a_sliding_joint_at_its_end_is_said_in_metres() -> None:
     robot, (line, q) = load("irb910sc"), line_of_few("irb910sc")
     up = Line(line.start, oracles.moved(line.start, np.array([0.0, 0.0, 0.15])))
     followed = follow(make_solver(robot, "lm"), up, q)
-    assert followed.stop is not None and followed.joint_path is not None
-    assert (followed.stop.status, followed.stop.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint3")
-    assert followed.stop.s == pytest.approx(0.08, abs=1e-9)
+    assert followed.failure is not None and followed.joint_path is not None
+    assert (followed.failure.status, followed.failure.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint3")
+    assert followed.failure.s == pytest.approx(0.08, abs=1e-9)
     assert followed.joint_path.end == pytest.approx(0.08, abs=1e-9)
-    assert "0.18] m " in followed.stop.reason
+    assert "0.18] m " in followed.failure.reason
 
 
 # ---------------------------------------------------------------- more joints than six
@@ -373,9 +375,9 @@ def test_a_redundant_arm_stops_where_its_reach_ends() -> None:
     q = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.5])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.9, 0.0, 0.0])))
     followed = follow(make_solver(robot, "lm"), line, q)
-    assert followed.stop is not None and followed.joint_path is not None
-    assert followed.stop.status in (FollowStatus.UNREACHABLE, FollowStatus.OUTSIDE_LIMITS)
-    assert 0.0 < followed.joint_path.end <= followed.stop.s < line.end
+    assert followed.failure is not None and followed.joint_path is not None
+    assert followed.failure.status in (FollowStatus.UNREACHABLE, FollowStatus.OUTSIDE_LIMITS)
+    assert 0.0 < followed.joint_path.end <= followed.failure.s < line.end
     assert max(followed.joint_path.bound) <= 1e-5
 
 
@@ -415,9 +417,9 @@ def test_a_path_in_the_joints_is_taken_as_it_is_through_singularities_too() -> N
 def test_a_path_in_the_joints_ends_at_a_limit_and_starts_where_it_does() -> None:
     followed = follow(make_solver(paper6r(), "lm"), Given(3.0))
     limit = (paper6r().limits.upper[4] - Given.begin[4]) / Given.speed[4]
-    assert followed.stop is not None and followed.joint_path is not None
-    assert (followed.stop.status, followed.stop.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint5")
-    assert followed.stop.s == pytest.approx(limit, abs=1e-8)
+    assert followed.failure is not None and followed.joint_path is not None
+    assert (followed.failure.status, followed.failure.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint5")
+    assert followed.failure.s == pytest.approx(limit, abs=1e-8)
     assert limit - 3.0 / 150 <= followed.joint_path.end <= limit
     with pytest.raises(InvalidInput, match="joint2"):
         follow(make_solver(paper6r(), "lm"), Given(1.0), Given.begin + np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0]))

@@ -256,22 +256,22 @@ def test_a_state_that_touches_a_new_scene_is_refused_with_the_pair_and_the_posit
     made = solved()
     here = pose(panda().fk(made.trajectory(0.3))[:3, 3])
     refused = planners.replan(made, 0.3, stop=stop, scene=Scene(boxes=[(here, (0.05, 0.05, 0.05))]))
-    assert refused.status is PlanStatus.CONTACT and refused.stop is not None and not refused.has_motion
-    assert "box" in refused.stop.reason and "joint7" in refused.stop.reason
-    np.testing.assert_allclose(made.joint_path(refused.stop.s), made.trajectory(0.3), atol=1e-6)
+    assert refused.status is PlanStatus.CONTACT and refused.failure is not None and not refused.has_motion
+    assert "box" in refused.failure.reason and "joint7" in refused.failure.reason
+    np.testing.assert_allclose(made.joint_path(refused.failure.s), made.trajectory(0.3), atol=1e-6)
 
 
 def test_a_plan_that_touches_names_the_place_and_the_pair() -> None:
     through = REST + np.array([0.4, 0.9, 0.0, 0.3, 0.0, 0.0, 0.0])
     refused = planners.plan(panda(), through, REST, scene=table())
-    assert refused.status is PlanStatus.CONTACT and refused.stop is not None
-    q = refused.prefix(refused.stop.s)  # type: ignore[misc]
+    assert refused.status is PlanStatus.CONTACT and refused.failure is not None
+    q = refused.prefix(refused.failure.s)  # type: ignore[misc]
     assert find_contact(panda(), table(), q).distance <= 0.0
-    assert find_contact(panda(), table(), refused.prefix(0.9 * refused.stop.s)).distance > 0.0  # type: ignore[misc]
-    assert "joint7 and box" in refused.stop.reason
+    assert find_contact(panda(), table(), refused.prefix(0.9 * refused.failure.s)).distance > 0.0  # type: ignore[misc]
+    assert "joint7 and box" in refused.failure.reason
     start = planners.plan(panda(), REST, through, scene=table())
-    assert start.status is PlanStatus.CONTACT and start.stop is not None
-    assert "start" in start.stop.reason and start.stop.s == 0.0
+    assert start.status is PlanStatus.CONTACT and start.failure is not None
+    assert "start" in start.failure.reason and start.failure.s == 0.0
 
 
 def test_the_best_branch_is_one_that_is_free() -> None:
@@ -284,7 +284,7 @@ def test_the_best_branch_is_one_that_is_free() -> None:
     elbow = arm.frames(q)[2, :3, 3]
     scene = Scene(spheres=[(elbow, 0.03)])
     kept = planners.plan(arm, path, q, scene=scene, limits=LIMITS)
-    assert kept.status is PlanStatus.CONTACT and kept.stop is not None
+    assert kept.status is PlanStatus.CONTACT and kept.failure is not None
     other = planners.plan(arm, path, scene=scene, limits=LIMITS)
     assert other and other.certificate.clearance is not None and other.certificate.clearance.proved
     free = find_nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
@@ -312,9 +312,9 @@ def test_a_plan_that_touches_later_says_which_start_is_free() -> None:
     assert followed.joint_path is not None
     end = followed.joint_path(followed.joint_path.end)
     stopped = planners.plan(arm, path, q, scene=Scene(spheres=[(arm.frames(end)[2, :3, 3], 0.005)]), limits=LIMITS)
-    assert stopped.status is PlanStatus.CONTACT and stopped.stop is not None
-    assert stopped.stop.s > 0.1 * path.end
-    assert 'branch="best": from the start configuration' in stopped.stop.advice
+    assert stopped.status is PlanStatus.CONTACT and stopped.failure is not None
+    assert stopped.failure.s > 0.1 * path.end
+    assert 'branch="best": from the start configuration' in stopped.failure.advice
 
 
 def elbow_arm() -> optik.Robot:

@@ -59,7 +59,7 @@ def test_pieces_of_nanometres_between_corners_do_not_slow_the_tool() -> None:
     path = seam(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))
     assert np.diff(path.breaks).min() < 1e-7
     found = plan(ROBOT, path, START, timing=make_law("constant_speed", speed=0.02), limits=LIMITS)
-    assert found, found.stop
+    assert found, found.failure
     np.testing.assert_allclose(tool_speeds(found, np.linspace(0.3, 0.7, 97)), 0.02, rtol=1e-3)
 
 
@@ -71,10 +71,10 @@ def test_a_refusal_is_true_from_both_sides(seed: int) -> None:
     path = seam(points - points[0])
     refused = plan(ROBOT, path, START, timing=make_law("constant_speed", speed=2.0), limits=LIMITS)
     assert refused.status is PlanStatus.TIMING_INFEASIBLE
-    assert refused.stop is not None and "timing='optimal' with tool_speed=2, which slows" in refused.stop.advice
-    named = float(refused.stop.advice.removeprefix("a speed of at most ").split(";")[0])
+    assert refused.failure is not None and "timing='optimal' with tool_speed=2, which slows" in refused.failure.advice
+    named = float(refused.failure.advice.removeprefix("a speed of at most ").split(";")[0])
     slower = plan(ROBOT, path, START, timing=make_law("constant_speed", speed=0.95 * named), limits=LIMITS)
-    assert slower, slower.stop
+    assert slower, slower.failure
     np.testing.assert_allclose(slower.speed, 0.95 * named, rtol=1e-12)
     low, middle = bound(slower.joint_path, LIMITS)
     assert 0.95 * low <= named <= 1.02 * middle
@@ -83,9 +83,10 @@ def test_a_refusal_is_true_from_both_sides(seed: int) -> None:
 def test_a_speed_is_chosen_only_where_it_is_no_crawl_beside_a_sweep() -> None:
     path = seam(zigzag(30, 179.9, 1e-3))  # corners everywhere, so half of the path allows as little as the sharpest one
     crawl = plan(ROBOT, path, START, timing="constant_speed", limits=LIMITS)
-    assert crawl.status is PlanStatus.TIMING_INFEASIBLE and crawl.stop is not None
+    assert crawl.status is PlanStatus.TIMING_INFEASIBLE and crawl.failure is not None
     slow, quick = map(
-        float, re.findall(r"take ([\d.e+]+) s, one that slows at corners only about ([\d.e+]+) s", crawl.stop.reason)[0]
+        float,
+        re.findall(r"take ([\d.e+]+) s, one that slows at corners only about ([\d.e+]+) s", crawl.failure.reason)[0],
     )
     assert slow > 1e3 * quick
     optimal = plan(ROBOT, path, START, limits=LIMITS)
@@ -98,9 +99,9 @@ def test_a_refusal_by_a_ramp_says_so_and_a_longer_ramp_allows_more() -> None:
     named = []
     for ramp in (0.25, 0.5):
         refused = plan(ROBOT, path, START, timing=make_law("constant_speed", speed=1.0, ramp=ramp), limits=LIMITS)
-        assert refused.stop is not None and f"in a ramp of {ramp:g} of the distance" in refused.stop.reason
-        assert ("a longer ramp=" in refused.stop.advice) == (ramp < 0.5)
-        named.append(float(refused.stop.advice.removeprefix("a speed of at most ").split(";")[0]))
+        assert refused.failure is not None and f"in a ramp of {ramp:g} of the distance" in refused.failure.reason
+        assert ("a longer ramp=" in refused.failure.advice) == (ramp < 0.5)
+        named.append(float(refused.failure.advice.removeprefix("a speed of at most ").split(";")[0]))
         law = make_law("constant_speed", speed=0.95 * named[-1], ramp=ramp)
         assert plan(ROBOT, path, START, timing=law, limits=LIMITS)
     assert named[1] > 1.3 * named[0]

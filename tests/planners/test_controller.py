@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Trajectory, certify, make_law
-from planners.controller import executed, states
+from planners.controller import simulate_controller, states
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, default_line, paper6r
@@ -65,7 +65,7 @@ def interpolation(trajectory: Trajectory, rate: float, kind: str, t: float, orde
 def test_it_is_what_plain_interpolation_makes_of_the_points(kind: str, seed: int, smooth: int, rate: float) -> None:
     rng = np.random.default_rng(seed)
     trajectory = cases.random_trajectory(rng, pieces=3, n=2, smooth=smooth)
-    motion = executed(trajectory, rate, kind)
+    motion = simulate_controller(trajectory, rate, kind)
     assert motion.duration == trajectory.duration
     for t in rng.uniform(0.0, trajectory.end, 8):
         for order in range(4):
@@ -87,7 +87,7 @@ def test_states_are_the_exact_ones_and_the_mean_of_both_sides_where_acceleration
 
 def test_a_motion_told_at_its_own_quintic_knots_is_itself() -> None:
     trajectory = make_law("quintic").run(default_joint_path(), MotionLimits())
-    again = executed(trajectory, 50.0, "quintic")
+    again = simulate_controller(trajectory, 50.0, "quintic")
     np.testing.assert_allclose(again.knots, trajectory.knots, rtol=0, atol=1e-15)
     np.testing.assert_allclose(again(again.knots[:-1] + 0.007, 3), trajectory(again.knots[:-1] + 0.007, 3), atol=1e-5)
 
@@ -95,7 +95,7 @@ def test_a_motion_told_at_its_own_quintic_knots_is_itself() -> None:
 def test_the_certificate_says_what_each_interpolation_breaks() -> None:
     robot, path, limits = paper6r(), default_line(), MotionLimits.of(paper6r())
     trajectory = make_law("ruckig").run(default_joint_path(), limits)
-    proofs = {k: certify(robot, path, executed(trajectory, 500.0, k), limits) for k in ORDERS}
+    proofs = {k: certify(robot, path, simulate_controller(trajectory, 500.0, k), limits) for k in ORDERS}
     assert {k: p.continuous for k, p in proofs.items()} == {"linear": 0, "cubic": 1, "quintic": 2}
     assert proofs["linear"].worst("acceleration")[0] == np.inf
     assert proofs["cubic"].worst("jerk")[0] == np.inf
@@ -109,7 +109,7 @@ def test_the_certificate_says_what_each_interpolation_breaks() -> None:
 def test_points_are_at_whole_periods_and_at_the_end_and_never_a_rounding_apart(T: float) -> None:
     c = np.zeros((6, 1, 1))
     c[:3, 0, 0] = 6 / T**5, -15 / T**4, 10 / T**3
-    motion = executed(Trajectory(PPoly(c, [0.0, T])), 1000.0, "quintic")
+    motion = simulate_controller(Trajectory(PPoly(c, [0.0, T])), 1000.0, "quintic")
     assert motion.duration == T
     n = motion.knots.size - 1
     np.testing.assert_array_equal(motion.knots[:-1], np.arange(n) / 1000.0)
@@ -132,4 +132,4 @@ def test_points_are_at_whole_periods_and_at_the_end_and_never_a_rounding_apart(T
 def test_what_cannot_be_meant_is_refused(rate: Any, kind: Any, named: str) -> None:
     trajectory = cases.random_trajectory(np.random.default_rng(0), smooth=3)
     with pytest.raises(InvalidInput, match=named):
-        executed(trajectory, rate, kind)
+        simulate_controller(trajectory, rate, kind)

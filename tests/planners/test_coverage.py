@@ -235,8 +235,8 @@ def test_a_plan_whose_certificate_does_not_hold_is_not_proved_but_can_be_looked_
     made = plan(ROBOT, LINE, START, limits=LIMITS, timing="quintic", tolerance=(1e-8, 1e-8))
     assert not made
     assert made.status == "not_proved"
-    assert made.stop is not None
-    assert "certificate is not valid" in made.stop.reason
+    assert made.failure is not None
+    assert "certificate is not valid" in made.failure.reason
     assert made.trajectory.end > 0.0
     assert not made.certificate.is_valid
     data = made.to_dict()

@@ -30,8 +30,8 @@ from planners.cell import (
 )
 from planners.cell.drives._checks import GREATEST_STEP
 from planners.cell.drives._run import Unmoved
-from planners.controller import executed
-from planners.following.follow import Stop
+from planners.controller import simulate_controller
+from planners.following.follow import PlanFailure
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.stops import stops
@@ -135,7 +135,7 @@ def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_an
     ramp = -np.maximum(2.0 / 3.0 - x, 0.0)
     assert np.polyval(np.polyfit(x, ramp, 1), 1.0) == pytest.approx(4.0 / 27.0, rel=1e-4)
     slower = whole_periods(line(law), period)
-    cubics = executed(slower.trajectory, 1.0 / period, "cubic")
+    cubics = simulate_controller(slower.trajectory, 1.0 / period, "cubic")
     over = cubics.extrema(2).worst - slower.trajectory.extrema(2).worst
     assert (over <= 4.0 / 27.0 * slower.trajectory.extrema(3).worst * period * (1.0 + 1e-9)).all()
 
@@ -484,8 +484,10 @@ def test_a_watcher_that_takes_long_makes_ticks_late_where_the_pace_is_real() -> 
 
 
 def test_a_plan_whose_certificate_does_not_hold_is_refused() -> None:
-    why = Stop(PlanStatus.NOT_PROVED, 0.1, "joint1", "the certificate does not hold: jerk of joint1", "another law")
-    refused = IdealDrive(paper6r(), START).execute(replace(line(), status=PlanStatus.NOT_PROVED, stop=why))
+    why = PlanFailure(
+        PlanStatus.NOT_PROVED, 0.1, "joint1", "the certificate does not hold: jerk of joint1", "another law"
+    )
+    refused = IdealDrive(paper6r(), START).execute(replace(line(), status=PlanStatus.NOT_PROVED, failure=why))
     assert refused.status is ExecutionStatus.REFUSED and "does not hold" in refused.reason
     np.testing.assert_allclose(refused.q[-1], START, atol=1e-5)
 

@@ -100,25 +100,25 @@ def test_a_half_turn_has_no_shortest_way(axis: Array) -> None:
 def test_a_turn_of_nearly_180_degrees_ends_in_a_status() -> None:
     result = planned(Line(HERE, at(0.0, 0.0, 0.01, (0.0, 0.0, np.pi - 1e-4))))
     assert result.status in PlanStatus
-    assert bool(result) == (result.stop is None)
+    assert bool(result) == (result.failure is None)
 
 
 def test_a_path_that_leaves_the_workspace_says_where() -> None:
     result = planned(Line(HERE, at(3.0, 0.0, 0.0)))
     assert result.status in (PlanStatus.UNREACHABLE, PlanStatus.OUTSIDE_LIMITS)
-    assert result.stop is not None
-    assert 0.0 < result.stop.s < 3.0
-    assert result.stop.advice
+    assert result.failure is not None
+    assert 0.0 < result.failure.s < 3.0
+    assert result.failure.advice
     assert result.prefix is not None
-    again = planned(Line(HERE, result.path.pose(0.98 * result.stop.s)))
+    again = planned(Line(HERE, result.path.pose(0.98 * result.failure.s)))
     assert again.certificate.is_valid
 
 
 def test_a_path_that_begins_beyond_reach_is_unreachable_at_0() -> None:
     result = planned(Line(at(5.0, 0.0, 0.0), at(5.1, 0.0, 0.0)), None)
     assert result.status is PlanStatus.UNREACHABLE
-    assert result.stop is not None
-    assert result.stop.s == 0.0
+    assert result.failure is not None
+    assert result.failure.s == 0.0
 
 
 # ---------------------------------------------------------------- starts
@@ -187,5 +187,5 @@ def test_samples_that_are_no_count_are_refused(samples: Any) -> None:
 @pytest.mark.parametrize("law", [law for law in laws() if law != "quintic"])
 def test_the_least_path_has_a_motion_or_a_named_reason(law: str) -> None:
     result = planned(Line(HERE, at(1e-6, 0.0, 0.0)), timing=law)
-    assert result, result.stop
+    assert result, result.failure
     assert result.certificate.is_valid

@@ -249,11 +249,11 @@ def test_a_pure_rotation_is_followed_in_radians() -> None:
 def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line) -> None:
     """It stopped at the sample s, for that reason, and all before that sample is kept and good."""
     assert not followed
-    assert followed.stop is not None
-    assert followed.stop.status is status
-    assert followed.stop.s == pytest.approx(s, abs=1e-12)
-    assert followed.stop.reason
-    assert followed.stop.advice
+    assert followed.failure is not None
+    assert followed.failure.status is status
+    assert followed.failure.s == pytest.approx(s, abs=1e-12)
+    assert followed.failure.reason
+    assert followed.failure.advice
     assert followed.joint_path is not None
     step = line.end / 150
     assert followed.joint_path.end == pytest.approx(s - step, abs=1e-12), "the good part ends one sample before"
@@ -265,14 +265,14 @@ def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line
 def check_ended(followed: Followed, status: FollowStatus, s: float, line: Line, within: float = 2e-6) -> None:
     """The arm itself ended there, for that reason, and all up to that place is kept and good."""
     assert not followed
-    assert followed.stop is not None
-    assert followed.stop.status is status
-    assert followed.stop.s == pytest.approx(s, abs=within * line.end)
-    assert followed.stop.reason
-    assert followed.stop.advice
+    assert followed.failure is not None
+    assert followed.failure.status is status
+    assert followed.failure.s == pytest.approx(s, abs=within * line.end)
+    assert followed.failure.reason
+    assert followed.failure.advice
     joint_path = followed.joint_path
     assert joint_path is not None
-    assert followed.stop.s - 1.1e-6 * line.end <= joint_path.end <= followed.stop.s
+    assert followed.failure.s - 1.1e-6 * line.end <= joint_path.end <= followed.failure.s
     np.testing.assert_allclose(joint_path.ik.s, np.linspace(0.0, line.end, 151)[: len(joint_path.ik.s)], atol=1e-15)
     assert joint_path.end - joint_path.ik.s[-1] < line.end / 150
     assert np.isin(joint_path.ik.s, joint_path.knots).all()
@@ -288,9 +288,9 @@ def test_a_line_that_leaves_the_workspace_stops_where_the_arm_is_stretched(direc
     robot = wide(ROBOT)
     followed = follow(make_solver(robot, "dls"), line, START)
     check_ended(followed, FollowStatus.UNREACHABLE, leaves, line)
-    assert followed.stop is not None
-    assert followed.stop.singular_value < 2e-3
-    assert followed.stop.joint is None
+    assert followed.failure is not None
+    assert followed.failure.singular_value < 2e-3
+    assert followed.failure.joint is None
 
 
 @cache
@@ -331,8 +331,8 @@ def test_a_line_through_a_joint_limit_stops_at_the_limit(direction: Any) -> None
     s, joint = crossing(direction)
     followed = follow(make_solver(ROBOT, "dls"), line, START)
     check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
-    assert followed.stop is not None and followed.joint_path is not None
-    assert followed.stop.joint == ROBOT.joint_names[joint]
+    assert followed.failure is not None and followed.joint_path is not None
+    assert followed.failure.joint == ROBOT.joint_names[joint]
     at = followed.joint_path.q[-1, joint]
     assert min(abs(at - LIMITS.lower[joint]), abs(at - LIMITS.upper[joint])) < 1e-6
 
@@ -351,8 +351,8 @@ def test_a_configuration_outside_the_limits_is_said_to_be_outside_the_limits() -
     s, joint = crossing(THROUGH_LIMITS[0])
     followed = follow(Free(ROBOT), line, START)
     check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
-    assert followed.stop is not None
-    assert followed.stop.joint == ROBOT.joint_names[joint]
+    assert followed.failure is not None
+    assert followed.failure.joint == ROBOT.joint_names[joint]
 
 
 def test_a_loose_tolerance_does_not_carry_a_joint_past_its_limit() -> None:
@@ -361,8 +361,8 @@ def test_a_loose_tolerance_does_not_carry_a_joint_past_its_limit() -> None:
     solver = DLS(ROBOT, tolerance=Tolerance(3e-3, 1e-2))
     followed = follow(solver, line, START)
     check_ended(followed, FollowStatus.OUTSIDE_LIMITS, s, line)
-    assert followed.stop is not None
-    assert followed.stop.joint == ROBOT.joint_names[joint]
+    assert followed.failure is not None
+    assert followed.failure.joint == ROBOT.joint_names[joint]
 
 
 HALF = 75.5 / 150
@@ -385,23 +385,23 @@ def test_a_method_that_claims_what_is_not_so_is_stopped() -> None:
     line = default_line()
     followed = follow(Lying(ROBOT), line, START)
     check_stopped(followed, FollowStatus.NO_IK, 76 / 150 * line.end, line)
-    assert followed.stop is not None
-    assert "rejected" in followed.stop.reason
+    assert followed.failure is not None
+    assert "rejected" in followed.failure.reason
 
 
 def test_too_few_iterations_stop_at_the_first_sample_that_needs_them() -> None:
     followed = follow(DLS(ROBOT, max_iterations=0), default_line(), START)
     assert followed.joint_path is None
-    assert followed.stop is not None
-    assert followed.stop.status is FollowStatus.NO_IK
-    assert followed.stop.s == pytest.approx(default_line().end / 150)
+    assert followed.failure is not None
+    assert followed.failure.status is FollowStatus.NO_IK
+    assert followed.failure.s == pytest.approx(default_line().end / 150)
 
 
 def test_a_start_that_no_iteration_puts_on_the_path_stops_at_zero() -> None:
     followed = follow(DLS(ROBOT, max_iterations=0), default_line(), START + 2e-5)
     assert followed.joint_path is None
-    assert followed.stop is not None
-    assert (followed.stop.status, followed.stop.s) == (FollowStatus.NO_IK, 0.0)
+    assert followed.failure is not None
+    assert (followed.failure.status, followed.failure.s) == (FollowStatus.NO_IK, 0.0)
 
 
 def test_a_start_that_is_met_only_outside_the_limits_is_said_to_be_so() -> None:
@@ -409,13 +409,13 @@ def test_a_start_that_is_met_only_outside_the_limits_is_said_to_be_so() -> None:
     robot = replace(ROBOT, limits=limits)  # its first joint cannot turn to where the line is
     followed = follow(make_solver(robot, "dls"), default_line())
     assert followed.joint_path is None
-    assert followed.stop is not None
-    assert followed.stop.status is FollowStatus.OUTSIDE_LIMITS
+    assert followed.failure is not None
+    assert followed.failure.status is FollowStatus.OUTSIDE_LIMITS
     far = default_line().start.copy()
     far[:3, 3] *= 10.0
     followed = follow(make_solver(robot, "dls"), Line(far, oracles.moved(far, MOVE)))
-    assert followed.stop is not None
-    assert followed.stop.status is FollowStatus.UNREACHABLE
+    assert followed.failure is not None
+    assert followed.failure.status is FollowStatus.UNREACHABLE
 
 
 # ---------------------------------------------------------------- singular
@@ -496,8 +496,8 @@ def test_a_jump_to_another_branch_is_caught(other: Any, joint: str) -> None:
     assert follow(make_solver(robot, "dls"), line, START), "without the jump the line is followed"
     followed = follow(flip(robot, line, other), line, START)
     check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
-    assert followed.stop is not None
-    assert followed.stop.joint == joint
+    assert followed.failure is not None
+    assert followed.failure.joint == joint
 
 
 @pytest.mark.parametrize(("length", "bend"), [(0.04, 0.06), (0.001, 0.06), (0.001, 0.02)])
@@ -512,7 +512,7 @@ def test_a_small_jump_is_caught(length: float, bend: float) -> None:
     assert line.end == pytest.approx(length)
     assert follow(make_solver(ROBOT, "dls"), line, q)
     followed = follow(flip(ROBOT, line, other_elbow), line, q)
-    assert followed.stop is not None
+    assert followed.failure is not None
     assert followed.joint_path is not None
     check_stopped(followed, FollowStatus.BRANCH_JUMP, 76 / 150 * line.end, line)
     jump = np.abs(other_elbow(line(0.5 * line.end), followed.joint_path.q[-1]) - followed.joint_path.q[-1]).max()

@@ -123,7 +123,7 @@ def check_polylines(name: str, how_many: int) -> None:
         if keeps_on(robot, path, q):
             seen += 1
             followed = follow(make_solver(robot, "lm"), path, q)
-            assert followed and followed.joint_path is not None, followed.stop
+            assert followed and followed.joint_path is not None, followed.failure
             assert max(followed.joint_path.bound) <= 1e-5
 
 

@@ -36,7 +36,7 @@ def test_a_waypoint_that_nearly_repeats_its_neighbour_costs_next_to_nothing(eps:
     again = poses[where - 1].copy()
     again[:3, 3] += np.array([0.6, -0.5, 0.62]) * eps
     made = plan(robot, Polyline([*poses[:where], again, *poses[where:]]), q, limits=LIMITS)
-    assert made, made.stop
+    assert made, made.failure
     assert made.trajectory.end < 1.05 * plain().trajectory.end
 
 
@@ -58,7 +58,7 @@ def winding(count: int) -> tuple[Any, Array, Polyline]:
 def test_hundreds_of_waypoints_are_planned_by_every_law(law: str) -> None:
     robot, q, path = winding(300)
     made = plan(robot, path, q, limits=LIMITS, timing=law, allow="jerk")
-    assert made, made.stop
+    assert made, made.failure
 
 
 @pytest.mark.soak
@@ -67,4 +67,4 @@ def test_hundreds_of_waypoints_are_planned_by_every_law(law: str) -> None:
 def test_thousands_of_waypoints_are_planned_by_every_law(count: int, law: str) -> None:
     robot, q, path = winding(count)
     made = plan(robot, path, q, limits=LIMITS, timing=law, allow="jerk")
-    assert made, made.stop
+    assert made, made.failure

@@ -64,7 +64,7 @@ def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> N
     result = planned(timing=law, samples=151, limits=LIMITS, allow=("limits", "jerk"))
     assert result
     assert result.status is PlanStatus.SOLVED
-    assert (result.ik, result.law, result.stop) == ("dls", law, None)
+    assert (result.ik, result.law, result.failure) == ("dls", law, None)
     np.testing.assert_allclose(result.joint_path.q, default_joint_path().q, rtol=0.0, atol=1e-13)
     assert result.prefix is result.joint_path
     again = make_law(law).run(default_joint_path(), LIMITS)
@@ -110,25 +110,30 @@ def test_a_plan_that_fails_says_where_and_why_wherever_its_motion_is_asked_for()
     result = too_far()
     assert not result
     assert result.status is PlanStatus.OUTSIDE_LIMITS
-    stop = result.stop
-    assert stop is not None
+    failure = result.failure
+    assert failure is not None
     for ask in ("trajectory", "certificate", "joint_path"):
         with pytest.raises(NoSolution) as info:
             getattr(result, ask)
         error = info.value
-        assert (error.s, error.joint, error.reason, error.advice) == (stop.s, "joint5", stop.reason, stop.advice)
+        assert (error.s, error.joint, error.reason, error.advice) == (
+            failure.s,
+            "joint5",
+            failure.reason,
+            failure.advice,
+        )
         assert 47 / 150 < error.s / result.path.end < 48 / 150
         assert error.advice
-        assert stop.reason in str(error)
-        assert stop.advice in str(error)
+        assert failure.reason in str(error)
+        assert failure.advice in str(error)
         assert isinstance(error, optik.OptikError)
 
 
 def test_the_good_part_of_a_plan_that_fails_is_kept() -> None:
     result = too_far()
     assert result.prefix is not None
-    assert result.stop is not None
-    assert result.prefix.end <= result.stop.s
+    assert result.failure is not None
+    assert result.prefix.end <= result.failure.s
     for s, q in zip(result.prefix.knots, result.prefix.q, strict=True):
         assert max(oracles.off_by(oracles.fk(PAPER, q), result.path.pose(s))) <= 1e-12
 
@@ -306,10 +311,10 @@ def test_a_saved_plan_is_the_motion_that_is_read(tmp_path: Path) -> None:
 def test_a_plan_that_fails_says_its_reason_and_saves_nothing(tmp_path: Path) -> None:
     result = too_far()
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    assert result.stop is not None
+    assert result.failure is not None
     assert data["status"] == "outside_limits"
-    assert (data["s"], data["joint"]) == (result.stop.s, "joint5")
-    assert (data["reason"], data["advice"]) == (result.stop.reason, result.stop.advice)
+    assert (data["s"], data["joint"]) == (result.failure.s, "joint5")
+    assert (data["reason"], data["advice"]) == (result.failure.reason, result.failure.advice)
     assert "coefficients" not in data
     with pytest.raises(NoSolution):
         result.save(tmp_path / "plan.json")
@@ -326,9 +331,9 @@ def test_what_a_law_promises_and_passes_is_slowed_or_refused() -> None:
     assert max(slowed.certificate.worst(f)[0] for f in ("velocity", "acceleration")) <= 1.0
     strict = planned(timing="toppra", samples=151, strict=True)
     assert strict.status is PlanStatus.LIMITS_EXCEEDED
-    assert strict.stop is not None
-    assert strict.stop.joint in ROBOT.joint_names
-    assert "of its limit" in strict.stop.reason
+    assert strict.failure is not None
+    assert strict.failure.joint in ROBOT.joint_names
+    assert "of its limit" in strict.failure.reason
     assert planned(timing="optimal", strict=True)
 
 
@@ -339,8 +344,8 @@ def test_a_duration_is_met_exactly_or_refused_with_the_least() -> None:
     assert longer.certificate.is_valid
     refused = planned(timing="optimal", duration=0.9 * free.trajectory.duration)
     assert refused.status is PlanStatus.TIMING_INFEASIBLE
-    assert refused.stop is not None
-    least = float(refused.stop.reason.split()[-2])
+    assert refused.failure is not None
+    least = float(refused.failure.reason.split()[-2])
     assert least == pytest.approx(free.trajectory.duration, rel=1e-5)
 
 
@@ -387,9 +392,9 @@ def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> N
     free = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS)
     twice = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=2.0 * free.trajectory.duration)
     assert twice.status is PlanStatus.TIMING_INFEASIBLE
-    assert twice.stop is not None
-    assert "makes the tool speed 0.025, and 0.05 was asked" in twice.stop.reason
-    assert "without a speed" in twice.stop.advice
+    assert twice.failure is not None
+    assert "makes the tool speed 0.025, and 0.05 was asked" in twice.failure.reason
+    assert "without a speed" in twice.failure.advice
     assert plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=free.trajectory.duration)
     any_speed = plan(ROBOT, default_line(), START, timing="constant_speed", limits=LIMITS, duration=9.0)
     assert any_speed.trajectory.duration == pytest.approx(9.0)

@@ -27,7 +27,7 @@ def wrong(seed: int) -> list[str]:
     made, follows = planned(seed)
     found = {law: result.trajectory.end for law, result in made.items() if result}
     words = [
-        f"{law}: {result.status}, {result.stop}" for law, result in made.items() if not result and (found or follows)
+        f"{law}: {result.status}, {result.failure}" for law, result in made.items() if not result and (found or follows)
     ]
     if found and "optimal" in found and found["optimal"] > FASTEST * min(found.values()):
         words.append(f"the optimum is not the fastest: {found}")
@@ -54,8 +54,8 @@ def test_a_path_that_no_continuous_motion_follows_is_refused(seed: int) -> None:
     assert not follows
     for result in made.values():
         assert result.status not in (PlanStatus.SOLVED, PlanStatus.NOT_PROVED, PlanStatus.TIMING_INFEASIBLE)
-        assert result.stop is not None
-        assert result.stop.reason
+        assert result.failure is not None
+        assert result.failure.reason
 
 
 @pytest.mark.soak

@@ -116,7 +116,7 @@ def check_arcs(name: str, how_many: int) -> None:
             seen += 1
             for branch in ("start", "best"):
                 followed = follow(make_solver(robot, "lm"), path, q, branch=branch)
-                assert followed and followed.joint_path is not None, followed.stop
+                assert followed and followed.joint_path is not None, followed.failure
                 assert max(followed.joint_path.bound) <= 1e-5
 
 
@@ -168,6 +168,6 @@ def test_an_arm_of_lower_rank_is_told_its_rank(joints: int, branch: str) -> None
         q,
         branch=branch,
     )
-    assert followed.joint_path is None and followed.stop is not None
-    assert followed.stop.status is FollowStatus.SINGULAR
-    assert "rank 4 of 6" in followed.stop.reason
+    assert followed.joint_path is None and followed.failure is not None
+    assert followed.failure.status is FollowStatus.SINGULAR
+    assert "rank 4 of 6" in followed.failure.reason

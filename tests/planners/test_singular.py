@@ -28,7 +28,7 @@ def middle(robot: Robot, rng: np.random.Generator) -> Array:
 
 def check_proved(followed: Followed, tolerance: float = 1e-5) -> JointPath:
     """The whole path, proved; densely sampled within the proof, inside the limits, and without a jump."""
-    assert followed, followed.stop
+    assert followed, followed.failure
     joint_path = followed.joint_path
     assert joint_path is not None and joint_path.end == joint_path.path.end
     s = np.linspace(0.0, joint_path.end, 501)
@@ -163,8 +163,8 @@ def test_a_singular_start_whose_wrist_would_have_to_turn_first_is_refused() -> N
     robot = load("paper6r")
     start = robot.fk(np.zeros(6))
     followed = follow(make_solver(robot, "lm"), Line(start, oracles.moved(start, [0.0, 0.05, 0.02])), np.zeros(6))
-    assert followed.joint_path is None and followed.stop is not None
-    assert (followed.stop.status, followed.stop.s) == (FollowStatus.SINGULAR, 0.0)
+    assert followed.joint_path is None and followed.failure is not None
+    assert (followed.failure.status, followed.failure.s) == (FollowStatus.SINGULAR, 0.0)
 
 
 def goes_on(robot: Robot, line: Line, q: Array) -> str:
@@ -292,6 +292,6 @@ def test_steps_are_divided_on_the_shortest_path_too(bend: float) -> None:
     goal = q.copy()
     goal[3], goal[5] = 0.5, -0.5
     followed = follow(make_solver(robot, "lm"), Line(robot.fk(q), robot.fk(goal)), q, samples=2)
-    assert followed, followed.stop
+    assert followed, followed.failure
     assert followed.joint_path is not None
     assert np.abs(followed.joint_path.q[-1] - goal).max() < 1e-6

@@ -49,11 +49,11 @@ def test_a_plan_prints_its_status_its_certificate_or_its_reason(made: dict[str, 
     for plan in made.values():
         lines = short(str(plan))
         assert lines[0].startswith(f"{plan.status}: {plan.robot.name}, Line of ")
-        if plan.stop is None:
+        if plan.failure is None:
             assert lines[1:] == str(plan.certificate).splitlines()
         else:
-            assert f"reason: {plan.stop.reason}" in lines
-            assert f"try: {plan.stop.advice}" in lines
+            assert f"reason: {plan.failure.reason}" in lines
+            assert f"try: {plan.failure.advice}" in lines
     assert {str(plan.status) for plan in made.values()} >= {"solved", "outside_limits", "timing_infeasible"}
 
 

@@ -86,7 +86,7 @@ def test_laws_keep_torque_and_its_rate(law: str, payload: float | tuple[float, f
         MotionLimits(*OUR, torque=torque, torque_rate=rate),
     ):
         found = plan(arm, default_line(), START, limits=limits, timing=law)
-        assert found, found.stop
+        assert found, found.failure
         proof = found.certificate
         assert proof.is_valid and "torque" in proof.enforced
         for name, bound in (("torque", limits.torque), ("torque_rate", limits.torque_rate)):
@@ -133,7 +133,7 @@ def test_a_law_that_knows_no_torques_is_slowed_until_it_keeps_them_or_refused() 
     assert found and found.slowed > 1.0 and {"torque", "torque_rate"} <= set(found.certificate.enforced)
     assert found.certificate.worst("torque")[0] == pytest.approx(1.0, abs=1e-4)
     refused = plan(robot(), default_line(), START, limits=limits, timing=Own(), strict=True)
-    assert refused.status == "limits_exceeded" and refused.stop is not None and "torque" in refused.stop.reason
+    assert refused.status == "limits_exceeded" and refused.failure is not None and "torque" in refused.failure.reason
 
 
 def test_a_certificate_names_the_torque_that_a_motion_passes() -> None:
@@ -152,9 +152,9 @@ def test_a_path_that_gravity_forbids_is_refused_with_joint_place_and_torque(law:
     tight = np.full(6, 500.0)
     tight[2] = 0.98 * need[2]
     refused = plan(arm, default_line(), START, limits=MotionLimits(*OUR, torque=tight), timing=law)
-    assert refused.status == "timing_infeasible" and refused.stop is not None
-    assert refused.stop.joint == arm.joint_names[2] and 0.0 <= refused.stop.s <= free.joint_path.end
-    assert f"{need[2]:.5g}"[:4] in refused.stop.reason and "however slowly" in refused.stop.reason
+    assert refused.status == "timing_infeasible" and refused.failure is not None
+    assert refused.failure.joint == arm.joint_names[2] and 0.0 <= refused.failure.s <= free.joint_path.end
+    assert f"{need[2]:.5g}"[:4] in refused.failure.reason and "however slowly" in refused.failure.reason
     tight[2] = 1.1 * need[2]
     assert plan(arm, default_line(), START, limits=MotionLimits(*OUR, torque=tight), timing=law)
 
@@ -219,7 +219,9 @@ def test_a_moving_state_is_planned_anew_within_the_torques() -> None:
     tight[1] = 0.9 * need[1]
     refused = replan(found, 0.4 * found.trajectory.end, limits=MotionLimits(*OUR, torque=tight))
     assert (
-        refused.status == "timing_infeasible" and refused.stop is not None and "however slowly" in refused.stop.reason
+        refused.status == "timing_infeasible"
+        and refused.failure is not None
+        and "however slowly" in refused.failure.reason
     )
 
 

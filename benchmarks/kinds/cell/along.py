@@ -10,7 +10,7 @@ from optik.errors import NoSolution
 from optik.ik import IKSolver
 from optik.types import Array
 from planners.fit import fitted
-from planners.following.follow import Stop
+from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
 from planners.motion import Motion
@@ -47,9 +47,9 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
         enforced = timed.list_enforced(limits)
         trajectory = fitted(robot, timed.run(joints, limits), limits, enforced, line)
     except NoSolution as error:
-        stop = Stop(PlanStatus.TIMING_INFEASIBLE, error.s or 0.0, error.joint, error.reason, error.advice)
-        return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, stop, None, None)
+        failure = PlanFailure.from_error(PlanStatus.TIMING_INFEASIBLE, error)
+        return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)
     proof = Motion(robot, line, limits, trajectory, law, enforced, WIDE).certify()
-    why = Stop(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
+    why = PlanFailure(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
     status, found = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
     return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)

@@ -55,7 +55,7 @@ def peaks(execution: Execution) -> tuple[Array, Array | None]:
 
 def why_not(planned: Plan) -> str:
     """Why a plan has no motion."""
-    return str(planned.status) if planned.stop is None else planned.stop.reason
+    return str(planned.status) if planned.failure is None else planned.failure.reason
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:

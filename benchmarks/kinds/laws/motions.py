@@ -166,8 +166,8 @@ def motion_in_file(robot: str, path: str, payload: float | tuple[float, float] |
     tool_path, q = path_in_file(arm, file)
     followed = follow(make_solver(arm, "lm"), tool_path, q)
     joints = followed.joint_path
-    if followed.stop is not None or joints is None:
-        reason = followed.stop.reason if followed.stop is not None else "no joint path"
+    if followed.failure is not None or joints is None:
+        reason = followed.failure.reason if followed.failure is not None else "no joint path"
         raise InvalidInput(path, f"a path that {arm.name} cannot follow: {reason}", "a path inside its workspace")
     start = joints(np.zeros(1))[0] if q is None else q
     sigma = float(joints.singular_values.min())

@@ -188,9 +188,9 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
     for limits in block.limits:
         within = limits.of(line.robot)
         timers = timers_of(block, line, within, journal)
-        if followed.stop is not None:
+        if followed.failure is not None:
             found = [
-                blank(c.label, c.role) | {"status": str(followed.stop.status), "reason": followed.stop.reason}
+                blank(c.label, c.role) | {"status": str(followed.failure.status), "reason": followed.failure.reason}
                 for c in timers
             ]
         else:
@@ -311,8 +311,10 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
         timed_plan = {"ms_plan": ms}
     else:
         planned, timed_plan = plan_it(), {}
-    if planned.stop is not None and planned.status is not PlanStatus.NOT_PROVED:  # one that is not proved is a motion
-        return timed_plan | {"status": str(planned.status), "reason": planned.stop.reason}
+    if (
+        planned.failure is not None and planned.status is not PlanStatus.NOT_PROVED
+    ):  # one that is not proved is a motion
+        return timed_plan | {"status": str(planned.status), "reason": planned.failure.reason}
     proof = planned.certificate
     if c.told is not limits:
         proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=c.enforced)

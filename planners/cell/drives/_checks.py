@@ -49,8 +49,8 @@ def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> 
 
     By default the plan's own certificate is judged.
     """
-    if plan.stop is not None and (not plan.has_motion or (not plan and plan.certificate.is_valid)):
-        return f"the plan did not succeed ({plan.status}): {plan.stop.reason}", plan.stop.advice
+    if plan.failure is not None and (not plan.has_motion or (not plan and plan.certificate.is_valid)):
+        return f"the plan did not succeed ({plan.status}): {plan.failure.reason}", plan.failure.advice
     proof = plan.certificate if proof is None else proof
     try:
         check_valid(proof, allow)

@@ -166,8 +166,8 @@ class Run:
             return
         found = stop_from(self.plan, t, allow=self.allow)
         if not found:
-            assert found.stop is not None
-            why = f"no stop from t = {t:.6g} s could be certified: {found.stop.reason}"
+            assert found.failure is not None
+            why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"
             if self.fault is None or found.status is not PlanStatus.NOT_PROVED:
                 self.notes.append(f"{why}; so the plan was ended")
                 return

@@ -121,9 +121,9 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
             return nothing_sent(drive, execution.plan, why, "a new plan from where it stands")
         back = way_back(running, measured, rest)
         if not back:
-            assert back.stop is not None
-            why = f"there is no way back to the path: {back.stop.reason}"
-            return nothing_sent(drive, execution.plan, why, back.stop.advice)
+            assert back.failure is not None
+            why = f"there is no way back to the path: {back.failure.reason}"
+            return nothing_sent(drive, execution.plan, why, back.failure.advice)
         before = drive.execute(long_enough(back, drive.period), **options)
         if not before or execution.stop_plan is None or ends_at_goal(execution.stop_plan):
             return before

@@ -31,11 +31,11 @@ SHOWN_SPEED = 0.5
 
 def failed_plan_data(plan: Plan) -> dict[str, Any]:
     """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
-    assert plan.stop is not None
-    stop, t, q = plan.stop, *_before_failure(plan)
+    assert plan.failure is not None
+    failure, t, q = plan.failure, *_before_failure(plan)
     data: dict[str, Any] = {
-        "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": stop.s, "joint": stop.joint,
-        "reason": stop.reason, "advice": stop.advice, "ik": plan.ik, "law": plan.law, "robot": plan.robot.to_dict(),
+        "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
+        "reason": failure.reason, "advice": failure.advice, "ik": plan.ik, "law": plan.law, "robot": plan.robot.to_dict(),
         "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
     }  # fmt: skip
     if plan.scene is not None:
@@ -55,7 +55,7 @@ def _before_failure(plan: Plan) -> tuple[Array, Array]:
         pass
     if plan.prefix is None:
         return np.zeros(0), np.zeros((0, plan.robot.n))
-    end = plan.prefix.end if plan.stop is None else min(plan.prefix.end, plan.stop.s)
+    end = plan.prefix.end if plan.failure is None else min(plan.prefix.end, plan.failure.s)
     q = np.asarray(plan.prefix(np.linspace(0.0, end, JOINT_PATH_SAMPLES) if end > 0.0 else np.zeros(1)))
     steps = np.maximum(np.abs(np.diff(q, axis=0)).max(axis=1), 1e-6)
     return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q

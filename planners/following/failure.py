@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 
 import optik
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
+from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.types import Array
 from planners.following import march
@@ -48,7 +50,7 @@ class FollowStatus(StrEnum):
 
 
 @dataclass(frozen=True)
-class Stop:
+class PlanFailure:
     """Where and why a motion ended early.
 
     Attributes
@@ -72,42 +74,51 @@ class Stop:
     advice: str
     singular_value: float = float("nan")
 
+    @classmethod
+    def from_error(cls, status: StrEnum, error: NoSolution) -> Self:
+        """Return the failure that an error describes."""
+        return cls(status, error.s or 0.0, error.joint, error.reason, error.advice)
 
-def unit(robot: Robot, joint: int) -> str:
+    def to_error(self) -> NoSolution:
+        """Return the error that describes this failure."""
+        return NoSolution(self.reason, s=self.s, joint=self.joint, advice=self.advice)
+
+
+def joint_unit(robot: Robot, joint: int) -> str:
     """Return the unit of a joint."""
     return "m" if robot.prismatic[joint] else "rad"
 
 
 @lru_cache(maxsize=16)
-def rank_of(robot: Robot) -> int:
+def find_rank(robot: Robot) -> int:
     """Return the greatest rank of the Jacobian at random configurations, which is that of almost all."""
     q = robot.limits.sample(np.random.default_rng(0), RANK_DRAWS)
     sigma = robot.singular_values(q)
     return int((sigma > ZERO_SHARE * sigma[:, :1]).sum(axis=1).max())
 
 
-def lower_rank(robot: Robot) -> Stop | None:
+def find_rank_failure(robot: Robot) -> PlanFailure | None:
     """Explain why an arm follows no Cartesian path at all: the rank of its Jacobian is deficient everywhere."""
-    rank, full = rank_of(robot), min(robot.n, 6)
+    rank, full = find_rank(robot), min(robot.n, 6)
     if rank == full:
         return None
     reason = (
         f"the Jacobian of {robot.name} has rank {rank} of {full} at each of {RANK_DRAWS} configurations drawn: its {robot.n} "
         f"joints move the tool in {rank} directions only, so a pose does not determine them"
     )
-    return Stop(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
+    return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
-def why_ended(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> Stop:
+def explain_end(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> PlanFailure:
     """Explain why a branch ended, by its last good configuration and by the path just behind the end."""
     sigma, s = smallest(robot, q), ended.s
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
-        reason = f"{name} comes to the end of its range [{low:.6g}, {high:.6g}] {unit(robot, i)} at s = {s:.6g}"
-        return Stop(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
+        reason = f"{name} comes to the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {s:.6g}"
+        return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
     status, reason = _beyond(robot, path, reach, ended, q, sigma)
-    return Stop(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
+    return PlanFailure(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
 
 
 def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigma: float) -> tuple[FollowStatus, str]:
@@ -146,23 +157,25 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
     )
 
 
-def no_ik(solver: IKSolver, s: float, result: IKResult, before: Array) -> Stop:
+def explain_ik_failure(solver: IKSolver, s: float, result: IKResult, before: Array) -> PlanFailure:
     """Explain that the IK method failed where the branch continues."""
     sigma = smallest(solver.robot, before)
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch goes on; smallest singular value {sigma:.2g}"
     )
-    return Stop(FollowStatus.NO_IK, s, None, reason, f"another method, such as lm; {result.status.advice}", sigma)
+    return PlanFailure(
+        FollowStatus.NO_IK, s, None, reason, f"another method, such as lm; {result.status.advice}", sigma
+    )
 
 
-def jumped(solver: IKSolver, s: float, step: Array, before: Array) -> Stop:
+def explain_branch_jump(solver: IKSolver, s: float, step: Array, before: Array) -> PlanFailure:
     """Explain that the IK method converged to another branch."""
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
     name = robot.joint_names[i]
     reason = (
-        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} is {step[i]:.3g} {unit(robot, i)} away "
+        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} is {step[i]:.3g} {joint_unit(robot, i)} away "
         "from where the motion leads"
     )
     advice = "another method, such as lm, or more samples: the branch itself goes on there"
-    return Stop(FollowStatus.BRANCH_JUMP, s, name, reason, advice, smallest(robot, before))
+    return PlanFailure(FollowStatus.BRANCH_JUMP, s, name, reason, advice, smallest(robot, before))

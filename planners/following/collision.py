@@ -1,0 +1,76 @@
+"""Collision checks of configurations and joint paths against a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.arm.shapes.contact import Contact, check_scene, find_contact, find_nearest_pairs
+from optik.scene import Scene
+from optik.types import Array, Flags
+from planners.certificate.clearance import Clearance, clearance
+from planners.following.failure import FollowStatus, PlanFailure
+from planners.following.joint_path import JointPath
+from planners.following.track import Track
+from planners.hermite import through
+from planners.trajectory import Trajectory
+
+CONTACT_SAMPLES = 401
+"""Samples of a path among which the first contact is searched, once a contact is known: one every 0.25 % of the path."""
+
+
+@dataclass(frozen=True)
+class CollisionCheck:
+    """A robot, and the scene from which it must keep the margin."""
+
+    robot: Robot
+    scene: Scene
+
+    def are_free(self, q: Array) -> Flags:
+        """Return which configurations have no links in contact, and keep more than its margin from the scene."""
+        return np.asarray(find_nearest_pairs(self.robot, self.scene, q)[0] > 0.0)
+
+    def proves_free(self, way: Track) -> bool:
+        """Return whether the quintics through a tracked branch are proved to be collision-free."""
+        if len(way.s) < 2 or not self.are_free(way.q).all():
+            return False
+        return self._clearance(through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
+
+    def check_start(self, q: Array) -> PlanFailure | None:
+        """Return the failure of a start configuration in collision, or None."""
+        near = find_contact(self.robot, self.scene, q)
+        if near.room > 0.0:
+            return None
+        reason = f"the start configuration is in collision: {self._describe(near)}"
+        advice = "another start, or a smaller margin; or this pair in scene.allow, if it may be in contact"
+        return PlanFailure(FollowStatus.CONTACT, 0.0, None, reason, advice)
+
+    def check_path(self, joints: JointPath) -> PlanFailure | None:
+        """Return the failure of a joint path at its first collision, or None."""
+        found = self._clearance(joints.polynomial)
+        if not found.touches:
+            return None
+        s = np.append(np.linspace(0.0, joints.end, CONTACT_SAMPLES), found.time)
+        touching = ~self.are_free(joints(s))
+        k = int(np.argmax(touching)) if touching[:-1].any() else CONTACT_SAMPLES
+        reason = f"{self._describe(find_contact(self.robot, self.scene, joints(s[k])))} at s = {s[k]:.6g}"
+        return PlanFailure(FollowStatus.CONTACT, float(s[k]), None, reason, "")
+
+    def _clearance(self, polynomial: object) -> Clearance:
+        """Return the clearance of a joint path, which is certified as a motion with s as its time."""
+        return clearance(self.robot, Trajectory(polynomial), self.scene)
+
+    def _describe(self, near: Contact) -> str:
+        first, second = near.pair
+        if near.distance <= 0.0:
+            return f"{first} and {second} are in contact"
+        distance, margin = 1e3 * near.distance, 1e3 * self.scene.margin
+        return f"{first} and {second} are {distance:.4g} mm apart, and the margin is {margin:.4g} mm"
+
+
+def make_collision_check(robot: Robot, scene: Scene | None) -> CollisionCheck | None:
+    """Return the collision check of an arm in a scene; None without a scene."""
+    check_scene(robot, scene)
+    return None if scene is None else CollisionCheck(robot, scene)
