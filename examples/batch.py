@@ -22,7 +22,9 @@ begin = time.perf_counter()
 answers = optik.solve_ik_batch(robot, targets, starts)
 seconds = time.perf_counter() - begin
 
-print(f"{answers.solved.sum():,} of {count:,} solved in {seconds:.2f} s: {count / seconds / 1e6:.2f} million a second")
-print(f"largest error of them: {answers.position_error[answers.solved].max():.1e} m")
+print(
+    f"{answers.solved.sum():,} of {count:,} solved in {seconds:.2f} s: {count / seconds / 1e6:.2f} million per second"
+)
+print(f"largest position error of the solved targets: {answers.position_error[answers.solved].max():.1e} m")
 for index in np.flatnonzero(~answers.solved)[:3]:
     print(f"target {index}: {answers.result(index).status}")

@@ -1,4 +1,4 @@
-"""A problem set in one file: targets a given distance beside the tool at random starts, some of them out of reach."""
+"""A problem set in one file: targets at a given distance from the tool at random starts, some of them unreachable."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from optik.check import check_count, check_number
 
 
 def beside(robot, seed, *, count=100, distance=0.1):
-    """Targets beside the tool, with its orientation.
+    """Return targets near the tool, with its orientation.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     seed : int
-        Of the draw: the same problems for the same seed.
+        Seed of the random numbers: equal seeds give equal problems.
     count : int
-        How many.
+        Number of problems.
     distance : float
-        From the tool at the start [m].
+        Distance from the tool at the start [m].
 
     Returns
     -------

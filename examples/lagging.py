@@ -1,4 +1,4 @@
-"""A drive in one file: an arm whose joints lag behind their set-points. Run me, or give my path as a drive.
+"""A drive in one file: an arm whose joints lag behind their set-points. Run this script, or use its path as a drive.
 
 python examples/lagging.py
 drive = planners.cell.make_drive("./lagging.py", robot)
@@ -23,7 +23,7 @@ class Lagging(SimulatedDrive):
         return self._q.copy()
 
     def _advance(self, asked, stalled):
-        """One period: asked has the set-points (m + 1, n) at the plant's steps; the arm's after each step come back."""
+        """Return the arm's state after each step of one period; asked has the set-points (m + 1, n) at the plant's steps."""
         q = np.empty_like(asked.q[1:])
         for i, h in enumerate(np.diff(asked.t)):
             share = np.where(stalled, 0.0, -np.expm1(-h / self.lag))

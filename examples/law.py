@@ -1,4 +1,4 @@
-"""A time law in one file: it passes the middle of every joint's range slowly, within the limits.
+"""A time law in one file: slow where joints are in the middle of their ranges, within the limits.
 
 Try it: ``optik plan line --timing examples/law.py``.
 """
@@ -21,10 +21,10 @@ class SlowMiddle(TimeLaw):
     Parameters
     ----------
     slowness : float
-        How much slower the tool is where all joints are in the middle, than where all are at a limit [1].
+        Additional time per distance if all joints are in the middle, relative to all at a limit [1].
     """
 
-    enforced = DERIVATIVES  # velocity, acceleration and jerk: what the certificate judges
+    enforced = DERIVATIVES  # the certificate checks velocity, acceleration and jerk
 
     def __init__(self, *, slowness=2.0):
         self.slowness = slowness
@@ -38,7 +38,7 @@ class SlowMiddle(TimeLaw):
             moving = robot.joint_names[int(way.argmax())]
             raise NoSolution("no joint that moves has a limit", advice=f"a limit for {moving}")
         shape = refit(joint_path, self._progress(joint_path))
-        return fitted(robot, shape, limits, self.enforced)  # the same motion, as fast as the limits allow
+        return fitted(robot, shape, limits, self.enforced)  # scales the motion in time to the limits
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

@@ -1,4 +1,4 @@
-"""An IK method of one's own, in a file outside the package: used by its path, judged like ours.
+"""Use your own IK method, a file outside the package, by its path.
 
 python examples/own_method.py
 """
@@ -9,11 +9,11 @@ import numpy as np
 
 import optik
 
-method = Path(__file__).with_name("jt.py")  # Jacobian transpose; docs/extending.md says what such a file has
+method = Path(__file__).with_name("jt.py")  # Jacobian transpose; docs/extending.md describes such files
 robot = optik.load("paper6r")
 rng = np.random.default_rng(1)
 
-# 200 poses that can be reached, each with a start 0.1 rad away.
+# 200 reachable poses, each with a start about 0.1 rad away.
 goals = rng.uniform(robot.limits.lower, robot.limits.upper, (200, robot.n))
 starts = np.clip(goals + rng.normal(0.0, 0.1, goals.shape), robot.limits.lower, robot.limits.upper)
 targets = robot.fk(goals)

@@ -12,7 +12,7 @@ import optik
 import planners
 
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("arm.urdf")
-robot = optik.Robot.from_urdf(file)  # tip= and base= choose the chain where the file has several
+robot = optik.Robot.from_urdf(file)  # tip= and base= choose the chain if the file has several
 print(f"{robot.name}: {robot.n} joints, {', '.join(robot.joint_names)}")
 
 q0 = robot.limits.middle + 0.2 * robot.limits.half * np.array([(-1.0) ** i for i in range(robot.n)])
@@ -20,7 +20,7 @@ start = robot.fk(q0)
 goal = robot.fk(q0 + 0.1)  # some pose nearby
 
 answer = optik.solve_ik(robot, goal, q0)
-print(f"IK: {answer.status}, off by {1e3 * answer.position_error:.1e} mm after {answer.iterations} iterations")
+print(f"IK: {answer.status}, position error {1e3 * answer.position_error:.1e} mm after {answer.iterations} iterations")
 if not answer:
     sys.exit(answer.status.advice)
 
@@ -28,7 +28,7 @@ if not answer:
 limits = planners.MotionLimits(velocity=1.0, acceleration=5.0, jerk=50.0)
 plan = planners.plan(robot, planners.Line(start, goal), q0, limits=limits)
 if not plan:
-    sys.exit(f"no motion: {plan.failure.reason}; what would work: {plan.failure.advice}")
+    sys.exit(f"no motion: {plan.failure.reason}; to try: {plan.failure.advice}")
 proof = plan.certificate
 print(
     f"line: {plan.trajectory.duration:.3f} s, at most {1e6 * proof.path_error.distance:.2g} µm off the line at any instant"

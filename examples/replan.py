@@ -1,4 +1,4 @@
-"""A motion that is under way: stop it on its path, or go on with other limits.
+"""Stop a running motion on its path, or continue it with other limits.
 
 python examples/replan.py
 """

@@ -35,7 +35,7 @@ suite = suite_of(
         ],
     },
 )
-run_suite(suite, folder)  # a run that was stopped is continued by the same call
+run_suite(suite, folder)  # the same call resumes an interrupted run
 print(f"report: {write_report(RunFolder(folder))}")
 
 # The rows are Parquet files; docs/suites.md says what the columns are.

@@ -29,7 +29,7 @@ class ScipyLeastSquares(Peer):
         self.call = call
 
     def answers(self, raw):
-        """Its one answer, as (1, n)."""
+        """Return the solution as an array (1, n)."""
         return raw[None]
 
 

@@ -1,4 +1,4 @@
-"""An outside time law (a peer) in one file: SciPy's cubic spline through samples, slowed until it keeps the limits."""
+"""An outside time law (a peer) in one file: SciPy's cubic spline through samples, scaled in time to the limits."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ScipySpline(TimingPeer):
         return spline, max(ratios) * (1.0 + 1e-12)
 
     def trajectory(self, joint_path, raw):
-        """The motion that a call has returned. Not timed."""
+        """Return the motion of a call. Not timed."""
         spline, duration = raw
         return Trajectory(spline).slowed(duration)
 

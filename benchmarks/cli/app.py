@@ -46,6 +46,9 @@ from optik.ik import IKResult
 from optik.plugins import files
 from optik.registry import short_name
 
+TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
+"""Values of ``optik ik --task``."""
+
 app = typer.Typer(
     help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
     rich_markup_mode="markdown",  # units in [brackets] are no markup
@@ -74,13 +77,13 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; every error of ours is one line and exit status 2, or 1 where there is no solution."""
+    """Run the command line: an OptikError is one line with exit status 2, or 1 if there is no solution."""
     guard_output()
     try:
         try:
             app()
         finally:
-            sys.stdout.flush()  # here, where a full disk still has a name
+            sys.stdout.flush()  # a full disk is reported here
     except InvalidMotion as error:
         words = str(error).replace(f"allow={error.allow!r}", f"--allow {','.join(error.allow)}")
         err_console.print(f"not valid: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
@@ -100,7 +103,7 @@ def main() -> None:
 
 
 def _in_a_plugin(error: Exception) -> str:
-    """What a plug-in's file raised when it was imported, with the line; empty for an error from elsewhere."""
+    """Describe the error that a plug-in's file raised on import, with its line; empty for any other error."""
     frames = traceback.extract_tb(error.__traceback__)
     loads = [k for k, frame in enumerate(frames) if frame.filename == files.__file__ and frame.name == "exec_module"]
     if not loads:
@@ -116,7 +119,7 @@ def _in_a_plugin(error: Exception) -> str:
 
 @command(app)
 def robots(as_json: AsJson = False) -> None:
-    """List the robots that come with optik, and those of installed packages; one that cannot be loaded with its error."""
+    """List the robots of optik and of installed packages, with the error of each that cannot be loaded."""
     found = {name: either(optik.load, name) for name in optik.robots()}
     if as_json:
         print_json([_robot_row(name, robot) for name, robot in found.items()])
@@ -131,14 +134,14 @@ def robots(as_json: AsJson = False) -> None:
 
 
 def _robot_row(name: str, robot: Robot | Exception) -> dict[str, Any]:
-    """What ``optik robots --json`` says of a robot, or of the error in its place."""
+    """Return a robot, or its error, as plain data for ``optik robots --json``."""
     if not isinstance(robot, Robot):
         return {"name": name, "error": str(robot)}
     return {"name": name, "joints": robot.n, "source": robot.source, "fingerprint": robot.fingerprint}
 
 
 def _ranges(robot: Robot) -> str:
-    """Joint ranges in degrees and millimetres."""
+    """Return the joint ranges in degrees and millimetres."""
     lower, upper = robot.limits.lower * unit_factors(robot), robot.limits.upper * unit_factors(robot)
     return ", ".join(f"{lo:.0f}…{hi:.0f}{unit}" for lo, hi, unit in zip(lower, upper, unit_names(robot), strict=True))
 
@@ -153,7 +156,7 @@ def fk(
     base: Base = None,
     as_json: AsJson = False,
 ) -> None:
-    """Forward kinematics: where the tool is."""
+    """Compute forward kinematics: the tool pose for joint values."""
     from optik import se3
     from optik.arm.urdf_writer import roll_pitch_yaw
 
@@ -197,27 +200,32 @@ def ik(
     robot: RobotName = "paper6r",
     tip: Tip = None,
     base: Base = None,
-    solver: Annotated[str, typer.Option(help=f"One of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")] = "lm",
-    task: Annotated[str, typer.Option(help="pose, position, rotation, axis_x, axis_y or axis_z.")] = "pose",
-    closest: Annotated[bool, typer.Option(help="Where there is no solution, go to the nearest pose.")] = False,
-    restarts: Annotated[int, typer.Option(help="Attempts after the first.")] = 200,
+    solver: Annotated[
+        str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")
+    ] = "lm",
+    task: Annotated[str, typer.Option(help=f"Constrained part of the pose, one of: {', '.join(TASKS)}.")] = "pose",
+    closest: Annotated[bool, typer.Option(help="Without a solution, return the nearest pose.")] = False,
+    restarts: Annotated[int, typer.Option(help="Largest number of restarts.")] = 200,
     as_json: AsJson = False,
 ) -> None:
-    """Solve inverse kinematics: joint values for a tool pose. Without --rpy-deg or --quat the tool keeps its orientation."""
+    """Solve inverse kinematics: joint values for a tool pose.
+
+    Without --rpy-deg or --quat, the target has the orientation of the tool at the start configuration.
+    """
     from optik import se3
 
     arm = arm_of(robot, tip, base)
     position = numbers(xyz, "--xyz", 3)
     if rpy_deg.strip() and quat.strip():
-        raise InvalidInput(
-            "--quat", f"{quat} together with --rpy-deg {rpy_deg}", "one orientation, by --quat or --rpy-deg"
-        )
+        raise InvalidInput("--quat", f"{quat} together with --rpy-deg {rpy_deg}", "either --quat or --rpy-deg")
     q0, words = start_of(arm, robot, start_deg)
     R = arm.fk(q0)[:3, :3]
     if rpy_deg.strip():
         R = se3.from_xyz_rpy((0, 0, 0), numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
     if quat.strip():
         R = se3.from_quaternion(numbers(quat, "--quat", 4), "--quat")
+    if task not in TASKS:
+        raise InvalidInput("--task", task, f"one of: {', '.join(TASKS)}")
     result = optik.solve_ik(arm, se3.pose(R, position), q0, solver, max_restarts=restarts, task=task, closest=closest)
     print_start(words)
     (_print_ik_json if as_json else _print_ik)(arm, result, short_name(solver))
@@ -229,7 +237,7 @@ def ik(
 
 
 def _print_ik_json(arm: Robot, result: IKResult, solver: str) -> None:
-    """Print an answer for programs."""
+    """Print a result as JSON."""
     print_json(
         {
             "robot": arm.name, "solver": solver, "status": str(result.status), "solved": bool(result),
@@ -242,7 +250,7 @@ def _print_ik_json(arm: Robot, result: IKResult, solver: str) -> None:
 
 
 def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
-    """Print an answer for people."""
+    """Print a result as a table."""
     title = f"{result.status}, {result.iterations} iterations, {result.restarts} restarts"
     table = Table("joint", "value", "range", title=title)
     rows = zip(

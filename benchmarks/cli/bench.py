@@ -1,4 +1,4 @@
-"""`optik bench` and `optik demo`: suites are listed, checked and run, and their reports written."""
+"""`optik bench` and `optik demo`: list, check and run suites, and write their reports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.cli.shared import AsJson, command, either, err_console, out_cons
 from benchmarks.cli.suites import add_suites
 
 DEMO_WORKERS = min(2, os.cpu_count() or 1)
-"""Processes of the demo: a second one halves the time until the report; what is timed has the machine to itself."""
+"""Processes of the demo: two halve the time until the report; timed parts run alone."""
 
 bench_app = typer.Typer(help="Compare methods: run a suite, write its report, list the suites.", no_args_is_help=True)
 
@@ -27,7 +27,7 @@ add_suites(bench_app)
 
 @command(bench_app, "list")
 def bench_list(as_json: AsJson = False) -> None:
-    """List the suites; one of an installed package that cannot be read with its error."""
+    """List the suites of optik and of installed packages, with the error of each that cannot be read."""
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import names
 
@@ -35,20 +35,18 @@ def bench_list(as_json: AsJson = False) -> None:
     if as_json:
         print_json([_suite_row(name, suite) for name, suite in found.items()])
         return
-    kinds = {"blocks": "budgets", "timed call by call": "calls", "batches": "batch", "time laws": "laws"}
-    table = Table("suite", "what", *kinds, "line")
+    table = Table("suite", "title", "blocks")
     for name, suite in found.items():
         if isinstance(suite, Exception):
             table.add_row(name, escape(f"error: {suite}"))
             continue
-        lines = [f"{len(line.ik)} IK methods × {len(line.laws)} laws" for line in suite.of("plans")]
-        ids = [", ".join(b.id for b in suite.of(kind)) or "none" for kind in kinds.values()]
-        table.add_row(suite.name, suite.title, *ids, ", ".join(lines) or "none")
+        blocks = (f"{kind.title}: {', '.join(b.id for b in suite.of(kind.name))}" for kind in suite.kinds)
+        table.add_row(suite.name, escape(suite.title), escape("\n".join(blocks)))
     out_console.print(table)
 
 
 def _suite_row(name: str, suite: Any) -> dict[str, Any]:
-    """What ``optik bench list --json`` says of a suite, or of the error in its place."""
+    """Return a suite, or its error, as plain data for ``optik bench list --json``."""
     if isinstance(suite, Exception):
         return {"name": name, "error": str(suite)}
     return {"name": name, "title": suite.title, "fingerprint": suite.fingerprint, "settings": suite.settings}
@@ -57,18 +55,20 @@ def _suite_row(name: str, suite: Any) -> dict[str, Any]:
 @command(bench_app, "run")
 def bench_run(
     suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
-    out: Annotated[Path, typer.Option(help="Folder of the run: new, empty, or of the same suite and settings.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder of the run: new, empty, or with an interrupted run of the same suite.")
+    ],
     workers: Workers = 1,
     dask: Dask = "",
     part_timeout: PartTimeout = None,
     allow_plugins: AllowPlugins = False,
-    report: Annotated[bool, typer.Option("--report", help="Write the report, too.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Also write the report.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a suite into a folder; a run that was stopped is continued by the same command.
+    """Run a suite. Interrupted? Repeat the command to resume.
 
-    What speed is asked of (ik-speed) is timed in one process, whatever the number of workers. Exit status: 0; 1 where a
-    part failed; 2 for misuse, or a folder that cannot be written; 130 after Ctrl-C.
+    Single calls are timed in one process, for any number of workers. Exit status: 0 if the run is complete; 1 if a part
+    failed; 2 for wrong arguments or a folder that cannot be written; 130 after Ctrl-C.
     """
     folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)
     manifest = folder.manifest()
@@ -78,18 +78,20 @@ def bench_run(
         print_json(manifest)
     else:
         out_console.print(
-            f"run in {out}; its report: optik bench report {shlex.quote(str(out))}", highlight=False, soft_wrap=True
+            f"run written to {out}; for its report: optik bench report {shlex.quote(str(out))}",
+            highlight=False,
+            soft_wrap=True,
         )
     if not manifest["complete"]:
         raise typer.Exit(1)
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder of the run and its report.")] = Path("optik-demo"),
+    out: Annotated[Path, typer.Option(help="Folder of the run and the report.")] = Path("optik-demo"),
     workers: Workers = DEMO_WORKERS,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the methods on the paper's line and workspace: the suite `paper` and its report."""
+    """Compare the IK methods and time laws on the paper's workspace and line: run the suite `paper` and write its report."""
     from benchmarks.experiments.claims import judge
     from benchmarks.report import write_report
 

@@ -1,4 +1,4 @@
-"""What `optik plan` says of masses: the payload in the tool, and limits on torque and on its rate."""
+"""Options of `optik plan` on masses: the payload, and limits on torque and torque rate."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from benchmarks.cli.shared import numbers
 from optik.errors import InvalidInput
 
 TORQUE_UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
-"""Units of the limits on torques, in messages."""
+"""Units of torque limits, for messages."""
 
-MASS = "a mass [kg] such as 3, or the lightest and the heaviest such as 0:3"
-"""What ``--payload`` takes."""
+MASS = "a mass [kg] such as 3, or an interval such as 0:3"
+"""Values of ``--payload``."""
 
 
 def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
-    """The arm with the payload that was typed."""
+    """Return the arm with the typed payload."""
     if payload is None:
         return arm
     try:
         masses = [float(part) for part in payload.split(":")]
     except ValueError:
         raise InvalidInput("--payload", repr(payload), MASS) from None
-    if len(masses) > 2:
+    if len(masses) > 2 or masses != sorted(masses):
         raise InvalidInput("--payload", repr(payload), MASS)
     if arm.inertia is None:
         raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
@@ -34,7 +34,7 @@ def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
 
 
 def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any:
-    """A limit on torques or on their rates as it was typed."""
+    """Read a typed limit on torques or torque rates."""
     option = f"--{name.replace('_', '-')}"
     if text is None:
         return own
@@ -42,7 +42,7 @@ def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any
         return None
     if text == "robot":
         if own is None:
-            wanted = f"an arm whose file states it with the masses, or numbers {TORQUE_UNITS[name]}"
+            wanted = f"numbers {TORQUE_UNITS[name]}, or none"
             raise InvalidInput(option, f"robot, but {arm.name} has no such limit", wanted)
         return own
     try:

@@ -1,4 +1,4 @@
-"""`optik cell`: the paper's task from end to end: laser, control, drive, and where the tool really went."""
+"""`optik cell`: the paper's task from end to end: laser, main control, drive, and the executed tool position."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
     from planners.cell import Outcome, PanTiltLaser
 
 WAY = (-0.12, 0.0, 0.20)
-"""From the tool to the spot where none is typed, in the base frame [m]: the default line of the paper's arm."""
+"""Default displacement from the tool to the spot in the base frame [m]: the default line of the paper's arm."""
 ASIDE, RAISED = 0.3, 0.3
-"""Where the laser unit stands: so far to the left of the arm's base, seen towards the spot, and so far above base and spot [m];
-from there the beam does not graze the graph paper."""
+"""Position of the laser unit [m]: to the left of the arm's base as seen towards the spot, and above base and spot, so that the
+beam does not graze the graph paper."""
 TYPED_NOISE = "0.2,0.5"
-"""Noise of the readings where none is typed [mrad, mm]: a unit with encoders of 13 bits and a range finder of its class."""
+"""Default noise of the readings [mrad, mm]: a unit with 13-bit encoders and a range finder of its class."""
 POSE_STREAM = 1
-"""Beside the seed: the direction of a miscalibration must not be made of the same numbers as the noise of the readings."""
+"""Second seed of the miscalibration, which keeps its random numbers independent of the noise of the readings."""
 
 
 Spot = Annotated[
@@ -52,7 +52,7 @@ Spot = Annotated[
         help="True position of the spot: x,y,z in the base frame [m]; by default the end of the paper's line.",
     ),
 ]
-Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco where it is installed, else ideal.")]
+Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco if it is installed, else ideal.")]
 Noise = Annotated[
     str, typer.Option(metavar=NUMBERS, help="Standard deviations of pan and tilt [mrad] and of the range [mm].")
 ]
@@ -67,7 +67,7 @@ Timing = Annotated[
     str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
 ]
 Ik = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")]
-Out = Annotated[Path, typer.Option(help="The page to write, FILE.html; FILE.json is written beside it.")]
+Out = Annotated[Path, typer.Option(help="Page to write, FILE.html; the data goes to FILE.json.")]
 
 
 def cell(
@@ -79,23 +79,24 @@ def cell(
     readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
     noise: Noise = TYPED_NOISE,
     miscalibration: Miscalibration = "0,0",
-    seed: Annotated[int, typer.Option(help="Of everything that is random.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
     velocity: Annotated[
-        float | None, typer.Option(help="Limit on every joint [rad/s, m/s]; else the robot's own.")
+        float | None, typer.Option(help="Velocity limit of every joint [rad/s, sliding m/s]; by default the robot's.")
     ] = None,
-    acceleration: Annotated[float | None, typer.Option(help="Likewise [rad/s², m/s²].")] = None,
-    jerk: Annotated[float | None, typer.Option(help="Likewise [rad/s³, m/s³].")] = None,
+    acceleration: Annotated[
+        float | None, typer.Option(help="Acceleration limit of every joint [rad/s², sliding m/s²].")
+    ] = None,
+    jerk: Annotated[float | None, typer.Option(help="Jerk limit of every joint [rad/s³, sliding m/s³].")] = None,
     timing: Timing = "optimal",
     ik: Ik = "lm",
     out: Out = Path("optik-cell.html"),
     as_json: AsJson = False,
 ) -> None:
-    """Move the tool to a spot that the laser shows on the graph paper, as in the paper, executed on a simulated arm.
+    """Move the tool of a simulated arm to a laser spot, as in the paper.
 
-    A simulated pan-tilt laser beside the arm reads the spot on the graph paper, which lies level on a table. A straight
-    line to it is planned and certified, a drive executes it, and the error of the tool is split into laser, inverse
-    kinematics, path and servo.
-    Exit status 0 where the tool arrived; 1 where a step failed, which is named.
+    A simulated pan-tilt laser measures the spot on the graph paper, which lies on a level table. optik plans and certifies
+    a straight line to it, a simulated drive executes the line, and the error of the tool is split into laser, inverse
+    kinematics, path and servo. The exit status is 0 if the tool arrived, and 1 if a step failed.
     """
     from planners.cell import Cell, Plane
     from planners.timing import make_law
@@ -130,7 +131,7 @@ def _check_counts(seed: int, corrections: int, readings: int) -> None:
 
 
 def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
-    """Write page and data, print what came of it; exit status 1 where the tool did not arrive."""
+    """Write page and data and print the outcome; exit with status 1 if the tool did not arrive."""
     from optik.file_io import write_atomically
 
     page = page_of(outcome, out)
@@ -145,7 +146,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
         out_console.print(written, highlight=False, soft_wrap=True)
     if outcome.failed is not None:
         said = (
-            f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; advice: {outcome.advice}"
+            f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; to try: {outcome.advice}"
         )
         err_console.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
     if not outcome:
@@ -156,7 +157,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
 
 
 def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
-    """The laser unit: beside the arm's base, level, looking ahead to the spot."""
+    """Return the laser unit: beside the arm's base, level, facing the spot."""
     from optik import se3
     from planners.cell import PanTiltLaser
 
@@ -165,7 +166,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
         raise InvalidInput("--noise", noise, "two numbers of 0 or more: pan and tilt [mrad], range [mm]")
     up = -np.asarray(arm.gravity) / np.linalg.norm(arm.gravity)
     ahead = point - up * (up @ point)
-    if np.linalg.norm(ahead) < 1e-6:  # the spot is above the base: any level direction looks ahead
+    if np.linalg.norm(ahead) < 1e-6:  # the spot is above the base: any level direction faces it
         ahead = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     ahead = ahead / np.linalg.norm(ahead)
     left = np.cross(up, ahead)
@@ -183,12 +184,12 @@ def _away(typed: str) -> tuple[float, float]:
     """Return the distance of the true unit from the calibrated one [mm, mrad]."""
     far, turned = numbers(typed, "--miscalibration", 2)
     if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
-        raise InvalidInput("--miscalibration", typed, "two numbers of at least 0: millimetres, milliradians")
+        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: distance [mm], angle [mrad]")
     return far, turned
 
 
 def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
-    """The true unit, which stands a little away from where it was calibrated, in a random direction."""
+    """Return the true unit, displaced from its calibrated pose in a random direction."""
     from optik import se3
 
     far, turned = _away(typed)
@@ -200,7 +201,7 @@ def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
 
 
 def drive_of(typed: str) -> tuple[str, str]:
-    """The drive's name, and the sentence that says why it is that one."""
+    """Return the drive's name, and a phrase that describes it."""
     simulated = {
         "ideal": "on the ideal drive, which follows its set-points exactly",
         "mujoco": "on the simulated arm in MuJoCo",
@@ -211,7 +212,7 @@ def drive_of(typed: str) -> tuple[str, str]:
         return typed, simulated[typed]
     if find_spec("mujoco") is not None:
         return "mujoco", simulated["mujoco"]
-    return "ideal", simulated["ideal"] + "; MuJoCo, extra sim, is not installed"
+    return "ideal", simulated["ideal"] + "; for MuJoCo: pip install 'optik-toolkit[sim]'"
 
 
 # ---------------------------------------------------------------- what it says
@@ -236,13 +237,13 @@ def _took(seconds: float) -> str:
 
 def print_outcome(outcome: Outcome, why: str) -> None:
     """Print the steps, the errors and the rounds of a task."""
-    table = Table("step", "", "took", "what it found", title=f"{outcome.robot.name} to a laser spot, {why}")
+    table = Table("step", "", "time", "result", title=f"{outcome.robot.name} to a laser spot, {why}")
     for step in outcome.steps:
         mark = "ok" if step.ok else "[red]failed[/red]"
         table.add_row(step.name, mark, _took(step.seconds), escape(step.reason))
     out_console.print(table)
     if outcome.error is not None:
-        errors = Table("error at the end", "x, mm", "y, mm", "z, mm", "length, mm")
+        errors = Table("final error", "x, mm", "y, mm", "z, mm", "length, mm")
         for name, part in outcome.error._asdict().items():
             values = (*part, float(np.linalg.norm(part)))
             errors.add_row(name, *(f"{round(1e3 * x, 4) + 0.0:+.4f}" for x in values[:3]), f"{1e3 * values[3]:.4f}")
@@ -250,10 +251,10 @@ def print_outcome(outcome: Outcome, why: str) -> None:
     if len(outcome.rounds) > 1:
         off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in outcome.rounds)
         floor = 1e3 * (outcome.floor or 0.0)
-        out_console.print(f"error round by round: {off} mm; the readings' noise leaves {floor:.3g} mm (RMS)")
+        out_console.print(f"error after each round: {off} mm; noise floor of the readings: {floor:.3g} mm (RMS)")
         if 1e3 * np.linalg.norm(outcome.rounds[0].error) < floor:
             out_console.print(
-                "the first error is below this noise, so corrections cannot reduce it; more --readings reduce the noise"
+                "the first error is below the noise floor, so corrections cannot reduce it; more --readings lower the floor"
             )
     for note in outcome.notes:
         out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)

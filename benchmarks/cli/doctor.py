@@ -1,4 +1,4 @@
-"""`optik doctor`: what is usable on this machine, what is not, why, and what would change that."""
+"""`optik doctor`: what works on this machine, what does not, why, and what to type."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from optik.plugins.entry_points import describe_distribution
 from optik.registry import GROUPS, find_installed, find_refused, load_method, own_names
 
 OPTIK = "optik-toolkit"
-"""Name of this distribution, whose metadata names what it needs and its extras."""
+"""Name of this distribution."""
 
 CLASHING = "optik-py"
-"""Distribution with the same import name as ours: only one of the two can be installed in an environment."""
+"""Distribution with the same import name: an environment can have only one of the two."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the answer.
+    """One line of the output.
 
     Attributes
     ----------
     part : str
-        What it belongs to: a heading.
+        Heading of its group.
     name : str
-        What was looked at.
+        What was checked.
     state : str
         ``usable``, ``absent`` (not installed, not needed) or ``problem``.
     words : str
-        Its version, or why it is not usable and what to type.
+        Its version, or the reason and what to type.
     """
 
     part: str
@@ -56,10 +56,9 @@ class Row:
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Say what is usable on this machine, what is not and why. Exit status 1 where something is wrong.
+    """Check the installation: versions, compiled code, optional packages, plug-ins. The exit status is 1 if there is a problem.
 
-    A package that is absent is not wrong: only what needs it says so. No plug-in of another package is imported: one that
-    is listed here may still be broken.
+    An absent optional package is not a problem. Plug-ins are listed but not imported, so a listed plug-in may still fail.
     """
     rows = [*_machine(), *_requirements(), *_cache(), *_extras(), *_peers(), *_plugins()]
     if as_json:
@@ -85,7 +84,7 @@ def _machine() -> Iterator[Row]:
     yield Row("machine", "Python", "usable", f"{facts['python']}, {facts['system']}")
     yield Row("machine", "processor", "usable", f"{facts['cpu']}, {facts['cores']} cores for this process")
     if _version(CLASHING):
-        words = f"has the same import name as {OPTIK}: uninstall one of them, then install the other again"
+        words = f"has the same import name as {OPTIK}: uninstall both, then install one"
         yield Row("machine", CLASHING, "problem", words)
 
 
@@ -97,7 +96,7 @@ def _version(distribution: str) -> str | None:
 
 
 def _needed(extra: str | None) -> list[str]:
-    """Distributions that this one needs, or one of its extras adds; of a checkout that is not installed, none."""
+    """List the distributions that this one or one of its extras requires; none if it is not installed."""
     try:
         asked = importlib.metadata.requires(OPTIK) or []
     except importlib.metadata.PackageNotFoundError:
@@ -114,17 +113,17 @@ def _needed(extra: str | None) -> list[str]:
 def _requirements() -> Iterator[Row]:
     for name in _needed(None):
         version = _version(name)
-        yield Row("packages", name, "usable" if version else "problem", version or f"needed: pip install {name}")
+        yield Row("packages", name, "usable" if version else "problem", version or f"required: pip install {name}")
 
 
 def _cache() -> Iterator[Row]:
     kernel: Any = forward
     if not is_jitted(kernel):
-        yield Row("compiled code", "cache", "problem", "NUMBA_DISABLE_JIT is set: nothing is compiled, all is slow")
+        yield Row("compiled code", "cache", "problem", "NUMBA_DISABLE_JIT is set, so kernels run uncompiled and slowly")
         return
     place = KernelCache(kernel).cache_path
     if place is None:
-        words = "no folder can be written, so every process compiles again (a minute): name one in NUMBA_CACHE_DIR"
+        words = "no folder is writable, so every process compiles for a minute: set NUMBA_CACHE_DIR to a folder"
         yield Row("compiled code", "cache", "problem", words)
     else:
         yield Row("compiled code", "cache", "usable", place)
@@ -156,7 +155,7 @@ def _peers() -> Iterator[Row]:
 
 @dataclass(frozen=True)
 class _Plugin:
-    """An entry point of an installed package: its group, name, object and distribution, and why it is refused."""
+    """An entry point of an installed package: its group, name, object and distribution, and the reason of a refusal."""
 
     group: str
     name: str

@@ -25,8 +25,8 @@ DRIVE_NAMES = names("planners.cell.drives")
 """Names of the drives, for the help."""
 
 
-Url = Annotated[str | None, typer.Option(help="Of rosbridge, ws://127.0.0.1:9090 if left out; with --on ros.")]
-Via = Annotated[str, typer.Option(help="rosbridge, or rclpy where a ROS 2 is sourced; with --on ros.")]
+Url = Annotated[str | None, typer.Option(help="Address of rosbridge, by default ws://127.0.0.1:9090; with --on ros.")]
+Via = Annotated[str, typer.Option(help="rosbridge, or rclpy with ROS 2 sourced; with --on ros.")]
 Action = Annotated[str | None, typer.Option(help="Name of the controller's action; with --on ros.")]
 States = Annotated[str | None, typer.Option(help="Topic of the joint states; with --on ros.")]
 JointNames = Annotated[
@@ -35,7 +35,7 @@ JointNames = Annotated[
 
 
 class Reached(NamedTuple):
-    """How a controller of ROS 2 is reached, as typed; None where it was not."""
+    """Typed options of the connection to a controller of ROS 2; None for defaults."""
 
     url: str | None = None
     via: str = "rosbridge"
@@ -46,31 +46,32 @@ class Reached(NamedTuple):
 
 def drive(
     plan: Annotated[Path, typer.Argument(help="A motion that `optik plan --out` wrote: .json, .npz or .csv.")],
-    on: Annotated[str, typer.Option(help=f"One of: {', '.join(DRIVE_NAMES)}; or a file: ./drive.py.")] = "ideal",
+    on: Annotated[str, typer.Option(help=f"Drive, one of: {', '.join(DRIVE_NAMES)}; or a file: ./drive.py.")] = "ideal",
     url: Url = None,
     via: Via = "rosbridge",
     action: Action = None,
     states: States = None,
     joint_names: JointNames = None,
     execute: Annotated[bool, typer.Option("--execute", help="Send the motion; with --on ros, THE ARM MOVES.")] = False,
-    stop: Annotated[float | None, typer.Option(help="Stop on the path, from this time on [s].")] = None,
+    stop: Annotated[float | None, typer.Option(help="Time at which to stop on the path [s].")] = None,
     allow: Allowed = None,
-    ik: Annotated[str, typer.Option(help="The IK method that the motion was planned with.")] = "lm",
-    out: Annotated[Path | None, typer.Option(help="Write what the arm did: a .json file.")] = None,
+    ik: Annotated[str, typer.Option(help="IK method with which the motion was planned.")] = "lm",
+    out: Annotated[Path | None, typer.Option(help="File for the execution, FILE.json.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Execute a saved motion on a simulated arm, or check it and send it to a controller of ROS 2.
 
-    With --on ros, the motion is checked, and it is sent only with --execute. The exit status is 0 if the arm reached the end of
-    the motion or nothing was to be sent. It is 1 if the arm was stopped, also by a fault, or the motion was refused.
+    With --on ros, the motion is checked; only --execute sends it. The exit status is 0 if the arm reached the end of the
+    motion, or if the check without --execute passed. It is 1 if the arm was stopped, also by a fault, or the motion was
+    refused.
     """
     reached = Reached(url, via, action, states, joint_names)
     if out is not None and out.suffix.lower() != ".json":
-        raise InvalidInput("--out", str(out), "a file that ends with .json")
+        raise InvalidInput("--out", str(out), "a name that ends in .json")
     if out is not None and out.resolve() == plan.resolve():
-        raise InvalidInput("--out", str(out), "a file other than that of the motion")
+        raise InvalidInput("--out", str(out), "a file other than the motion's")
     if on != "ros" and reached != Reached():
-        raise InvalidInput("--on", on, "ros, for --url, --via, --action, --states and --joint-names")
+        raise InvalidInput("--on", on, "--on ros with --url, --via, --action, --states and --joint-names")
     from benchmarks.cli.view import stored
     from planners.cell.stored import plan_of
 
@@ -85,7 +86,7 @@ def drive(
 
 
 def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
-    """Write and print what the arm did."""
+    """Write and print an execution."""
     data = execution_data(executed)
     if out is not None:
         from planners.files.base import to_plain
@@ -105,12 +106,12 @@ def _simulated(planned: Plan, *, on: str, execute: bool, options: dict[str, Any]
     from planners.cell.drives import make_drive
 
     if execute:
-        err_console.print(f"{on} is simulated: it needs no --execute", style="yellow", highlight=False)
+        err_console.print(f"--execute has no effect: {on} is simulated", style="yellow", highlight=False)
     return make_drive(on, planned.robot).execute(planned, **options)
 
 
 def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dict[str, Any]) -> Execution:
-    """Check the motion with the arm as it stands; send it where that was asked."""
+    """Check the motion against the state of the arm; send it with `execute`."""
     from planners.cell.drives.ros import RosDrive
     from planners.ros.rclpy import RclpyTransport
     from planners.ros.rosbridge import URL, RosbridgeTransport
@@ -120,13 +121,13 @@ def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dic
     if reached.via not in ("rosbridge", "rclpy"):
         raise InvalidInput("--via", reached.via, "rosbridge or rclpy")
     if reached.via == "rclpy" and reached.url is not None:
-        raise InvalidInput("--url", reached.url, "no address with --via rclpy, which finds the controller by its name")
+        raise InvalidInput("--url", reached.url, "no --url with --via rclpy, which finds the controller by its name")
     written = None
     if reached.joint_names is not None:
         given = [name.strip() for name in reached.joint_names.split(",")]
         if len(set(given)) != planned.robot.n or len(given) != planned.robot.n:
             raise InvalidInput(
-                "--joint-names", reached.joint_names, f"{planned.robot.n} names, comma separated, all different"
+                "--joint-names", reached.joint_names, f"{planned.robot.n} different names, comma separated"
             )
         written = dict(zip(planned.robot.joint_names, given, strict=True))
     transport = RclpyTransport(**topics) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **topics)
@@ -139,19 +140,19 @@ def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dic
 
 
 def print_execution(done: Execution) -> None:
-    """Print what an arm did, for people."""
+    """Print an execution."""
     good = done.status in ("done", "dry_run")
     style = "green" if good else "yellow"
     out_console.print(f"{done.drive}: {done.status}", style=style, highlight=False)
-    for words in (done.reason, done.advice and f"what to do: {done.advice}"):
+    for words in (done.reason, done.advice and f"to try: {done.advice}"):
         if words:
             out_console.print(words, highlight=False, markup=False, soft_wrap=True)
     if done.motion is not None:
         _print_joints(done)
         distance, angle = tool_error(done)
         out_console.print(
-            f"{done.t[-1]:.4g} s, the motion takes {done.motion.end:.6g} s; {done.late} late ticks; at its end the tool is "
-            f"{_small(1e3 * distance)} mm and {_small(np.degrees(angle))}° off",
+            f"executed {done.t[-1]:.3f} s of a motion of {done.motion.end:.3f} s; {done.late} late ticks; final tool error "
+            f"{_small(1e3 * distance)} mm, {_small(np.degrees(angle))}°",
             highlight=False, soft_wrap=True,
         )  # fmt: skip
     for note in done.notes:
@@ -159,40 +160,40 @@ def print_execution(done: Execution) -> None:
 
 
 def _small(value: float) -> str:
-    """Three digits; what is below a millionth is rounding of encoders or of numbers."""
+    """Format a number with three digits; below a millionth it is rounding."""
     return f"{value:.3g}" if not value < 1e-6 else "less than 1e-6"
 
 
 def _print_joints(done: Execution) -> None:
-    """Tracking error and torque of every joint."""
+    """Print the tracking error and torque of every joint."""
     robot, bound = done.robot, done.plan.certificate.torque.value
-    title = "" if done.torque is None else "torque beside the certificate's bound for the planned motion"
+    title = "" if done.torque is None else "peak torque and the certificate's bound for the planned motion"
     table = Table("joint", "largest tracking error", title=title)
     columns = [np.abs(tracking(done)).max(axis=0) * unit_factors(robot)]
     if done.torque is not None:
         table.add_column("peak torque")
-        table.add_column("bound of the plan")
+        table.add_column("certified bound")
     torque_units = np.where(robot.prismatic, "N", "N·m")
     for i, name in enumerate(robot.joint_names):
         row = [name, f"{columns[0][i]:.3g}{unit_names(robot)[i]}"]
         if done.torque is not None:
             row += [
-                f"{np.abs(done.torque[:, i]).max():.4g} {torque_units[i]}",
-                f"{bound[i]:.4g} {torque_units[i]}" if np.isfinite(bound[i]) else "no limit",
+                f"{np.abs(done.torque[:, i]).max():.3g} {torque_units[i]}",
+                f"{bound[i]:.3g} {torque_units[i]}" if np.isfinite(bound[i]) else "no limit",
             ]
         table.add_row(*row)
     out_console.print(table)
 
 
 def tracking(done: Execution) -> Any:
-    """Differences of what the arm did and the motion that was sent."""
+    """Return the joint positions of the arm minus those of the motion that was sent (k, n) [rad, m]."""
     assert done.motion is not None and done.setpoints is not None
     sent = done.t <= done.setpoints.t[-1]
     return done.q[sent] - done.motion(np.minimum(done.t[sent], done.motion.end))
 
 
 def tool_error(done: Execution) -> tuple[float, float]:
-    """Distance and angle of the tool from where the motion ends."""
+    """Return the distance [m] and angle [rad] of the tool from the end of the motion."""
     from optik import se3
 
     assert done.motion is not None
@@ -233,7 +234,7 @@ def execution_data(done: Execution) -> dict[str, Any]:
 
 
 def _plain(values: Any) -> Any:
-    """Nested lists; None for what is no number."""
+    """Return nested lists, with None for NaN and infinity."""
     if np.isfinite(values).all():
         return values.tolist()
     return _plain_rows(values.tolist())

@@ -1,4 +1,4 @@
-"""Every key of a suite in words: its meaning and unit from docstrings, its default from the code that reads it."""
+"""Explanation of every key of a suite: meaning and unit from docstrings, default from the code that reads it."""
 
 from __future__ import annotations
 
@@ -25,41 +25,41 @@ from optik.registry import load_method
 
 SUITE_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
-    "seed": ("Seed of everything that is drawn, 0 or more.", "0"),
+    "seed": ("Seed of all random numbers, 0 or more.", "0"),
 }
 """Keys of a suite itself: meaning and default."""
 
 PEERS_OF = {"calls": ("benchmarks.peers.ik", "peer"), "laws": ("benchmarks.peers.laws", "peer of timing")}
-"""Where the kinds find their peers."""
+"""Group and noun of the peers of each kind."""
 
 ENTRY_KEYS = {
     "solver": "IK method: a name from `optik doctor`, or the path of a file.",
     "law": "Time law: a name, or the path of a file.",
     "peer": "Outside method: a name, or the path of a file.",
-    "label": "What reports call it; by default its name.",
-    "options": "Its options.",
-    "max_problems": "Number of problems that a slow one is given; all by default.",
-    "whole": "Whether each problem is one call with all that the method does by itself, where others make one attempt.",
-    "along": "Whether a method makes its iterations at each of 151 poses of the line, each from the pose before.",
-    "without": "Limits that a law is not told of; its motions are judged by them.",
-    "max_lines": "Number of motions of each set that a slow one is given; all by default.",
+    "label": "Name in reports; by default its own.",
+    "options": "Options of the method.",
+    "max_problems": "Largest number of problems, for slow methods; by default all.",
+    "whole": "Whether each problem is one call with default settings and restarts, instead of one attempt.",
+    "along": "Whether the method iterates at each of 151 poses of the line, starting from its previous solution.",
+    "without": "Limits that the law does not know; its motions are judged by them.",
+    "max_lines": "Largest number of motions of each set, for slow laws; by default all.",
 }
 """Keys of an entry of ``methods``, ``laws``, ``peers`` or ``reference``."""
 
 MOTION_LIMIT_KEYS = {
-    "label": ParameterDoc("str", "What reports call these limits.", ""),
-    "velocity": ParameterDoc("", "Limit of the joints' speeds: a number, one a joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
-    "acceleration": ParameterDoc("", "Limit of the joints' accelerations [rad/s², m/s²].", "rad/s², m/s²"),
-    "jerk": ParameterDoc("", "Limit of the joints' jerks [rad/s³, m/s³].", "rad/s³, m/s³"),
-    "tool_speed": ParameterDoc("", "Limit of the speed of the tool's point [m/s].", "m/s"),
-    "rotation_speed": ParameterDoc("", "Limit of the angular speed of the tool [rad/s].", "rad/s"),
-    "torque": ParameterDoc("", "Limit of the joints' torques, of an arm whose masses are known [N·m, N].", "N·m, N"),
-    "torque_rate": ParameterDoc("", "Limit of the rates of the torques [N·m/s, N/s].", "N·m/s, N/s"),
+    "label": ParameterDoc("str", "Name of these limits in reports.", ""),
+    "velocity": ParameterDoc("", "Velocity limit: a number, one per joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
+    "acceleration": ParameterDoc("", "Acceleration limit [rad/s², m/s²].", "rad/s², m/s²"),
+    "jerk": ParameterDoc("", "Jerk limit [rad/s³, m/s³].", "rad/s³, m/s³"),
+    "tool_speed": ParameterDoc("", "Limit on the speed of the tool point [m/s].", "m/s"),
+    "rotation_speed": ParameterDoc("", "Limit on the angular speed of the tool [rad/s].", "rad/s"),
+    "torque": ParameterDoc("", "Torque limit, for an arm with known masses [N·m, N].", "N·m, N"),
+    "torque_rate": ParameterDoc("", "Torque rate limit [N·m/s, N/s].", "N·m/s, N/s"),
 }  # fmt: skip
 """Keys of an entry of ``limits``."""
 
 TARGET_LABELS = ("method", "law")
-"""Keys by which a target names the entry that it applies to."""
+"""Keys with which a target names its entry."""
 
 
 class Explained(NamedTuple):
@@ -68,17 +68,17 @@ class Explained(NamedTuple):
     Attributes
     ----------
     key : str
-        Where it stands, such as ``speed.warm.options.count``.
+        Its path in the suite, such as ``speed.warm.options.count``.
     value : object
-        What the file has; None where it is left out.
+        Its value in the file; None if it is absent.
     default : str
-        What it is where the file has none; ``required`` where it must be there, empty where nothing is known of it.
+        Its default; ``required`` if it has none, empty if it is unknown.
     unit : str
-        Unit of its value; empty where it has none.
+        Unit of its value, or empty.
     meaning : str
-        In words.
+        Its meaning.
     given : bool
-        Whether the file has it.
+        Whether it is in the file.
     """
 
     key: str
@@ -90,7 +90,7 @@ class Explained(NamedTuple):
 
 
 def explain(suite: Suite, folder: Path) -> list[Explained]:
-    """Explain every key of a suite, and those that could be added to its tables."""
+    """Explain every key of a suite, including possible keys that it lacks."""
     found = [
         Explained(key, suite.settings.get(key), default, "", meaning, key in suite.settings)
         for key, (meaning, default) in SUITE_KEYS.items()
@@ -109,9 +109,9 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
 
 
 def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Sequence[str]) -> Iterator[Explained]:
-    """Keys of one block; those of a kind that comes from a file are shown without words."""
+    """Explain the keys of one block; the keys of a kind from a file have no explanation."""
     if kind.name in unread:
-        words = "Its kind comes from a file, which is not run here."
+        words = "Not explained: its kind is in a file, which this check does not run."
         yield from (Explained(f"{at}.{key}", value, "", "", words) for key, value in table.items())
         return
     words_of = read_parameter_docs(type(block))
@@ -131,7 +131,7 @@ def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Seq
 
 
 def _taken(kind: Kind, table: dict[str, Any], key: str) -> bool:
-    """Whether a kind takes a key: that is, whether it refuses another value of it, or none, but not the key."""
+    """Say whether a kind has a key: it may refuse a value, but not the key."""
     try:
         kind.settings(table | {key: None})
     except InvalidInput as error:
@@ -142,7 +142,7 @@ def _taken(kind: Kind, table: dict[str, Any], key: str) -> bool:
 
 
 def _default(kind: Kind, block: Block, table: dict[str, Any], key: str) -> str:
-    """Default of a key: what the kind reads where it is left out."""
+    """Return the default of a key: the value that the kind reads without it."""
     if key in table:
         try:
             block = kind.settings({name: value for name, value in table.items() if name != key})
@@ -152,7 +152,7 @@ def _default(kind: Kind, block: Block, table: dict[str, Any], key: str) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A default in few words."""
+    """Format a default."""
     if value is None or value in ((), {}, ""):
         return "none"
     if isinstance(value, tuple):
@@ -168,7 +168,7 @@ def _shown(value: Any) -> str:
 
 
 def _inside(kind: Kind, table: dict[str, Any], key: str, value: Any, at: str) -> Iterator[Explained]:
-    """Keys of the tables inside a block."""
+    """Explain the keys of the tables inside a block."""
     if key in ("options", "solver_options") and isinstance(value, dict):
         named = "set" if key == "options" else "solver"
         yield from _options(*NAMED_KEYS[named], table.get(named), value, at)
@@ -184,7 +184,7 @@ def _inside(kind: Kind, table: dict[str, Any], key: str, value: Any, at: str) ->
 
 
 def _entry(key: str, inner: str, value: Any, where: str) -> Explained:
-    """One key of an entry of a list: of a method, a target, a set of motions, limits."""
+    """Explain one key of an entry of a list: of a method, a target, a set of motions, limits."""
     tables = {
         "lines": read_parameter_docs(LineSet),
         "example": read_parameter_docs(Example),
@@ -200,14 +200,14 @@ def _entry(key: str, inner: str, value: Any, where: str) -> Explained:
 
 
 def _target_keys() -> dict[str, ParameterDoc]:
-    """Keys of a target; one of laws calls its entry ``law``."""
+    """Return the keys of a target; for laws its entry is ``law``."""
     found = read_parameter_docs(Target)
-    both = ParameterDoc("float", "The bound, as one of the two.", "")
+    both = ParameterDoc("float", "Bound; give one of the two.", "")
     return found | dict.fromkeys(TARGET_LABELS, found["method"]) | {"at_most": both, "at_least": both}
 
 
 def _entry_options(kind: Kind, item: dict[str, Any], at: str) -> Iterator[Explained]:
-    """Options of a method, a law or a peer."""
+    """Explain the options of a method, a law or a peer."""
     for named in ("solver", "law"):
         if named in item:
             yield from _options(*NAMED_KEYS[named], item[named], item["options"], at)
@@ -216,18 +216,18 @@ def _entry_options(kind: Kind, item: dict[str, Any], at: str) -> Iterator[Explai
 
 
 def _code(name: Any) -> bool:
-    """Whether a name means a Python file, which checking does not run."""
+    """Say whether a name is a Python file, which checking does not run."""
     return is_path(name) and str(name).lower().endswith(".py")
 
 
 def _options(group: str, word: str, name: Any, given: dict[str, Any], at: str) -> Iterator[Explained]:
-    """Options of what is found by a name, those that are not given, too; in a file they are not looked at."""
+    """Explain all options of a named object; those of a file are not read."""
     if _code(name):
-        words = f"An option of {Path(name).name}, which is not run here."
+        words = f"Not explained: option of {Path(name).name}, which this check does not run."
         yield from (Explained(f"{at}.{key}", value, "", "", words) for key, value in given.items())
         return
     method: Any = None
-    with suppress(OptikError):  # a method whose package is not installed: the run says so
+    with suppress(OptikError):  # its package is not installed: the run reports this
         method = load_method(group, name, word)
     if method is None:
         return

@@ -1,4 +1,4 @@
-"""`optik kernels`: which machine code is shipped, which was compiled on this machine and why; compile it in advance."""
+"""`optik kernels`: list the shipped kernels and those compiled on this machine, or compile in advance."""
 
 from __future__ import annotations
 
@@ -26,19 +26,17 @@ from optik.kinematics import forward
 def kernels(
     compile_: Annotated[
         bool,
-        typer.Option(
-            "--compile", help="Compile the usual calls in advance, where they are neither shipped nor cached."
-        ),
+        typer.Option("--compile", help="Compile common calls in advance, unless shipped or cached."),
     ] = False,
     native: Annotated[
-        bool, typer.Option("--native", help="With --compile: also the shipped kernels, for this processor.")
+        bool, typer.Option("--native", help="With --compile: also compile the shipped kernels for this processor.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="With --compile: number of processes.")] = os.cpu_count() or 1,
     as_json: AsJson = False,
 ) -> None:
-    """Show how many kernels are shipped, and how many were compiled on this machine and why; or compile in advance."""
+    """List the shipped kernels and those compiled on this machine, with the reason; or compile in advance."""
     if native and not compile_:
-        raise InvalidInput("--native", "no --compile", "both")
+        raise InvalidInput("--native", "--native alone", "--compile --native")
     if compile_:
         _compile(jobs, {"OPTIK_COMPILES": "native"} if native else {})
     words, rows = shipped_words(), list(_list_cached())
@@ -46,7 +44,9 @@ def kernels(
         print_json({"shipped": words, "kernels": _names(), "cached": [row._asdict() for row in rows]})
         return
     out_console.print(f"shipped: {words}", highlight=False, markup=False, soft_wrap=True)
-    table = Table("folder", "kernels", "reason", title=f"{len(rows)} kernels in the cache")
+    table = Table(
+        "folder", "kernels", "reason", title=f"{len(rows)} kernel{'s' if len(rows) != 1 else ''} in the cache"
+    )
     for (folder, why), count in Counter((row.folder, row.why) for row in rows).items():
         table.add_row(folder, str(count), why)
     if rows and not compile_:
@@ -54,7 +54,7 @@ def kernels(
 
 
 def _compile(jobs: int, environment: dict[str, str]) -> None:
-    """Run the usual calls in processes, one such run at a time."""
+    """Compile common calls in several processes, one such run at a time."""
     from benchmarks.kernels.parts import WARM_UP
     from benchmarks.kernels.run import Progress, run_parts
     from benchmarks.run.lock import locked
@@ -62,7 +62,7 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
     kernel: Any = forward
     folder = KernelCache(kernel).cache_path
     if folder is None:
-        raise OutputError("the cache", "no folder can be written; NUMBA_CACHE_DIR names one")
+        raise OutputError("the cache", "no folder is writable; set NUMBA_CACHE_DIR to a folder")
     progress = Progress()
     with locked(Path(folder), wait=True):
         failed = run_parts(list(WARM_UP), jobs, progress, **environment)
@@ -72,7 +72,7 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
 
 
 def shipped_words() -> str:
-    """What is shipped, and whether it can be used here."""
+    """Describe the shipped kernels, and whether they are used here."""
     shipped = archive.open_archive()
     if isinstance(shipped, str):
         return f"none: {shipped}"
@@ -90,7 +90,7 @@ class Row(NamedTuple):
 
 
 def _names() -> dict[str, str]:
-    """Names of what is shipped, by fingerprint."""
+    """Return the names of the shipped kernels by fingerprint."""
     shipped = archive.open_archive()
     return {} if isinstance(shipped, str) else dict(shipped.names)
 
@@ -103,18 +103,18 @@ def _list_cached() -> Iterator[Row]:
         for file in sorted(folder.glob("*.nbk")):
             kernel = file.name.rpartition("-")[0]
             if not used:
-                why = "nothing is shipped" if words.startswith("none") else "what is shipped is not used here"
+                why = "no kernels are shipped" if words.startswith("none") else "the shipped kernels are not used here"
             elif kernel not in known:
                 why = "not shipped for these arguments"
             elif names.keys() & read_code(file).keys():
                 why = "compiled here although shipped"
             else:
-                why = "differs from the shipped one in source, settings or versions, or is damaged"
+                why = "other source, settings or versions than the shipped kernel, or damaged"
             yield Row(str(folder), kernel, why)
 
 
 def _folders() -> set[Path]:
-    """Folders of the cache, of all modules of ours that define kernels."""
+    """Return the cache folders of all modules that define kernels."""
     root = Path(optik.__file__).parents[1]
     found = set()
     for file in sorted(p for package in ("optik", "planners", "benchmarks") for p in (root / package).rglob("*.py")):

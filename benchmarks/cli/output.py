@@ -1,4 +1,4 @@
-"""Where the command line writes: what nobody reads is let go, what cannot be written is an error of ours."""
+"""Standard output of the command line: a closed pipe ends it quietly, any other failure is an OutputError."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from optik.errors import OutputError
 
 
 class _Standard(io.FileIO):
-    """The standard output at its lowest level, where everything that is printed comes through."""
+    """Raw standard output."""
 
     def write(self, data: Any) -> int:
-        """Write bytes; after a failure nothing more is tried, so that the end of the process does not fail again."""
+        """Write bytes; after a failure, discard all later output, so that the end of the process does not fail again."""
         try:
             return super().write(data) or 0
         except OSError as error:
             with open(os.devnull, "wb") as nowhere:
                 os.dup2(nowhere.fileno(), self.fileno())
-            if isinstance(error, BrokenPipeError):  # the reader has what it wanted: `optik robots | head -1`
+            if isinstance(error, BrokenPipeError):  # a closed pipe: `optik robots | head -1`
                 return len(data)
             raise OutputError("standard output", error.strerror or str(error)) from None
 
 
 def guard_output() -> None:
-    """Have the standard output end quietly where its reader has gone, and by name where it cannot be written.
+    """Let standard output end quietly when its pipe is closed, and raise an OutputError when it cannot be written.
 
-    What its encoding does not have (degrees, the lines of tables, in plain ASCII) is printed as a question mark.
+    Characters that its encoding lacks, such as ° and table lines in ASCII, become question marks.
     """
     out = sys.stdout
     if type(out) is not io.TextIOWrapper:
-        return  # a program that took it over, as tests do
+        return  # replaced by another program, such as a test
     out.flush()
     if isinstance(sys.stderr, io.TextIOWrapper):
         sys.stderr.reconfigure(errors="replace")

@@ -1,4 +1,4 @@
-"""`optik bench peer`: environments of their own for peers whose packages clash with ours."""
+"""`optik bench peer`: separate environments for peers whose packages conflict with optik's."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from optik.errors import InvalidInput, OutputError
 from optik.registry import load_method
 
 LAST_WORDS = 400
-"""Characters of pip's last line that an error shows."""
+"""Largest number of characters of pip's last line in an error."""
 
 
 def bench_peer(
-    name: Annotated[str, typer.Argument(help="A peer of `optik doctor`.")],
+    name: Annotated[str, typer.Argument(help="Name of a peer, from `optik doctor`.")],
     install: Annotated[
-        bool, typer.Option("--install", help="Make its environment and install its package there.")
+        bool, typer.Option("--install", help="Create its environment and install its package there.")
     ] = False,
 ) -> None:
-    """Say how a peer is called and whether it can be run here; make the environment of one that needs its own.
+    """Show the version and settings of a peer, or why it cannot run; with --install, create its environment.
 
-    Environments lie in $OPTIK_PEERS, or in optik/peers in the user's data folder; delete a folder there to remove one.
+    Environments are folders in $OPTIK_PEERS, by default optik/peers in the user's data folder. To remove one, delete it.
     """
     kind: Any = load_method(PEERS, name, "peer")
     if install:
         if not hasattr(kind, "environment"):
             raise InvalidInput(
-                "--install", name, f"a peer with an environment of its own; here: pip install {kind.distribution}"
+                "--install", name, f"a peer with a separate environment; for this one: pip install {kind.distribution}"
             )
         _install(kind)
     why = missing(kind)
@@ -45,7 +45,7 @@ def bench_peer(
 
 
 def _install(kind: Any) -> None:
-    """Make the environment of a peer; one that is not complete is removed."""
+    """Create the environment of a peer, and remove it if this fails."""
     folder, python = kind.environment(), kind.python()
     outside = {k: v for k, v in os.environ.items() if k not in ("PIP_CONSTRAINT", "PYTHONPATH", "PYTHONHOME")}
     try:

@@ -1,4 +1,4 @@
-"""`optik plan`: motions along a line, an arc, a polyline, any path or in joint space, timed and certified."""
+"""`optik plan`: timed and certified motions along a line, an arc, a polyline, any path, or in joint space."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from optik.registry import names
 __all__ = ["plan_app"]
 
 PLACE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
-"""How a place is typed, for the help of several options."""
+"""Syntax of a pose, for the help of several options."""
 
 
 @planning("line")
@@ -36,7 +36,7 @@ def plan_line(
         ),
     ] = "0,0,0",
 ) -> Any:
-    """Move the tool along a straight line, time it, and say what the motion keeps.
+    """Plan and certify a motion of the tool along a straight line.
 
     The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
     """
@@ -55,21 +55,21 @@ def plan_line(
 def plan_arc(
     arm: optik.Robot,
     q: Any,
-    via: Annotated[str, typer.Option(metavar=NUMBERS, help="A point on the way, x,y,z [m]; with --to.")] = "",
-    to: Annotated[str, typer.Option(metavar=NUMBERS, help=f"The end: {PLACE}")] = "",
+    via: Annotated[str, typer.Option(metavar=NUMBERS, help="Intermediate point x,y,z [m]; with --to.")] = "",
+    to: Annotated[str, typer.Option(metavar=NUMBERS, help=f"End pose: {PLACE}")] = "",
     centre: Annotated[
-        str, typer.Option(metavar=NUMBERS, help="A point on the axis, x,y,z [m]; with --axis and --angle-deg.")
+        str, typer.Option(metavar=NUMBERS, help="Point on the axis, x,y,z [m]; with --axis and --angle-deg.")
     ] = "",
     axis: Annotated[str, typer.Option(metavar=NUMBERS, help="Direction of the axis, x,y,z.")] = "0,0,1",
-    angle_deg: Annotated[float, typer.Option(help="By the right hand about the axis [degrees].")] = 90.0,
+    angle_deg: Annotated[float, typer.Option(help="Angle about the axis, right-handed [degrees].")] = 90.0,
 ) -> Any:
-    """Move the tool along part of a circle: through a point to an end, or about an axis by an angle."""
+    """Plan and certify a motion of the tool along a circular arc: through a point to an end, or about an axis by an angle."""
     import planners
 
     start = arm.fk(q)
     if bool(centre) == bool(via and to) or bool(via) != bool(to):
         given = [name for name, text in (("--via", via), ("--to", to), ("--centre", centre)) if text]
-        raise InvalidInput("arc", " and ".join(given) or "nothing", "--via and --to, or --centre")
+        raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
     if centre:
         angle = float(np.deg2rad(angle_deg))
         return planners.Arc.about(start, numbers(centre, "--centre", 3), numbers(axis, "--axis", 3), angle)
@@ -82,18 +82,18 @@ def plan_polyline(
     q: Any,
     via: Annotated[
         list[str] | None,
-        typer.Option(metavar=NUMBERS, help=f"A waypoint; repeat for more, the last one is the end: {PLACE}"),
+        typer.Option(metavar=NUMBERS, help=f"Waypoint, repeatable; the last one is the end: {PLACE}"),
     ] = None,
     waypoints: Annotated[
         Path | None,
         typer.Option(
-            help="File of all waypoints, with a header line: x,y,z [m] or x_mm,y_mm,z_mm; alone (the tool keeps its "
-            "orientation) or with qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; i,j,k."
+            help="CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
+            "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k."
         ),
     ] = None,
-    blend: Annotated[float, typer.Option(help="Largest distance from a corner [m].")] = 1e-3,
+    blend: Annotated[float, typer.Option(help="Largest distance of a blended corner from its waypoint [m].")] = 1e-3,
 ) -> Any:
-    """Move the tool along straight lines from waypoint to waypoint, the corners blended.
+    """Plan and certify a motion of the tool along a polyline with blended corners.
 
     With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
     default in the configuration that is best for the whole path.
@@ -101,8 +101,8 @@ def plan_polyline(
     import planners
 
     if bool(via) == (waypoints is not None):
-        came = "both" if via else "neither"
-        raise InvalidInput("polyline", came, "--via once or more, or --waypoints FILE.csv")
+        came = "both" if via else "no option"
+        raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
     if waypoints is not None:
         return planners.Polyline.from_csv(waypoints, orientation=arm.fk(q)[:3, :3], blend=blend)
     poses = [arm.fk(q)]
@@ -117,7 +117,7 @@ def plan_joints(
     q: Any,
     to_deg: Annotated[str, typer.Option(metavar=NUMBERS, help="Goal configuration [degrees, sliding mm].")],
 ) -> Any:
-    """Move from one configuration to another, straight in joint space."""
+    """Plan and certify a motion to another configuration, straight in joint space."""
     import planners
 
     return planners.JointLine(arm, q, configuration(arm, to_deg, "--to-deg"))
@@ -130,13 +130,13 @@ def plan_path(
     path: Annotated[str, typer.Argument(help=f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")],
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", help="KEY=VALUE of the path's data, once or more; the value as in TOML."),
+        typer.Option("--set", help="KEY=VALUE of the path, repeatable; values as in TOML."),
     ] = None,
 ) -> Any:
-    """Move the tool along a path of any kind, one from a file or an installed package among them.
+    """Plan and certify a motion of the tool along a path of any kind, also from a file or an installed package.
 
-    The path is built from its data, as its to_dict writes them; start is the tool's pose at the start configuration
-    unless it is set.
+    --set gives the data of the path, with the keys of its to_dict. By default, start is the tool's pose at the start
+    configuration.
     """
     import planners
 
@@ -144,7 +144,7 @@ def plan_path(
 
 
 def settings_of(texts: list[str]) -> dict[str, Any]:
-    """Read KEY=VALUE, the value as in TOML (numbers, lists, true); anything else is text."""
+    """Read KEY=VALUE pairs; a value is TOML (numbers, lists, true), otherwise text."""
     found: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -158,7 +158,7 @@ def settings_of(texts: list[str]) -> dict[str, Any]:
 
 
 def place(text: str, option: str, before: Any) -> Any:
-    """Pose of x,y,z, which keeps the orientation before it, or of x,y,z,roll,pitch,yaw."""
+    """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
     from optik import se3
 
     values = numbers(text, option, 3, 6)

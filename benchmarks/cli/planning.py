@@ -1,4 +1,4 @@
-"""What all commands of `optik plan` share: their options, written once, and the way from a path to a certificate."""
+"""Options common to all commands of `optik plan`, and the steps from a path to a printed certificate."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from benchmarks.cli.shared import (
     allowed_words,
     arm_of,
     err_console,
+    listed,
     numbers,
     out_console,
     print_json,
@@ -41,19 +42,22 @@ from optik.file_io import write_atomically
 from optik.plugins.files import split_links
 from optik.registry import load_method, names, short_name
 
+TYPICAL = {"velocity": 1, "acceleration": 10, "jerk": 50}
+"""Examples of limits, for messages."""
+
 plan_app = typer.Typer(help="Plan a motion and certify it.", no_args_is_help=True)
 
 SILENT_START = 1e-4
-"""Largest distance [rad, m] between the start of a motion and the given one at which no line is printed."""
+"""Largest difference [rad, m] between the given start and that of the motion for which no line is printed."""
 ROS = (".yaml", ".yml")
-"""Endings of files that hold a ROS message."""
+"""Suffixes of ROS messages."""
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
-"""Endings of files that a plan can be written to; the format of a plug-in is named by ``--format``."""
+"""Suffixes of files that a plan can be written to without ``--format``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """What every plan can be asked for: each field is an option of all commands of `optik plan`."""
+    """Options of all commands of `optik plan`."""
 
     start_deg: StartDeg = ""
     robot: RobotName = "paper6r"
@@ -68,66 +72,69 @@ class Wish:
     ] = "optimal"
     samples: Annotated[int, typer.Option(help="Samples of the path.")] = 151
     velocity: Annotated[
-        float | None, typer.Option(help="Limit on every joint [rad/s, sliding m/s]; the robot's own if left out.")
+        float | None, typer.Option(help="Velocity limit of every joint [rad/s, sliding m/s]; by default the robot's.")
     ] = None
-    acceleration: Annotated[float | None, typer.Option(help="Limit on every joint [rad/s², sliding m/s²].")] = None
-    jerk: Annotated[float | None, typer.Option(help="Limit on every joint [rad/s³, sliding m/s³].")] = None
+    acceleration: Annotated[
+        float | None,
+        typer.Option(help="Acceleration limit of every joint [rad/s², sliding m/s²]; by default the robot's."),
+    ] = None
+    jerk: Annotated[
+        float | None, typer.Option(help="Jerk limit of every joint [rad/s³, sliding m/s³]; by default the robot's.")
+    ] = None
     tool_speed: Annotated[
         str | None,
         typer.Option(
             metavar=NUMBERS,
-            help="Greatest speed of the tool's point [m/s]; of a polyline also one for each segment: 0.1,0.3.",
+            help="Limit on the speed of the tool point [m/s]; for a polyline also one per segment: 0.1,0.3.",
         ),
     ] = None
     rotation_speed: Annotated[
         str | None,
         typer.Option(
             metavar=NUMBERS,
-            help="Greatest speed of the tool's rotation [rad/s]; of a polyline also one for each segment.",
+            help="Limit on the angular speed of the tool [rad/s]; for a polyline also one per segment.",
         ),
     ] = None
     torque: Annotated[
         str | None,
         typer.Option(
             metavar=NUMBERS,
-            help="Limit on torques [N·m, sliding N]: robot (its own, where it has any), none, or numbers: 87,87,12.",
+            help="Torque limits [N·m, sliding N]: robot (default), none, or numbers: 87,87,12.",
         ),
     ] = None
     torque_rate: Annotated[
         str | None,
-        typer.Option(metavar=NUMBERS, help="Limit on torque rates [N·m/s, sliding N/s]: robot, none, or numbers."),
-    ] = None
-    payload: Annotated[
-        str | None, typer.Option(help="Mass in the tool [kg], or from the lightest to the heaviest: 0:3.")
-    ] = None
-    scene: Annotated[
-        str | None,
         typer.Option(
-            help="File of what stands around the arm, which it must not touch: .toml, .json, .urdf; self: its own links."
+            metavar=NUMBERS, help="Torque rate limits [N·m/s, sliding N/s]: robot (default), none, or numbers."
         ),
     ] = None
+    payload: Annotated[str | None, typer.Option(help="Mass of the payload [kg], or an interval: 0:3.")] = None
+    scene: Annotated[
+        str | None,
+        typer.Option(help="File of obstacles: .toml, .json or .urdf; or self, to check collisions between links only."),
+    ] = None
     margin: Annotated[
-        float | None, typer.Option(help="Distance that arm and scene shall keep at every instant [m]; with --scene.")
+        float | None, typer.Option(help="Least distance between arm and scene at every instant [m]; with --scene.")
     ] = None
     branch: Annotated[
         str | None,
         typer.Option(
-            help="start: keep the branch of the start (default); best: choose it for the whole path (default if the "
-            "path begins elsewhere)."
+            help="start: the branch of the start configuration (default); best: the best branch for the whole path "
+            "(default if the path begins elsewhere)."
         ),
     ] = None
-    duration: Annotated[float | None, typer.Option(help="Seconds that the motion shall take.")] = None
+    duration: Annotated[float | None, typer.Option(help="Duration of the motion [s]; by default the shortest.")] = None
     allow: Allowed = None
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse a motion that a slow-down would have to repair.")] = (
-        False
-    )
-    out: Annotated[Path | None, typer.Option(help="Write the motion: .json, .npz, .csv, or .yaml for ROS.")] = None
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Fail instead of stretching the duration to meet the limits.")
+    ] = False
+    out: Annotated[Path | None, typer.Option(help="File for the motion: .json, .npz, .csv, or .yaml for ROS.")] = None
     out_failed: Annotated[
         Path | None,
-        typer.Option(help="If planning fails, write the failed plan for `optik view`; no drive accepts it: FILE.json."),
+        typer.Option(help="File for a failed plan, FILE.json, for `optik view`; drives refuse it."),
     ] = None
     rate: Annotated[
-        float | None, typer.Option(help="Points per second in --out FILE.yaml or .csv; by default points at the knots.")
+        float | None, typer.Option(help="Points per second in --out FILE.yaml or .csv; by default one at each knot.")
     ] = None
     format: Annotated[
         str | None,
@@ -137,7 +144,7 @@ class Wish:
 
 
 def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
-    """Decorate a function that builds a path as a command of `optik plan`, with the options of `Wish` after its own."""
+    """Return a decorator that makes a function that builds a path a command of `optik plan`, with the options of `Wish`."""
     wished = {field.name: field for field in fields(Wish)}
     hints = get_type_hints(Wish, include_extras=True)
 
@@ -164,7 +171,7 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 
 
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
-    """Plan, write and print; exit status 1 if there is no motion, or if ``--allow`` does not permit its violations."""
+    """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
     import planners
     from planners.certificate.violation import LIMIT_WORDS, forbidden, words_for
 
@@ -192,13 +199,14 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
     print_certificate(plan)  # raises NoSolution with the reason where there is no motion
     if not valid:
         words = ",".join(words_for(refused, allow))
-        out_console.print(f"--allow {words} permits this motion", highlight=False)
+        out_console.print(
+            f"not written; --allow {words} permits this motion" if wish.out else f"--allow {words} permits this motion",
+            highlight=False,
+        )
         raise typer.Exit(1)
     begin = plan.trajectory(0.0)
     if np.abs(begin - q).max() > SILENT_START:
-        out_console.print(
-            f"begins at {', '.join(f'{x:.6g}' for x in begin * unit_factors(arm))} [degrees, mm]", highlight=False
-        )
+        out_console.print(f"start of the motion: --start-deg {listed(begin * unit_factors(arm))}", highlight=False)
     if wish.out is not None:
         out_console.print(f"written to {wish.out}", highlight=False)
 
@@ -218,7 +226,9 @@ def check_out(wish: Wish) -> None:
         check_number(wish.rate, "--rate", "points per second, above 0", above=0.0)
         if wish.out is None or wish.out.suffix.lower() not in (*ROS, ".csv"):
             raise InvalidInput(
-                "--rate", f"{wish.rate:g} with --out {wish.out}", "--rate with --out FILE.yaml or FILE.csv"
+                "--rate",
+                f"{wish.rate:g} with --out {wish.out}" if wish.out else f"{wish.rate:g} without --out",
+                "--out FILE.yaml or FILE.csv with it",
             )
     if wish.format is not None:
         if wish.out is None:
@@ -242,12 +252,12 @@ def write_failed(plan: Any, file: Path) -> None:
 
 
 def scene_of(arm: optik.Robot, wish: Wish) -> Any:
-    """The scene that was asked for."""
+    """Return the scene of ``--scene``."""
     if wish.margin is not None and not wish.margin >= 0.0:
         raise InvalidInput("--margin", wish.margin, "a distance of 0 or more [m]")
     if wish.scene is None:
         if wish.margin is not None:
-            raise InvalidInput("--margin", f"{wish.margin:g} without a scene", "--scene FILE with it, or --scene self")
+            raise InvalidInput("--margin", f"{wish.margin:g} without --scene", "--scene FILE or --scene self with it")
         return None
     if arm.shapes is None:
         expected = "an arm whose file has shapes"
@@ -260,20 +270,26 @@ def scene_of(arm: optik.Robot, wish: Wish) -> Any:
 
 
 def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
-    """The limits that were typed, the robot's own where none was."""
+    """Return the typed limits, and the robot's own for the others."""
     import planners
 
     own = planners.MotionLimits.of(arm)
     joints = ("velocity", "acceleration", "jerk")
     typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
+    for field, value in typed.items():
+        check_number(value, f"--{field}", "a limit above 0", above=0.0)
     torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
     speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
     limits = planners.MotionLimits.of(arm, **typed, **torques, **speeds)
     by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
         if field in law.enforced and limits.value(field) is None and not (field == "acceleration" and by_torque):
-            nothing = f"nothing, and {arm.name} has no limit of its own"
-            raise InvalidInput(f"--{field}", nothing, f"a limit, for {short_name(wish.timing)}")
+            missing = f"no limit, because {arm.name} has none"
+            raise InvalidInput(
+                f"--{field}",
+                missing,
+                f"a {field} limit for {short_name(wish.timing)}, such as --{field} {TYPICAL[field]}",
+            )
     return limits
 
 

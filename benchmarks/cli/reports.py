@@ -1,4 +1,4 @@
-"""`optik bench report` and `optik bench compare`: what runs show, as a page, as text, and against each other."""
+"""`optik bench report` and `optik bench compare`: reports of a run, and differences between two runs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_SETTINGS = 10
 
 
 class Format(StrEnum):
-    """What a report can be written as."""
+    """Formats of a report."""
 
     HTML = "html"
     MD = "md"
@@ -33,7 +33,7 @@ class Format(StrEnum):
 
 
 def add_reports(app: typer.Typer) -> None:
-    """Add the commands of this module."""
+    """Add the commands of this module to an app."""
     command(app, "report")(bench_report)
     command(app, "compare")(bench_compare)
 
@@ -41,11 +41,11 @@ def add_reports(app: typer.Typer) -> None:
 def bench_report(
     run: Annotated[Path, typer.Argument(help="Folder of a run.")],
     format: Annotated[
-        Format, typer.Option(help="html: one page. md: report.md with figures. csv, tex: a file for each table.")
+        Format, typer.Option(help="html: one page; md: report.md with figures; csv or tex: one file per table.")
     ] = Format.HTML,
     as_json: AsJson = False,
 ) -> None:
-    """Write the report of a run into its folder: one HTML file that opens offline, or Markdown, CSV or LaTeX."""
+    """Write the report of a run into its folder: one HTML page that works offline, or Markdown, CSV or LaTeX."""
     from benchmarks.records import RunFolder
 
     with err_console.status("writing the report"):
@@ -53,7 +53,7 @@ def bench_report(
     if as_json:
         print_json({"report": str(written[0]) if written else None, "files": [str(path) for path in written]})
     elif not written:
-        out_console.print("no tables: nothing in this run has any yet", highlight=False)
+        out_console.print("no tables written: no part of this run is finished", highlight=False)
     elif format in (Format.HTML, Format.MD):
         out_console.print(f"report: {written[0]}", highlight=False, markup=False, soft_wrap=True)
     else:
@@ -62,7 +62,7 @@ def bench_report(
 
 
 def _writer(format: Format) -> Callable[[RunFolder], list[Path]]:
-    """What writes a format."""
+    """Return the function that writes a format."""
     if format is Format.MD:
         from benchmarks.report.formats.markdown import write_markdown
 
@@ -81,18 +81,21 @@ def _writer(format: Format) -> Callable[[RunFolder], list[Path]]:
 
 
 def bench_compare(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run: what it was.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of a run with the same blocks: what it is now.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the first run.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Folder of a second run of the same blocks.")],
     threshold: Annotated[
-        float, typer.Option(min=0.0, help="Exit status 1 where something is worse by more: percent, points of a share.")
+        float,
+        typer.Option(
+            min=0.0, help="Exit with status 1 if B is worse by more: percent of a time, percentage points of a rate."
+        ),
     ] = 5.0,
-    show_all: Annotated[bool, typer.Option("--all", help="Show also what is within noise.")] = False,
+    show_all: Annotated[bool, typer.Option("--all", help="Also show differences within noise.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two runs of the same blocks: better, worse or within noise. Exit status 1 past the threshold.
+    """Compare two runs of the same blocks: better, worse or within noise.
 
-    Problems that are the same are compared in pairs (McNemar's and Wilcoxon's tests, corrected by Holm for all that is
-    compared); a time must also differ by more than the rounds of the same calls do.
+    Equal problems are compared in pairs by McNemar's and Wilcoxon's tests with Holm's correction. A time must also differ
+    by more than the spread between rounds. The exit status is 1 if B is worse than A by more than the threshold.
     """
     from benchmarks.records import RunFolder
     from benchmarks.report.compare import as_data, compare_runs
@@ -117,7 +120,7 @@ def _setting(value: Any) -> str:
 
 
 def _print_differences(found: Comparison, worse: int, threshold: float, show_all: bool) -> None:
-    """Print a comparison for people: what differs, and how much does not."""
+    """Print a comparison."""
     from benchmarks.report.numbers import number
 
     table = Table("block", "method", "measure", "A", "B", "change", "")
@@ -136,7 +139,7 @@ def _print_differences(found: Comparison, worse: int, threshold: float, show_all
     if len(found.settings) > MOST_SETTINGS and not show_all:
         out_console.print(f"{len(found.settings) - MOST_SETTINGS} more settings differ; --all shows them")
     for words in found.left_out:
-        out_console.print(f"left out: {words}", highlight=False, markup=False, soft_wrap=True)
+        out_console.print(f"not compared: {words}", highlight=False, markup=False, soft_wrap=True)
     counts = [f"{sum(d.verdict == v for d in found.differences)} {v}" for v in ("better", "worse", "within noise")]
     words = f"{', '.join(counts)}; worse by more than {threshold:g}: {worse}"
     out_console.print(words, highlight=False, markup=False, soft_wrap=True)

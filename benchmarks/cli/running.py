@@ -1,4 +1,4 @@
-"""`optik bench run`: a suite is run with its progress shown, stopped by Ctrl-C, and what crashed is told."""
+"""`optik bench run`: run a suite with progress, Ctrl-C and a list of failures."""
 
 from __future__ import annotations
 
@@ -21,30 +21,28 @@ if TYPE_CHECKING:
 
 AllowPlugins = Annotated[
     bool,
-    typer.Option("--allow-plugins", help="Run the code in files that the suite names; `optik bench check` lists them."),
+    typer.Option("--allow-plugins", help="Run the Python files that the suite names; `optik bench check` lists them."),
 ]
-Workers = Annotated[int, typer.Option(help="Processes; more than one disturb each other's times, never the answers.")]
+Workers = Annotated[int, typer.Option(help="Number of processes; more than one affects measured times, not results.")]
 Dask = Annotated[
-    str, typer.Option(metavar="ADDRESS", help="Do the parts on the Dask cluster of this scheduler: tls://HOST:PORT.")
+    str, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster of this scheduler: tls://HOST:PORT.")
 ]
 PartTimeout = Annotated[
     float | None,
-    typer.Option(
-        metavar="SECONDS", help="A worker process without a result for so long is ended. [default: 1800 with workers]"
-    ),
+    typer.Option(metavar="SECONDS", help="Time limit of a part in a worker process. [default: 1800 with --workers]"),
 ]
 
 LINE_SECONDS = 10.0
-"""Between two lines of progress where there is no bar [s]: a log of an hour then has a few hundred lines."""
+"""Interval between two lines of progress without a bar [s]: a few hundred lines an hour."""
 
 WIDE_ENOUGH = 70
-"""Columns of a terminal from which there is room for the rate beside the bar and the time left."""
+"""Least number of terminal columns for the bar and the rate."""
 
 FEWEST_PARTS, RATE_SECONDS = 4, 30.0
-"""Number of finished parts from which on a rate is shown, and the time over which it is averaged [s]."""
+"""Least number of finished parts for a rate, and the time over which it is averaged [s]."""
 
 Tell = Callable[[int, int, str], None]
-"""As `benchmarks.run.session.Progress`."""
+"""Type of a progress callback, as `benchmarks.run.session.Progress`."""
 
 
 def run_with_progress(
@@ -55,7 +53,7 @@ def run_with_progress(
     dask: str = "",
     part_timeout: float | None = None,
 ) -> Any:
-    """Run a suite with its progress on the error stream."""
+    """Run a suite and print its progress on the error stream."""
     try:
         from benchmarks.run import run_suite
         from benchmarks.suite import load_suite
@@ -71,7 +69,7 @@ def run_with_progress(
             )  # fmt: skip
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to stop
-        err_console.print("stopped; run the same command again to continue", style="yellow")
+        err_console.print("interrupted; repeat the command to resume", style="yellow")
         raise typer.Exit(130) from None
     for one in folder.manifest().get("failed", []):
         words = f"failed: {one['label']} ({one['file']}): {one['why']}, {one['times']} times"
@@ -82,7 +80,7 @@ def run_with_progress(
 
 
 def _command(suite: str, workers: int, allow_plugins: bool, dask: str, part_timeout: float | None) -> str:
-    """The command that runs this again."""
+    """Return the command that repeats this run."""
     words = ["optik bench run", shlex.quote(suite), "--out RUN"]
     words += [f"--workers {workers}"] if workers != 1 else []
     words += [f"--dask {shlex.quote(dask)}"] if dask else []
@@ -94,13 +92,13 @@ def _warn(dask: str) -> None:
     from benchmarks.run.cluster import warn_of_plain_text
 
     if not _has_port(dask):
-        return  # nothing can answer there: the error says so
+        return  # the error reports this
     if words := warn_of_plain_text(dask):
         err_console.print(f"warning: {words}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def _has_port(address: str) -> bool:
-    """Whether an address can be one of a scheduler."""
+    """Say whether an address has a port."""
     try:
         return urlsplit(address if "://" in address else f"tcp://{address}").port is not None
     except ValueError:
@@ -111,13 +109,13 @@ def _has_port(address: str) -> bool:
 
 
 def _begun(tell: Tell, out: Path) -> Tell:
-    """Progress whose first line says what to do where the process ends: a method may end it, and then it can say nothing."""
+    """Return a callback that first prints how to resume: a method may kill the process without a message."""
     said = False
 
     def first(done: int, total: int, what: str) -> None:
         nonlocal said
         if not said:
-            words = f"writing {out}: should this process end early, the same command goes on"
+            words = f"writing {out} (interrupted? repeat the command to resume)"
             err_console.print(words, style="dim", markup=False, highlight=False, soft_wrap=True)
             said = True
         tell(done, total, what)
@@ -127,7 +125,7 @@ def _begun(tell: Tell, out: Path) -> Tell:
 
 @contextmanager
 def _progress() -> Iterator[Tell]:
-    """A bar with rate and time left on a terminal; elsewhere a line now and then."""
+    """Show a bar with rate and time left on a terminal, and lines elsewhere."""
     if not err_console.is_terminal or err_console.is_dumb_terminal:
         yield _Lines().tell
         return
@@ -139,13 +137,13 @@ def _progress() -> Iterator[Tell]:
 
 
 def _bar() -> Progress:
-    """The bar; narrow terminals get less beside it."""
+    """Return the progress display, with fewer columns on narrow terminals."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
     from rich.table import Column
     from rich.text import Text
 
     class Rate(ProgressColumn):
-        """Parts a second."""
+        """Parts per second."""
 
         def render(self, task: Task) -> Text:
             return Text(f"{task.fields['rate']:.3g}/s" if task.fields["rate"] else "")
@@ -171,7 +169,7 @@ class _Rate:
         self._first: int | None = None
 
     def after(self, done: int, now: float) -> float:
-        """Return the rate; 0 before it is known from a few parts."""
+        """Return the rate; 0 until a few parts are finished."""
         if self._first is None:
             self._first = done
         if done > self._first and (not self._done or done > self._done[-1][1]):
@@ -184,7 +182,7 @@ class _Rate:
 
 
 class _Lines:
-    """Lines of progress, where a bar cannot be drawn."""
+    """Progress as lines, for output without a bar."""
 
     def __init__(self) -> None:
         self._last, self._rate = time.monotonic(), _Rate()
@@ -202,7 +200,7 @@ class _Lines:
 
 
 def _duration(seconds: float) -> str:
-    """A time in words: 45 s, 3 min 20 s, 2 h 5 min."""
+    """Format a time: 45 s, 3 min 20 s, 2 h 5 min."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"

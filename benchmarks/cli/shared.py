@@ -1,4 +1,4 @@
-"""What all commands share: consoles, options, robots and configurations as people type them."""
+"""Consoles, options, and readers of robots and configurations, common to all commands."""
 
 from __future__ import annotations
 
@@ -20,26 +20,24 @@ from optik.plugins.files import is_path, split_links
 out_console, err_console = Console(), Console(stderr=True)
 
 NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
-"""Metavars of an option and of an argument whose value is a vector: one argument, with commas or quoted spaces."""
+"""Metavars of vector options and arguments: one argument, with commas or quoted spaces."""
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 RobotName = Annotated[
     str, typer.Option("--robot", "-r", help="A name from `optik robots`, or a file: .urdf, .toml, .json or .py.")
 ]
 PackageDir = Annotated[
     str | None,
-    typer.Option(
-        help="Folder of ROS packages, for package:// meshes of a URDF; collision shapes of the URDF are then read."
-    ),
+    typer.Option(help="Folder of ROS packages for package:// meshes of a URDF; also reads its collision shapes."),
 ]
-Tip = Annotated[str | None, typer.Option(help="Link of a URDF that is the tool, where it has several ends.")]
-Base = Annotated[str | None, typer.Option(help="Link of a URDF that poses are given in; its root if left out.")]
+Tip = Annotated[str | None, typer.Option(help="Tool link of a URDF; required if it has several ends.")]
+Base = Annotated[str | None, typer.Option(help="Base link of a URDF, in which poses are given; by default its root.")]
 
 Allowed = Annotated[
     list[str] | None,
     typer.Option(
         "--allow",
-        help="Violations to permit, repeated or comma separated: contact, path, limits, jerk, coverage, not_proved.",
+        help="Permitted violations, repeated or comma separated: contact, path, limits, jerk, coverage, not_proved.",
     ),
 ]
 
@@ -47,7 +45,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 class NumbersCommand(TyperCommand):
-    """A command that refuses a vector typed as several arguments, and says what to type instead."""
+    """A command that refuses a vector typed as several arguments, with the correct form in the error."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Check the arguments before they are parsed."""
@@ -77,7 +75,7 @@ StartDeg = Annotated[
     str,
     typer.Option(
         metavar=NUMBERS,
-        help="Start configuration [degrees, sliding mm]: 20,-35,40; default: the arm's home, or the best-conditioned sample.",
+        help="Start configuration [degrees, sliding mm]: 20,-35,40; by default the arm's home, or a well-conditioned sample.",
     ),
 ]
 
@@ -92,16 +90,16 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_
     if package_dir is not None:
         path, options = split_links(robot)
         if not is_path(robot) or not path.lower().endswith((".urdf", ".xml")):
-            raise InvalidInput("--package-dir", package_dir, f"no folder, because {robot} is not a URDF")
+            raise InvalidInput("--package-dir", package_dir, f"no --package-dir, because {robot} is not a URDF")
         robot = f"{path}#{options}{'&' if options else ''}packages={package_dir}"
     return optik.load(robot, tip=tip, base=base)
 
 
 def either(load: Callable[[str], Any], name: str) -> Any:
-    """Load what a name stands for, or return the error: a broken plug-in must not keep the others from being listed."""
+    """Load a named object, or return the error: a broken plug-in must not prevent a list of the others."""
     try:
         return load(name)
-    except Exception as error:  # code of a package may raise any
+    except Exception as error:  # a package may raise anything
         return error
 
 
@@ -130,7 +128,7 @@ def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> A
 
 
 def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list[float]:
-    """Read numbers from one argument, separated by commas or spaces: as many as one of the counts, without counts any."""
+    """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
     expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
@@ -149,18 +147,18 @@ def listed(values: Any) -> str:
 # ---------------------------------------------------------------- the default start
 
 START_SAMPLES = 64
-"""Number of random configurations; the best-conditioned one is the start of an arm without a home."""
+"""Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
 
 
 def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
-    """Return the typed start, or the arm's default start with a text that states it."""
+    """Return the typed start, or the arm's default start with a sentence on it."""
     if text.strip():
         return configuration(arm, text), ""
     from optik.arm.library import read_home
 
     home = read_home(name)
     q, why = (
-        (sampled_start(arm), "sampled: it has no home_deg")
+        (sampled_start(arm), "a sample, because it has no home_deg")
         if home is None
         else (home / unit_factors(arm), "its home_deg")
     )
@@ -168,7 +166,7 @@ def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
 
 
 def print_start(words: str) -> None:
-    """Print the default start on the error stream, so that programs can read the output stream."""
+    """Print the default start on the error stream, which keeps the output stream for programs."""
     if words:
         err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 
@@ -187,5 +185,5 @@ def sampled_start(arm: optik.Robot) -> Any:
 
 
 def print_json(data: Any) -> None:
-    """Print strict JSON for programs."""
+    """Print strict JSON."""
     print(json.dumps(data, allow_nan=False, indent=1))

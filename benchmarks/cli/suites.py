@@ -1,4 +1,4 @@
-"""`optik bench new` and `optik bench check`: a suite to start from, and every key of a suite explained."""
+"""`optik bench new` and `optik bench check`: write a template of a suite, and explain every key of a suite."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ if TYPE_CHECKING:
     from benchmarks.cli.explain import Explained
 
 ALL_SHOWN = 60
-"""Characters of a value that the table shows; `--json` has all."""
+"""Largest number of characters of a value in the table; `--json` has all."""
 
 BESIDE_KEYS = 70
-"""Columns of a terminal that the value, default, unit and meaning of a key need beside it to be read in a table."""
+"""Terminal columns that the value, default, unit and meaning of a key need beside it in a table."""
 
 NEW_SUITE = """\
-# A comparison on {name}. What each key means: optik bench check {file}
-# Run it and write its report: optik bench run {file} --out {run} --report
+# A comparison on {name}. For the meaning of each key: optik bench check {file}
+# To run it and write its report: optik bench run {file} --out {run} --report
 title = {title}
 seed = 1
 
-# Inverse kinematics, call by call: successes, errors and times.
+# Inverse kinematics, single calls: success rates, errors and times.
 [[speed]]
 id = "ik"
 robot = {robot}
 set = "random_reachable"  # or: {sets}
 options = {{ count = 200, starts = ["near", "random"] }}  # starts: near, far, random, zero
 methods = [{{ solver = "lm" }}, {{ solver = "dls", options = {{ max_restarts = 20 }} }}]  # or: {methods}
-# peers = [{{ peer = "roboticstoolbox" }}]  # outside methods: {peers}
-# rounds = 3  # each problem is solved so often; its time is the median
-# [[speed.targets]]  # a bound that the report checks
+# peers = [{{ peer = "roboticstoolbox" }}]  # methods of other packages: {peers}
+# rounds = 3  # timed rounds; the time of a problem is their median
+# [[speed.targets]]  # an acceptance target, which the report checks
 # method = "lm"
 # measure = "success"
 # at_least = 99
 
 # Your own poses: set = "file", options = {{ path = "poses.csv" }}, columns x_m,y_m,z_m,qw,qx,qy,qz
 
-# Time laws on the same motions: duration, limits kept, time to compute.
+# Time laws on the same motions: durations, limit violations, computing times.
 [[timing]]
 id = "laws"
 lines = [{{ robot = {robot}, kind = "{kind}", count = 3 }}]  # kinds: {kinds}
@@ -57,25 +57,25 @@ limits = [{{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }}]  # of every j
 laws = [{{ law = "optimal" }}, {{ law = "smooth" }}]  # or: {laws}
 # Your own seam: lines = [{{ robot = {robot}, kind = "file", path = "seam.csv" }}]
 
-# Iteration by iteration: [[blocks]] with budgets = [5, 20, 100]. All keys: docs/suites.md
+# Success against iterations: [[blocks]] with budgets = [5, 20, 100]. All keys: docs/suites.md
 """
-"""The suite that `optik bench new` writes."""
+"""Template of `optik bench new`."""
 
 
 def add_suites(group: typer.Typer) -> None:
-    """Add the commands to a group."""
+    """Add the commands of this module to a group."""
     command(group, "new")(bench_new)
     command(group, "check")(bench_check)
 
 
 def bench_new(
-    file: Annotated[Path, typer.Argument(help="The suite to write, such as own.toml.")],
+    file: Annotated[Path, typer.Argument(help="Suite to write, such as own.toml.")],
     robot: RobotName = "paper6r",
     tip: Tip = None,
     base: Base = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a commented suite to start from, for one arm; a file that exists is left as it is."""
+    """Write a commented suite for one arm, as a template. An existing file is never overwritten."""
     if file.suffix.lower() != ".toml":
         raise InvalidInput("file", str(file), "a name that ends in .toml")
     arm = arm_of(robot, tip, base)
@@ -84,7 +84,7 @@ def bench_new(
         with file.open("x", encoding="utf-8") as opened:
             opened.write(text)
     except FileExistsError:
-        raise OutputError(file, "exists; name another file") from None
+        raise OutputError(file, "exists; choose another name") from None
     except OSError as error:
         raise OutputError(file, f"cannot be written ({error.strerror})") from None
     if as_json:
@@ -99,7 +99,7 @@ def bench_new(
 
 
 def _named(file: Path, robot: str, tip: str | None, base: str | None) -> str:
-    """The robot as the suite names it: a path relative to the suite's folder, with the links of a URDF."""
+    """Return the robot's name in a suite: a path relative to the suite's folder, with the links of a URDF."""
     if not is_path(robot):
         return robot
     path, _, links = robot.partition("#")
@@ -109,7 +109,7 @@ def _named(file: Path, robot: str, tip: str | None, base: str | None) -> str:
 
 
 def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
-    """The suite's text."""
+    """Return the text of a suite."""
     from benchmarks.kinds.laws.motions import MOTION_KINDS
     from optik.registry import own_names
 
@@ -133,12 +133,10 @@ def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
 
 def bench_check(
     suite: Annotated[str, typer.Argument(help="A name from `optik bench list`, or a TOML file.")],
-    every: Annotated[
-        bool, typer.Option("--all", help="Show keys that could be added, with their defaults, too.")
-    ] = False,
+    every: Annotated[bool, typer.Option("--all", help="Also show possible keys with their defaults.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check a suite and explain its keys: meaning, unit, default and value. No code in files that it names is run."""
+    """Check a suite and explain its keys: meaning, unit, default and value. Files of code are not run."""
     from benchmarks.cli.explain import explain
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import data_file
@@ -152,11 +150,11 @@ def bench_check(
         print_json(about | {"keys": [key._asdict() for key in shown]})
         return
     _print_keys(shown)
-    words = f"the settings of {asked.name} are right"
+    words = f"{asked.name}: no errors"
     if any(str(row.get("path", "")).endswith(".py") for row in rows):
-        words += "; the files were not run"
+        words += "; its Python files were not run"
     if asked.unread:
-        words += f", so the settings of their kinds of block were not checked: {', '.join(asked.unread)}"
+        words += f", so blocks of these kinds were not checked: {', '.join(asked.unread)}"
     out_console.print(words, highlight=False, markup=False, soft_wrap=True)
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"
@@ -164,7 +162,7 @@ def bench_check(
 
 
 def _print_keys(keys: Sequence[Explained]) -> None:
-    """Keys as a table where it has room for the longest of them, else one below another: a key is never broken."""
+    """Print the keys as a table, or as a list if the table is too narrow for the longest key."""
     longest = max((len(key.key) for key in keys), default=0)
     if out_console.width >= longest + BESIDE_KEYS:
         table = Table(Column("key", no_wrap=True), "value", "default", "unit", "meaning")
@@ -182,7 +180,7 @@ def _print_keys(keys: Sequence[Explained]) -> None:
 
 
 def _value(key: Any) -> str:
-    """The value of a key as the file has it; tables are shown key by key."""
+    """Return the value of a key as in the file; “…” for a table, whose keys follow."""
     if not key.given:
         return "–"
     value = key.value
@@ -193,7 +191,7 @@ def _value(key: Any) -> str:
 
 
 def _cell(text: str) -> Any:
-    """Text without markup: names in a suite may have brackets."""
+    """Return text without markup, because names in a suite may have brackets."""
     from rich.text import Text
 
     return Text(text)

@@ -1,4 +1,4 @@
-"""`optik view`: a motion in one page that plays it, or in the browser while this command runs."""
+"""`optik view`: a page that plays a motion, written to a file or served."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from planners.cell.view.show import Show
 
 LOCAL = "127.0.0.1"
-"""Address that only this machine reaches."""
+"""Address of this machine only."""
 
 STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
@@ -35,17 +35,19 @@ def view(
         ),
     ],
     html: Annotated[
-        Path | None, typer.Option(help="Write one page that plays it, whole in itself, and end: FILE.html.")
+        Path | None, typer.Option(help="Write a self-contained page, FILE.html, instead of serving one.")
     ] = None,
     drive: Annotated[
-        str | None, typer.Option(help="Execute it, too, by a simulated drive, followed live: ideal or mujoco.")
+        str | None, typer.Option(help="Also execute the motion on a simulated drive: ideal or mujoco.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Address to serve on; by default only this machine sees it.")] = LOCAL,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 for any that is free.")] = 8080,
+    host: Annotated[
+        str, typer.Option(help="Address to serve on; the default is reachable from this machine only.")
+    ] = LOCAL,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 for any free port.")] = 8080,
 ) -> None:
-    """Show a motion, an execution or a failed plan in the browser: arm, shapes, scene, path, and the values at every time.
+    """Show a motion, an execution or a failed plan in the browser.
 
-    With --html, write one self-contained page. Without it, serve the page until Ctrl-C. No real arm is ever moved.
+    With --html, write a self-contained page. Without it, serve the page until Ctrl-C. This command never moves a real arm.
     """
     from planners.cell.view.page import PAGE_SUFFIXES, write_page
 
@@ -86,11 +88,11 @@ def _serve(shown: Motion | Plan | Show, drive: str | None, host: str, port: int)
     planned = shown if isinstance(shown, Plan) else None
     viewer = Viewer(shown if isinstance(shown, Show) else show_of(shown), host, port, plan=planned, drive=make)
     if not _is_local(host):
-        words = f"warning: whoever reaches {host} can see this motion" + (
+        words = f"warning: everybody who can reach {host} can see this motion" + (
             " and run the simulated drive" if drive else ""
         )
         err_console.print(words, style="yellow", highlight=False, soft_wrap=True)
-    out_console.print(f"{viewer.url} shows {shown.robot.name}; Ctrl-C ends it", highlight=False, soft_wrap=True)
+    out_console.print(f"{viewer.url} shows {shown.robot.name}; press Ctrl-C to stop", highlight=False, soft_wrap=True)
     sys.stdout.flush()  # a program that starts this one reads the address
     try:
         viewer.serve()
@@ -101,13 +103,13 @@ def _serve(shown: Motion | Plan | Show, drive: str | None, host: str, port: int)
 
 
 def _check_simulated(name: str) -> None:
-    """Raise unless a drive moves nothing real, before it is built."""
+    """Raise InvalidInput unless a drive is simulated, before it is built."""
     if not getattr(load_method("planners.cell.drives", name, "drive"), "simulated", False):
         raise InvalidInput("--drive", f"{name}, which moves a real arm", "a simulated drive: ideal or mujoco")
 
 
 def _is_local(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Say whether an address is reachable from this machine only."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -122,7 +124,7 @@ def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
     data = _json(file)
     if data.get("format") in (EXECUTION, FAILED_PLAN):
         if drive is not None:
-            raise InvalidInput("--drive", f"{drive} for {file}, which is no valid motion", STORED_MOTION)
+            raise InvalidInput("--drive", f"{drive} for {file}, which is not a valid motion", STORED_MOTION)
         return show_of_recorded(data)
     motion = stored(file)
     return motion if drive is None else plan_of(motion)
@@ -146,7 +148,7 @@ def stored(file: Path) -> Motion:
         if data.get("format") not in ("optik-plan/1", FAILED_PLAN):
             raise error
         if data.get("reason"):
-            words = f"{file} is of a plan that failed: {data['reason']}"
+            words = f"{file} is a failed plan: {data['reason']}"
             raise NoSolution(words, s=data.get("s"), joint=data.get("joint"), advice=data.get("advice", "")) from None
         raise InvalidInput("PLAN", f"{file}, the output of `optik plan … --json`", STORED_MOTION) from None
 

@@ -57,14 +57,14 @@ def _axis() -> pl.Expr:
 def _within(rows: pl.DataFrame) -> Finding:
     claim = "With enough iterations the executed tool is within 2 mm of the spot on each of X, Y and Z."
     rule = (
-        "As for the answers of the iteration: the share of the spots with a known solution at which the executed tool is "
-        "within 2 mm on each axis at the largest budget. Holds if the lower end of its Wilson 95 % interval is at least 99 %. "
-        "Holds when the spot is closer than d if that is so for the spots closer than d, d as large as possible, and those "
-        "are at least half of all. Not tested where even all of so few trials would not reach 99 %, and the interval does not "
-        "end below it. Else it does not hold. A motion that was not executed to its end counts as missed."
+        "Fraction of the spots with a known solution for which the executed tool is within 2 mm on each axis at the largest "
+        "budget. Holds if the lower end of its Wilson 95 % interval is at least 99 %. Holds when the spot is closer than d if "
+        "this is true of the spots closer than d, for the largest such d, and these are at least half of all. Not tested if "
+        "there are too few trials to reach 99 % and the interval contains 99 %. Otherwise it does not hold. A motion that was "
+        "not executed to its end counts as a miss."
     )
     if rows.is_empty():
-        return Finding("a", claim, UNTESTED, "No spot was reached for by dls.", rule)
+        return Finding("a", claim, UNTESTED, "The run has no spots with dls.", rule)
     most = int(rows["budget"].max())  # type: ignore[arg-type]
     last = rows.filter(pl.col("budget") == most).sort("distance", "problem", "repeat")
     within = (last["axis"] <= TWO_MM).to_numpy()
@@ -72,7 +72,7 @@ def _within(rows: pl.DataFrame) -> Finding:
     low, high = wilson(int(within.sum()), count)
     text = (
         f"{rows['setting'][0]}, {most} iterations, executed on the drive {last['drive'][0]}: {100 * within.mean():.1f} % of "
-        f"{count:,} trials are within 2 mm on each axis (at least {100 * low:.1f} % by the interval)."
+        f"{count:,} trials are within 2 mm on each axis (lower end of the interval {100 * low:.1f} %)."
     )
     share = rows.group_by("budget", maintain_order=True).agg(ok=(pl.col("axis") <= TWO_MM).mean()).sort("budget")
     figures = tuple((f"within 2 mm after {b} iterations", f"{100 * ok:.1f} %") for b, ok in share.iter_rows())
@@ -83,11 +83,9 @@ def _within(rows: pl.DataFrame) -> Finding:
     near = nearest_that_hold(within)
     if near >= count / 2:
         d = 1e3 * float(last["distance"][near - 1])
-        text += f" Up to {d:.0f} mm, where {near:,} trials are, the interval begins at 99 %."
+        text += f" For the {near:,} trials within {d:.0f} mm, the lower end of the interval is at least 99 %."
         return Finding("a", claim, f"{PARTLY} the spot is closer than {d:.0f} mm", text, rule, figures)
-    text += (
-        f" {_why_missed(last)}" if (~within).any() else " There are too few trials for an interval that begins at 99 %."
-    )
+    text += f" {_why_missed(last)}" if (~within).any() else " There are too few trials for a lower end of 99 %."
     return Finding("a", claim, FAILS, text, rule, figures)
 
 
@@ -102,7 +100,7 @@ def _why_missed(last: pl.DataFrame) -> str:
     words = [f"{count:.0f} by {part}" for part, count in parts.items() if count]
     lost = len(missed) - len(executed)
     words += [f"{lost} were not executed"] if lost else []
-    return f"{len(missed):,} miss, by their largest part: {', '.join(words)}."
+    return f"{len(missed):,} misses, by the largest part of their error: {', '.join(words)}."
 
 
 def _largest(rows: pl.DataFrame) -> pl.Series:
@@ -113,15 +111,15 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
     claim = "A larger motion range needs more iterations for the same accuracy, as executed."
     rule = (
         "Spearman's rank correlation ρ between distance and the least budget from which on the executed tool is within 2 mm "
-        "on each axis, over the trials that come so far, and the medians of those budgets in ten bins of equal count over "
-        "distance. Holds if ρ ≥ 0.5 with p < 0.001. Holds when medians of many spots are meant if only the medians of the "
-        "bins have ρ ≥ 0.8. Else it does not hold."
+        "on each axis, over the trials that reach this, and the medians of those budgets in ten bins of equal count over "
+        "distance. Holds if ρ ≥ 0.5 with p < 0.001. Holds when medians of many spots count if only the medians of the "
+        "bins have ρ ≥ 0.8. Otherwise it does not hold."
     )
     if rows.is_empty():
-        return Finding("b", claim, UNTESTED, "No spot was reached for by dls.", rule)
+        return Finding("b", claim, UNTESTED, "The run has no spots with dls.", rule)
     needed = needed_budgets(rows).sort("distance", "problem", "repeat")
     if len(needed) < 10 * LEAST_IN_BIN:
-        return Finding("b", claim, UNTESTED, f"Only {len(needed)} trials come within 2 mm: too few to judge.", rule)
+        return Finding("b", claim, UNTESTED, f"Only {len(needed)} trials are within 2 mm: too few to judge.", rule)
     far, took = needed["distance"].to_numpy(), needed["needed"].to_numpy()
     parts = np.array_split(np.arange(len(needed)), 10)
     medians = [float(np.median(took[p])) for p in parts]
@@ -140,7 +138,7 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
     )
     if rank.statistic >= 0.5 and rank.pvalue < 1e-3:
         return Finding("b", claim, HOLDS, text, rule, figures)
-    verdict = f"{PARTLY} medians of many spots are meant, not single ones" if middle >= 0.8 else FAILS
+    verdict = f"{PARTLY} medians of many spots count, not single ones" if middle >= 0.8 else FAILS
     return Finding("b", claim, verdict, text, rule, figures)
 
 
@@ -159,16 +157,16 @@ def _linear(dls: pl.DataFrame) -> Finding:
     claim = "At a fixed number of iterations the error of the executed tool grows about linearly with distance, on X, Y and Z."
     rule = (
         "Medians of |error| in twelve bins of equal count over distance, for each setting of dls and each budget at which the "
-        "iteration's own error is larger than those of laser, path and servo together in most trials. The rest as for the "
-        "answers of the iteration: about linear is R² ≥ 0.9 and an exponent of 0.75 to 1.33. Holds if X, Y and Z each are so "
-        "for every setting at some budget. Holds when … if they are for some settings, or if only the distance between tool "
-        "and spot is. Else it does not hold."
+        "iteration's own error is larger than those of laser, path and servo together in most trials. About linear means "
+        "R² ≥ 0.9 and an exponent of 0.75 to 1.33. Holds if every setting has a budget at which the errors on X, Y and Z are "
+        "all about linear. Holds when … if only some settings have one, or if only the distance between tool and spot is about "
+        "linear. Otherwise it does not hold."
     )
     if dls.is_empty():
-        return Finding("c", claim, UNTESTED, "No spot was reached for by dls.", rule)
+        return Finding("c", claim, UNTESTED, "The run has no spots with dls.", rule)
     fits = {str(setting): dict(_fits(part)) for (setting,), part in dls.group_by("setting", maintain_order=True)}
     if not any(fits.values()):
-        why = f"At no budget {12 * LEAST_IN_BIN} trials have an error of which the iteration's own is the largest part."
+        why = f"No budget has {12 * LEAST_IN_BIN} trials in which the iteration's own error is the largest part."
         return Finding("c", claim, UNTESTED, why, rule)
     figures = tuple(
         (f"{setting}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(found))

@@ -29,9 +29,9 @@ def smooth_joints(folder: RunFolder) -> Finding:
     """Claim (f): quintic segments give smooth joint motion."""
     claim = "Quintic segments between the samples give smooth joint motion without jumps."
     rule = (
-        "Exact one-sided values at the knots. Holds if position, velocity and acceleration do not jump and velocity, "
-        "acceleration and jerk keep the limits of the robot. Holds when smooth means continuous acceleration if they do not "
-        "jump and a limit is broken. Does not hold if one of them jumps."
+        "Exact one-sided values at the knots. Holds if position, velocity and acceleration are continuous, and velocity, "
+        "acceleration and jerk are within the limits of the robot. Holds when smooth means continuous acceleration if they are "
+        "continuous but exceed a limit. Does not hold if one of them is discontinuous."
     )
     plan = quintic_plan(folder)
     if plan is None:
@@ -41,21 +41,21 @@ def smooth_joints(folder: RunFolder) -> Finding:
     smooth = all(jumps[k] <= BARELY for k in ("position", "velocity")) and certificate["continuous"] >= 2
     worst = {f: _worst(certificate, f) for f in ("velocity", "acceleration", "jerk")}
     figures = (
-        ("jump of position at knots", _jump(jumps["position"], "rad")),
-        ("jump of velocity at knots", _jump(jumps["velocity"], "rad/s")),
-        ("jump of acceleration at knots", _jump(jumps["acceleration"], "rad/s²")),
-        ("jump of jerk at knots, including the start from rest", f"{jumps['jerk']:.0f} rad/s³"),
-        *((f"worst {f} over its limit", words) for f, (_, words) in worst.items()),
+        ("discontinuity of position at knots", _jump(jumps["position"], "rad")),
+        ("discontinuity of velocity at knots", _jump(jumps["velocity"], "rad/s")),
+        ("discontinuity of acceleration at knots", _jump(jumps["acceleration"], "rad/s²")),
+        ("discontinuity of jerk at knots and at the start", f"{jumps['jerk']:.0f} rad/s³"),
+        *((f"peak {f} / limit", words) for f, (_, words) in worst.items()),
     )
     text = (
         f"Position, velocity and acceleration are continuous to rounding. But going from rest to full speed within one "
         f"sample takes {worst['acceleration'][0]:.1f} times the acceleration limit and {worst['jerk'][0]:.0f} times the jerk "
-        f"limit, and the jerk jumps at the knots by up to {jumps['jerk']:.0f} rad/s³."
+        f"limit. The jerk changes at the knots by up to {jumps['jerk']:.0f} rad/s³."
     )
     if not smooth:
-        return Finding("f", claim, FAILS, "The motion has jumps at its knots.", rule, figures)
+        return Finding("f", claim, FAILS, "The motion is discontinuous at its knots.", rule, figures)
     if all(ratio <= 1.0 for ratio, _ in worst.values()):
-        return Finding("f", claim, HOLDS, "Continuous, and within every limit.", rule, figures)
+        return Finding("f", claim, HOLDS, "Continuous and within every limit.", rule, figures)
     return Finding("f", claim, f"{PARTLY} smooth means continuous acceleration", text, rule, figures)
 
 
@@ -64,8 +64,8 @@ def on_the_line(folder: RunFolder) -> Finding:
     claim = "The tool stays on the straight line at constant orientation."
     rule = (
         "The largest deviation of the tool from line and orientation, a bound that holds at every instant. Holds within 0.1 mm "
-        "and 0.01°. Holds when only the samples are meant if the tool is that near at the samples and not between them. Else "
-        "it does not hold."
+        "and 0.01°. Holds when only the samples count if the tool is that near at the samples but not between them. "
+        "Otherwise it does not hold."
     )
     plan = quintic_plan(folder)
     if plan is None:
@@ -90,7 +90,7 @@ def on_the_line(folder: RunFolder) -> Finding:
         verdict = HOLDS
     else:
         near = plan["ik_position_error"] <= ON_LINE_M and plan["ik_rotation_error"] <= ON_LINE_RAD
-        verdict = f"{PARTLY} only the samples are meant" if near else FAILS
+        verdict = f"{PARTLY} only the samples count" if near else FAILS
     return Finding("g", claim, verdict, text, rule, figures)
 
 

@@ -9,19 +9,18 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
 from benchmarks.records import RunFolder
 
 DECIDES = 0.2
-"""Variation of the share solved at which a parameter decides whether the iteration converges."""
+"""Least range of the success rate [1] for which a parameter decides whether the iteration converges."""
 
 
 def damping_trade(folder: RunFolder) -> Finding:
     """Claim (d): small damping is faster far from singularities, large damping is smoother near them."""
     claim = "A small λ converges faster far from singular configurations; a large λ calms the iteration near them."
     rule = (
-        "Smallest against largest λ. Far (stratum of the largest singular values): the median number of iterations is lower "
-        "with the smallest. Near (stratum of the smallest): the mean over targets of the share of their "
-        "iterations that raise the error is lower with the "
-        "largest, and of the ratio of peak error to first error both the median and the 95th percentile are. Holds if all of "
-        "it is so. Holds when the worst targets are meant if near only the 95th percentile and the share are lower. Holds "
-        "when only one of the two places is meant if nothing holds in the other. Else it does not hold."
+        "Smallest against largest λ. Far (stratum of the largest singular values): the smallest λ has the lower median number "
+        "of iterations. Near (stratum of the smallest): the largest λ has the lower fraction of iterations that raise the "
+        "error (mean over targets), and a lower median and 95th percentile of peak error / first error. Holds if all of these "
+        "are true. Holds when the worst targets count if, near, only the 95th percentile and the fraction are lower. Holds "
+        "when only one stratum counts if the criterion fails in the other. Otherwise it does not hold."
     )
     rows = folder.rows("damping")
     if rows is None:
@@ -32,11 +31,11 @@ def damping_trade(folder: RunFolder) -> Finding:
     order = rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
     near, far = (table.filter(pl.col("group") == g) for g in (order[0], order[-1]))
     if far["iterations"].null_count():
-        return Finding("d", claim, UNTESTED, "Far from singularities one of the λ solves no problem.", rule)
+        return Finding("d", claim, UNTESTED, "Far from singularities, one λ solves no problem.", rule)
     small, large = table["method"][0], table["method"][-1]
     text = (
         f"Far ({order[-1]}): a median of {far['iterations'][0]:.0f} iterations with {small}, {far['iterations'][-1]:.0f} with "
-        f"{large}. Near ({order[0]}): peak over first error has a median of {near['peak'][0]:.2f} and a 95th percentile of "
+        f"{large}. Near ({order[0]}): peak error / first error has a median of {near['peak'][0]:.2f} and a 95th percentile of "
         f"{near['peak_95'][0]:.1f} with {small}, {near['peak'][-1]:.2f} and {near['peak_95'][-1]:.1f} with {large}. Solved "
         f"near singularities: {100 * near['solved'][0]:.0f} % with {small}, {100 * near['solved'][-1]:.0f} % with {large}."
     )
@@ -60,19 +59,19 @@ def _trade_verdict(near: pl.DataFrame, far: pl.DataFrame) -> str:
     faster = far["iterations"][0] < far["iterations"][-1]
     worst = lower("peak_95") and lower("rises")
     if faster and worst:
-        return HOLDS if lower("peak") else f"{PARTLY} the worst targets near a singularity are meant, not the median"
+        return HOLDS if lower("peak") else f"{PARTLY} the worst targets near a singularity count, not the median"
     if faster:
-        return f"{PARTLY} only the targets far from singularities are meant"
-    return f"{PARTLY} only the targets near singularities are meant" if worst else FAILS
+        return f"{PARTLY} only the targets far from singularities count"
+    return f"{PARTLY} only the targets near singularities count" if worst else FAILS
 
 
 def start_and_step(folder: RunFolder) -> Finding:
     """Claim (e): initial configuration and step size decide convergence."""
     claim = "The initial configuration and the step size decide whether the iteration converges."
     rule = (
-        "Share solved at the largest budget: how far it varies with the distance of the start at step size 1, and with the "
-        "step size at the nearest start. Holds if both vary by at least 20 percentage points. Holds when only the start, or "
-        "only the step size, is meant if one does. Else it does not hold."
+        "Range of the success rate at the largest budget over the distance of the start (step size 1), and over the step size "
+        "(nearest start). Holds if both ranges are at least 20 percentage points. Holds when only the start, or only the step "
+        "size, counts if one of them is. Otherwise it does not hold."
     )
     rows = folder.rows("step")
     if rows is None:
@@ -97,7 +96,7 @@ def start_and_step(folder: RunFolder) -> Finding:
         for r in table.sort("method_index", "spread").iter_rows(named=True)
     )
     deciding = [name for name, by in (("start", by_start), ("step size", by_step)) if by >= DECIDES]
-    verdict = {0: FAILS, 1: f"{PARTLY} only the {''.join(deciding)} is meant", 2: HOLDS}[len(deciding)]
+    verdict = {0: FAILS, 1: f"{PARTLY} only the {''.join(deciding)} counts", 2: HOLDS}[len(deciding)]
     return Finding("e", claim, verdict, text, rule, figures)
 
 
@@ -112,7 +111,7 @@ def _why(nearest: pl.DataFrame) -> str:
 
 
 def _at_the_end(rows: pl.DataFrame, by: str) -> pl.DataFrame:
-    """Share solved, iterations, peak and rises at the largest budget, by method and one more column."""
+    """Return success rate, iterations, peak and rises at the largest budget, by method and one more column."""
     ok = pl.col("status") == "solved"
     return (
         rows.filter(pl.col("budget") == pl.col("budget").max())

@@ -65,9 +65,9 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
     """Claim (a): with enough iterations the error on each axis is within 2 mm."""
     claim = "With enough iterations the error on each of X, Y and Z is within 2 mm."
     rule = (
-        "Share of the targets with a known solution whose error is within 2 mm on each axis at the largest budget. Holds if "
-        "the lower end of its Wilson 95 % interval is at least 99 %. Holds when the target is closer than d if that is so "
-        "for the targets closer than d, d as large as possible, and those are at least half of all. Else it does not hold."
+        "Fraction of the targets with a known solution whose error is within 2 mm on each axis at the largest budget. Holds if "
+        "the lower end of its Wilson 95 % interval is at least 99 %. Holds when the target is closer than d if this is true of "
+        "the targets closer than d, for the largest such d, and these are at least half of all. Otherwise it does not hold."
     )
     rows = baseline(folder)
     if rows is None:
@@ -77,23 +77,23 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
     within = last.select(ok=pl.col("axis") <= TWO_MM)["ok"].to_numpy()
     count, low = len(within), wilson(int(within.sum()), len(within))[0]
     text = (
-        f"{method}, {most} iterations: {100 * within.mean():.1f} % of {count:,} targets are within 2 mm on each axis (at least "
-        f"{100 * low:.1f} % by the interval)."
+        f"{method}, {most} iterations: {100 * within.mean():.1f} % of {count:,} targets are within 2 mm on each axis (lower "
+        f"end of the interval {100 * low:.1f} %)."
     )
     figures = _within_figures(rows, last, most)
     if low >= ALMOST_ALL:
         return Finding("a", claim, HOLDS, text, rule, figures)
     missed = last.filter(pl.col("axis") > TWO_MM)
     text += (
-        f" {len(missed):,} miss: the median of their position errors is {1e3 * missed['position_error'].median():.0f} mm; "  # type: ignore[operator]
-        f"the nearest of them is {1e3 * missed['distance'][0]:.0f} mm from the start."
+        f" {len(missed):,} are not: their median position error is {1e3 * missed['position_error'].median():.0f} mm, and "  # type: ignore[operator]
+        f"the nearest is {1e3 * missed['distance'][0]:.0f} mm from the start."
     )
     near = nearest_that_hold(within)
     if near >= count / 2:
         d = 1e3 * float(last["distance"][near - 1])
-        text += f" Up to {d:.0f} mm, where {near:,} targets are, the interval begins at 99 %."
+        text += f" For the {near:,} targets within {d:.0f} mm, the lower end of the interval is at least 99 %."
         return Finding("a", claim, f"{PARTLY} the target is closer than {d:.0f} mm", text, rule, figures)
-    text += f" The interval begins at 99 % for no more than the nearest {near:,} targets." if near else ""
+    text += f" The lower end of the interval reaches 99 % for at most the nearest {near:,} targets." if near else ""
     return Finding("a", claim, FAILS, text, rule, figures)
 
 
@@ -123,7 +123,7 @@ def more_iterations(folder: RunFolder) -> Finding:
     rule = (
         "Spearman's rank correlation ρ between distance and iterations to 1e-6 m and rad, on solved targets, and the medians "
         "of the iterations in ten bins of equal count over distance. Holds if ρ ≥ 0.5 with p < 0.001. Holds when medians of "
-        "many targets are meant if only the medians of the bins have ρ ≥ 0.8. Else it does not hold."
+        "many targets count if only the medians of the bins have ρ ≥ 0.8. Otherwise it does not hold."
     )
     rows = baseline(folder)
     if rows is None:
@@ -146,7 +146,7 @@ def more_iterations(folder: RunFolder) -> Finding:
     if rank.statistic >= 0.5 and rank.pvalue < 1e-3:
         verdict = HOLDS
     else:
-        verdict = f"{PARTLY} medians of many targets are meant, not single ones" if middle >= 0.8 else FAILS
+        verdict = f"{PARTLY} medians of many targets count, not single ones" if middle >= 0.8 else FAILS
     return Finding("b", claim, verdict, text, rule, figures)
 
 
@@ -156,18 +156,18 @@ def linear_error(folder: RunFolder) -> Finding:
     rule = (
         "Medians of |error| in twelve bins of equal count over distance, on targets with a known solution, for each setting of "
         "dls and each budget at which most targets are still above the stop tolerance. An error is about linear if a line "
-        "through the medians has R² ≥ 0.9 and their power law an exponent of 0.75 to 1.33. Holds if X, Y and Z each are so for "
-        "every setting at some budget. Holds when … if they are for some settings, or if for none of them all axes are, but "
-        "the distance between tool and target is. Else it does not hold."
+        "through the medians has R² ≥ 0.9 and their power law an exponent of 0.75 to 1.33. Holds if every setting has a budget "
+        "at which the errors on X, Y and Z are all about linear. Holds when … if only some settings have one, or if only the "
+        "distance between tool and target is about linear. Otherwise it does not hold."
     )
     rows = folder.rows(WORKSPACE)
     if rows is None or (dls := rows.filter((pl.col("solver") == "dls") & pl.col("known"))).is_empty():
         return Finding("c", claim, UNTESTED, "The run has no workspace block with dls.", rule)
     fits = {str(method): dict(_fits(part)) for (method,), part in dls.group_by("method", maintain_order=True)}
     text = (
-        f"{linear_words(fits)} A full step is a Newton step: it leaves an error of second order in the distance, and of higher "
-        "order after each further step. A step size α < 1 leaves the fraction 1 − α of the error, which stays proportional to "
-        "the distance."
+        f"{linear_words(fits)} A full step is a Newton step: its remaining error is of second order in the distance, and of "
+        "higher order after each further step. With a step size α < 1 the fraction 1 − α of the error remains, which is "
+        "proportional to the distance."
     )
     figures = tuple(
         (f"{method}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(fit))
@@ -184,9 +184,7 @@ def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
         if at:
             budget = max(at, key=lambda b: min(at[b][c].r2 for c in AXIS_ERRORS))
             words.append(f"{method} after {budget}: {fit_words(at[budget])}")
-    return (
-        ("Where X, Y and Z are nearest to a line: " + "; ".join(words) + ".") if words else "No budget can be judged."
-    )
+    return ("Best linear fits of X, Y and Z: " + "; ".join(words) + ".") if words else "No budget can be judged."
 
 
 def fit_words(fit: dict[str, Fit]) -> str:
@@ -200,7 +198,7 @@ def linear_verdict(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
     whole = {m: [b for b, fit in at.items() if fit["position_error"].linear] for m, at in fits.items()}
     if all(axes.values()):
         return HOLDS
-    for keep, meant in ((axes, ""), (whole, "the distance of the tool is meant, not each axis, and ")):
+    for keep, meant in ((axes, ""), (whole, "the distance of the tool counts, not each axis, and ")):
         if any(keep.values()):
             settings = ", ".join(f"{m} ({_span(b)} iteration{'s' if b[-1] > 1 else ''})" for m, b in keep.items() if b)
             return f"{PARTLY} {meant}the setting is {settings}"

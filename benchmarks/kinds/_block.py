@@ -92,7 +92,7 @@ class Entry:
     @property
     def words(self) -> str:
         """Its options in words."""
-        told = [f"not told the limits on {' and '.join(self.without).replace('_', ' ')}"] if self.without else []
+        told = [f"without the limits on {' and '.join(self.without).replace('_', ' ')}"] if self.without else []
         return ", ".join([f"{key} = {value}" for key, value in self.options.items()] + told)
 
 

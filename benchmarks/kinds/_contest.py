@@ -70,7 +70,7 @@ def clock_cost() -> float:
 
 def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
     """What a run keeps on an entry of ours, for the report."""
-    words = entry.words or "as it comes"
+    words = entry.words or "default settings"
     return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
 
 
@@ -81,7 +81,7 @@ def version_words(about: Mapping[str, Any]) -> str:
         return str(about["version"])
     if about["kind"] == "peer":
         return "–"
-    return f"own file {Path(name).name}" if is_path(name) else "this one"
+    return f"own file {Path(name).name}" if is_path(name) else "this version"
 
 
 def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:

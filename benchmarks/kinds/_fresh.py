@@ -30,5 +30,7 @@ def fresh(arguments: list[str], what: str, **environment: str) -> Any:
         env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"} | environment,
     )
     if done.returncode != 0:
-        raise ProcessFailed(f"{what}: {(done.stderr.strip().splitlines() or ['it ended without a word'])[-1]}")
+        raise ProcessFailed(
+            f"{what}: {(done.stderr.strip().splitlines() or ['the process ended without a message'])[-1]}"
+        )
     return json.loads(done.stdout)

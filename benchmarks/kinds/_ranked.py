@@ -37,4 +37,4 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
     labels = many if len(many) > 1 else asked
     out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
-    return Ranked(labels, f"; not ranked, as given fewer: {', '.join(out)}" if out else "")
+    return Ranked(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")

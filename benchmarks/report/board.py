@@ -162,7 +162,7 @@ class Board:
         """What is chosen at first, in words, for a figure on paper; empty where there is no choice."""
         here = [c for c in self.shown if all(self.state.get(key) in values for key, values in c.when.items())]
         named = "; ".join(f"{c.label}: {dict(c.options)[c.value]}" for c in here)
-        return f"Drawn for {named}." if named else ""
+        return f"Shown for {named}." if named else ""
 
     def each(self, key: str) -> tuple[Board, ...]:
         """One board for each value of a control, to be drawn one after another."""

@@ -16,11 +16,11 @@ _FAILURES = Path(__file__).parent / "templates" / "failures.html.j2"
 """What shows the table."""
 
 FAILURE_COLUMNS = (
-    Column("label", "What failed", show="text"),
+    Column("label", "Method", show="text"),
     Column("block", "Problems", show="text"),
     Column("times", "times", show="count"),
     Column("why", "why", show="text"),
-    Column("files", "files that lack rows, or have crashes", show="count", aside=True),
+    Column("files", "files with missing rows or crashes", show="count", aside=True),
 )
 """Columns of the table of failures."""
 
@@ -60,10 +60,8 @@ def failure_table(kind: Kind, run: Run) -> Table | None:
         {"label": label, "block": block, "why": why, "times": times, "files": files}
         for (label, block, why), (times, files) in counted.items()
     )
-    note = "A part that fails is tried again in smaller pieces; problems in which a method crashed count as not solved."
-    return (
-        Table(f"failed-{slug(kind.name)}", f"{kind.title}: what failed", FAILURE_COLUMNS, rows, note) if rows else None
-    )
+    note = "A part that fails is repeated in smaller pieces. Problems in which a method crashed count as not solved."
+    return Table(f"failed-{slug(kind.name)}", f"{kind.title}: failures", FAILURE_COLUMNS, rows, note) if rows else None
 
 
 def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:

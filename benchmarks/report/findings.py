@@ -1,4 +1,4 @@
-"""Sections: the claims with their verdicts, the misprints, what limits all this, the targets, and where it comes from."""
+"""Sections: the claims with their verdicts, the misprints, the limitations, the acceptance targets, the provenance."""
 
 from __future__ import annotations
 
@@ -57,12 +57,13 @@ def limitations(run: Run) -> dict[str, Any]:
         else []
     )
     items += [
-        f"Times were taken with {workers} worker process{'es' if workers != 1 else ''} on {cores} cores of one machine "
-        f"({provenance.get('cpu')}) that may have had other work; they include the call from Python. Ratios between methods "
+        f"Times were measured with {workers} worker process{'es' if workers != 1 else ''} on {cores} cores of one machine "
+        f"({provenance.get('cpu')}), possibly under other load. They include the call from Python. Ratios between methods "
         "are more reliable than absolute times.",
-        "Iterations of different methods take different work: compare iterations within one method, and times between methods.",
-        "Rates are of these targets and this start; the Wilson intervals cover the number of targets, "
-        "not the choice of other targets or another start.",
+        "An iteration of one method may cost more than one of another: compare iterations within one method, and times "
+        "between methods.",
+        "Success rates hold for these targets and this start. The Wilson intervals account for the number of targets, "
+        "not for other targets or another start.",
     ]
     for kind in run.suite.kinds:
         items += kind.limitations(run)
@@ -70,13 +71,13 @@ def limitations(run: Run) -> dict[str, Any]:
 
 
 def asked(run: Run) -> dict[str, Any] | None:
-    """What this project asked of itself: the targets of the suite with their outcomes."""
+    """Return the acceptance targets of the suite with their outcomes."""
     found = run.outcomes
     if not found:
         return None
     held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
-    words = f"Of {len(found)} targets, {held} {'is' if held == 1 else 'are'} held"
-    words += f", {unknown} could not be measured." if unknown else "."
+    words = f"{held} of {len(found)} targets met"
+    words += f", {unknown} not measured." if unknown else "."
     return {"words": words, "targets": [target_row(o) for o in found]}
 
 

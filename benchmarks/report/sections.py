@@ -19,7 +19,7 @@ CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
     Section("The paper's misprints", "misprints", misprints, _TEMPLATES / "misprints.html.j2", 110),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
-    Section("What this project asked of itself", "asked", asked, _TEMPLATES / "asked.html.j2", 125),
+    Section("Acceptance targets", "asked", asked, _TEMPLATES / "asked.html.j2", 125),
     Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
 )
 """What closes every page, whatever kinds were run."""

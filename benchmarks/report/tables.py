@@ -10,7 +10,7 @@ from benchmarks.report.numbers import number, percent
 from benchmarks.statistics import wilson
 from benchmarks.targets import Measure, Outcome
 
-VERDICTS = {True: ("held", "good"), False: ("not held", "bad"), None: ("not measured", "none")}
+VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not measured", "none")}
 """Words and look of an outcome."""
 
 PRECISE_FROM = 10_000
@@ -47,7 +47,7 @@ def target_row(o: Outcome) -> dict[str, Any]:
     """A target and its outcome as tables show them."""
     words, look = VERDICTS[o.held]
     if o.target.goal:
-        words += ", a goal"
+        words += " (a goal)"
         look = "partly" if o.held is False else look
     value = cells(o.measure, [o.value])[0] if o.measure.show == "exact" else number(o.value)
     return {

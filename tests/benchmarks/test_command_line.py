@@ -110,7 +110,7 @@ def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_p
     arm = optik.load("ur5e")
     arm.to_urdf(tmp_path / "arm.urdf")
     _, _, said = typed("ik", "-r", str(tmp_path / "arm.urdf"), "--xyz", "0.3,0.2,0.4")
-    found = re.search(r"sampled: it has no home_deg: --start-deg (\S+)", said)
+    found = re.search(r"has no home_deg: --start-deg (\S+)", said)
     assert found
     q = np.array([float(x) for x in found[1].split(",")]) / unit_factors(arm)
     drawn = arm.limits.sample(np.random.default_rng(0), START_SAMPLES)
@@ -157,7 +157,9 @@ def test_fk_prints_the_same_for_programs(typed: Any) -> None:
 
 
 def test_one_orientation_of_length_one(typed: Any) -> None:
-    assert "one orientation" in typed("ik", "--xyz", "0.1,0.3,0.2", "--quat", "1,0,0,0", "--rpy-deg", "0,0,0")[2]
+    assert typed("ik", "--xyz", "0.1,0.3,0.2", "--quat", "1,0,0,0", "--rpy-deg", "0,0,0")[2].startswith(
+        "error: --quat:"
+    )
     assert "a unit quaternion" in typed("ik", "--xyz", "0.1,0.3,0.2", "--quat", "1,1,0,0")[2]
 
 

@@ -113,7 +113,7 @@ def test_claim_a_holds_holds_up_to_a_distance_or_does_not(error: Callable[[Array
         d = float(found.verdict.split()[-2])
         # Wilson's lower end is 99 % with 3 of 1,500 beyond, so d is a little beyond 450 mm
         assert 450 <= d <= 458
-        assert "miss: the median of their position errors is 200 mm" in found.summary
+        assert "200 mm" in found.summary
 
 
 def test_claim_a_needs_the_lower_end_of_the_interval() -> None:
@@ -145,7 +145,7 @@ def test_claim_c_holds_for_the_settings_that_are_linear() -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_claim_c_may_hold_for_the_distance_and_not_for_each_axis(axis: int) -> None:
     verdict = linear_error(settings(grows(1.0), shares=turning(axis))).verdict
-    assert verdict.startswith(f"{PARTLY} the distance of the tool is meant, not each axis")
+    assert verdict.startswith(f"{PARTLY} the distance of the tool")
 
 
 @pytest.mark.parametrize("error", [grows(2.0), grows(0.5), level(0.1), lambda d: 0.3 * (0.7 - d)])
@@ -205,7 +205,7 @@ def step(by_start: float, by_step: float) -> Rows:
 @pytest.mark.parametrize(
     ("by_start", "by_step", "verdict"),
     [
-        (0.3, 0.3, HOLDS), (0.3, 0.1, f"{PARTLY} only the start is meant"), (0.1, 0.3, f"{PARTLY} only the step size"),
+        (0.3, 0.3, HOLDS), (0.3, 0.1, f"{PARTLY} only the start"), (0.1, 0.3, f"{PARTLY} only the step size"),
         (0.1, 0.1, FAILS),
     ],
 )  # fmt: skip
@@ -241,7 +241,7 @@ def test_claim_f_holds_within_limits_holds_without_jumps_or_does_not() -> None:
 def test_claim_g_holds_everywhere_at_the_samples_or_not() -> None:
     assert on_the_line(planned()).verdict == HOLDS
     for broken in ({"off": 1e-2}, {"turned": 1e-2}):
-        assert on_the_line(planned(**broken)).verdict == f"{PARTLY} only the samples are meant"
+        assert on_the_line(planned(**broken)).verdict.startswith(f"{PARTLY} only the samples")
         assert on_the_line(planned(**broken, at_samples=1e-2)).verdict == FAILS
 
 

@@ -36,7 +36,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
     cache, target = tmp_path / "cache", archive.Target(*cpu_target.target_context.codegen().magic_tuple())
     env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache), "OPTIK_COMPILES": "native"}
     subprocess.run([sys.executable, "-c", FK], env=env, timeout=300, check=True)
-    assert {row["why"] for row in kernels(cache, tmp_path)["cached"]} == {"nothing is shipped"}
+    assert {row["why"] for row in kernels(cache, tmp_path)["cached"]} == {"no kernels are shipped"}
     found = [(*read_code(file).popitem(), file.name.rpartition("-")[0]) for file in sorted(cache.rglob("*.nbk"))]
     assert len(found) > 2
     (print0, code0, name0), (_, code1, name1) = found[:2]
@@ -47,12 +47,12 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
     assert out["shipped"].endswith(" used")
     why = {row["kernel"]: row["why"] for row in out["cached"]}
     assert why.pop(name0) == "compiled here although shipped"
-    assert why.pop(name1) == "differs from the shipped one in source, settings or versions, or is damaged"
+    assert "damaged" in why.pop(name1)
     assert set(why.values()) == {"not shipped for these arguments"}
     archive.pack(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
     out = kernels(cache, tmp_path)
     assert "numba 0.1" in out["shipped"]
-    assert {row["why"] for row in out["cached"]} == {"what is shipped is not used here"}
+    assert {row["why"] for row in out["cached"]} == {"the shipped kernels are not used here"}
 
 
 def test_native_without_compile_is_refused() -> None:

@@ -61,7 +61,7 @@ def page(speed_run: RunFolder) -> Page:
 
 def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
     assert page.anchors == ["speed", "limitations", "asked", "provenance"]
-    assert "Of 3 targets, 1 is held, 1 could not be measured." in page.text
+    assert "1 of 3 targets met, 1 not measured." in page.text
 
 
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
@@ -90,7 +90,7 @@ def test_an_absent_peer_stays_in_the_table(page: Page) -> None:
 def test_verdicts_say_what_was_held_and_what_was_only_hoped_for(page: Page) -> None:
     looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
     assert looks == ["badge good", "badge partly", "badge none"]
-    assert "not held, a goal" in page.text
+    assert "(a goal)" in page.text
 
 
 def test_failures_are_listed_by_kind(page: Page) -> None:
@@ -154,8 +154,8 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     assert "0.03 ≤ σ < 1 : λ=0.001: 100.0 % solved after a median of" in page.text
     near = last.filter((pl.col("group") == "0 ≤ σ < 0.03") & (pl.col("method") == "λ=0.3"))
     percent = 100 * near.filter(pl.col("status") == "solved").height / 12
-    assert f"worst is λ=0.3 with {percent:.1f} %" in page.text
-    assert "half steps has" in page.text
+    assert f"λ=0.3 with {percent:.1f} %" in page.text
+    assert "half steps: " in page.text
     (found,) = [t for t in load_kind("budgets").tables(Run(folder)) if t.id == "damping"]
     assert [column.words for column in found.columns if not column.aside] == [
         "Damping", "solved, 0 ≤ σ < 0.03", "solved, 0.03 ≤ σ < 1",
@@ -176,8 +176,8 @@ def test_a_method_that_raises_is_named_with_its_first_reason() -> None:
 
 def test_a_method_from_a_file_is_not_called_one_of_ours() -> None:
     facts = {"kind": "ours", "version": None}
-    assert version_words(facts | {"name": "lm"}) == "this one"
-    assert version_words(facts | {"name": "/somewhere/mine.py"}) == "own file mine.py"
+    assert "file" not in version_words(facts | {"name": "lm"})
+    assert version_words(facts | {"name": "/somewhere/mine.py"}).endswith("file mine.py")
 
 
 def test_a_set_of_fewer_problems_than_a_trial_draws_is_accepted() -> None:

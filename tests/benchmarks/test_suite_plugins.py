@@ -94,7 +94,7 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert checked == 0
     assert {row["name"] for row in json.loads(listed)["plugins"]} == {"arm", "beside", "fk_time", "jt"}
     assert ran(folder) == []
-    assert "the files were not run, so the settings of their kinds of block were not checked: fk_time" in told
+    assert "not run" in told and "not checked: fk_time" in told
 
     done = optik_command(*run, "--allow-plugins", "--workers", "2")
     assert done.returncode == 0, done.stdout + done.stderr

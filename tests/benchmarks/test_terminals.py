@@ -101,7 +101,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
     done = python("-c", INTERRUPTED, str(tmp_path / "run"), str(int(number)), "3", json.dumps(settings))
     assert done.returncode == status, done.stderr.decode()
     if status == 130:
-        assert b"stopped; run the same command again to continue" in done.stderr
+        assert b"repeat the command" in done.stderr
         assert b"Traceback" not in done.stderr
     stopped = RunFolder(tmp_path / "run")
     assert stopped.manifest()["complete"] is False

@@ -115,10 +115,10 @@ def test_a_failed_plan_is_no_motion(typed: Any, tmp_path: Path) -> None:
         planners.load_motion(file)
     status, _, said = typed("drive", str(file))
     assert status == 1
-    assert "is of a plan that failed" in said
+    assert "failed plan" in said
     status, _, said = typed("view", str(file), "--drive", "ideal")
     assert status == 2
-    assert "no valid motion" in said
+    assert "--drive" in said and str(file) in said
     assert ".json" in typed("plan", "line", "--out-failed", str(tmp_path / "x.npz"))[2]
 
 

@@ -103,7 +103,7 @@ MEASURES = (
     Measure("rotation error", "rad", _quantiles("rotation", 1.0), parts=tuple(QUANTILES)),
     Measure("mean iterations", "", lambda row: row["iterations"][0]),
     Measure(
-        "solved_per_second", "1/s", lambda row: row["at 1e-6"][0] / max(row["seconds"][0], 1e-9), "solved a second and core"
+        "solved_per_second", "1/s", lambda row: row["at 1e-6"][0] / max(row["seconds"][0], 1e-9), "solved per second and core"
     ),
     Measure("crashed", "", lambda row: row["crashed"][0], show="count"),
 )  # fmt: skip

@@ -52,7 +52,7 @@ def _board(run: Run, found: list[BlockRows]) -> Board:
         "xaxis": log_axis("position error [m]", range=[-16, 1], dtick=3),
         "yaxis": axis("problems [%]", range=[0, 101]),
     }
-    plot = Plot("answers-errors", "Share of problems answered to within a position error", layout)
+    plot = Plot("answers-errors", "Problems with at most this position error", layout)
     for b in found:
         spread = b.facts["distribution"]
         for row in b.rows.iter_rows(named=True):

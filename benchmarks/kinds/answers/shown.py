@@ -16,13 +16,13 @@ ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
     Column("count", "problems", show="count"),
     *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in TOLERANCE_LABELS),
-    Column("position median", "position error, median", "mm", "less"),
-    Column("position p99", "position error, p99", "mm", "less"),
-    Column("rotation median", "rotation error, median", "rad", "less"),
-    Column("rotation p99", "rotation error, p99", "rad", "less"),
+    Column("position median", "median position error", "mm", "less"),
+    Column("position p99", "p99 position error", "mm", "less"),
+    Column("rotation median", "median rotation error", "rad", "less"),
+    Column("rotation p99", "p99 rotation error", "rad", "less"),
     Column("iterations", "mean iterations", aside=True),
     Column("restarts", "mean restarts", aside=True),
-    Column("rate", "solved a second and core", "1/s", "more"),
+    Column("rate", "solved per second and core", "1/s", "more"),
     Column("crashed", "crashed", show="count", aside=True),
 )
 """Columns of the table of a block."""
@@ -30,7 +30,7 @@ ANSWER_COLUMNS = (
 
 def tables(run: Run) -> list[Table]:
     """A table for each block."""
-    note = "Every answer judged by our own forward kinematics, inside the joint limits; intervals: Wilson, 95 %."
+    note = "Every answer is judged by optik's forward kinematics, inside the joint limits. Intervals: Wilson, 95 %."
     found = []
     for b in run.of("answers"):
         rows = tuple(map(_cells, b.rows.iter_rows(named=True)))
@@ -53,9 +53,16 @@ def _winner(b: BlockRows) -> Winner:
     best = entries[0][0]
     level = not_told_apart(best, {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best})
     note = f"the same {count:,} problems for all{who.left_out}"
-    question = f"Solves the most, {b.block.title}, within 1e−6 m and rad"
+    question = f"Highest success rate within 1e−6 m and rad: {b.block.title}"
     return Winner(
-        question, "%", "more", tuple(entries), "answers", note, "Wilson 95 % intervals, ties by McNemar's test", level
+        question,
+        "%",
+        "more",
+        tuple(entries),
+        "answers",
+        note,
+        "Wilson 95 % intervals; differences by McNemar's test",
+        level,
     )
 
 

@@ -25,7 +25,7 @@ MEASURES = (
         "success", "%", lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min(), "solved",
         show="exact",
     ),
-    Measure("million_per_second", "million", solved_rate, "solved a second"),
+    Measure("million_per_second", "million", solved_rate, "solved per second"),
     Measure("extra_memory_mb", "MB", extra_memory, "memory beyond inputs and outputs"),
 )  # fmt: skip
 """What a target of a batch may ask for."""
@@ -38,5 +38,5 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
     most = rows.filter(pl.col("threads") == pl.col("threads").max())
     value = measure_named(MEASURES, target.measure, "measure").values(most)[0]
     if np.isnan(value):
-        return value, "the system does not say"
+        return value, "not reported by this system"
     return value, f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"

@@ -22,12 +22,12 @@ BATCH_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("batch", "Batch", show="text"),
     Column("threads", "threads", show="count"),
-    Column("rate", "solved a second", "million", "more"),
+    Column("rate", "solved per second", "million", "more"),
     Column("solved", "solved", "%", "more", "share"),
     Column("seconds", "median time", "s", "less"),
     Column("count", "problems", show="count"),
-    Column("extra", "extra memory, largest", "MB", "less"),
-    Column("false_claims", "claimed, not solved", "", "less", "count", aside=True),
+    Column("extra", "peak extra memory", "MB", "less"),
+    Column("false_claims", "false success claims", "", "less", "count", aside=True),
     Column("robot", "arm", show="text", aside=True),
     Column("repeats", "repeats", show="count", aside=True),
     Column("iterations", "mean iterations", aside=True),
@@ -45,9 +45,9 @@ def tables(run: Run) -> Sequence[Table]:
     """One row for each batch and number of threads."""
     rows = [row for b in run.of("batch") for row in _rows(b)]
     note = (
-        "One call for all targets, in a process of its own; medians and ranges are of the repeats. Solved is the least of the "
-        "repeats, with Wilson's 95 % interval; it is judged by our forward kinematics inside the limits. Extra memory is the "
-        "peak of the process during the call, less what it held before and less the answers themselves."
+        "One call for all targets, in a separate process; medians and ranges over the repeats. The success rate is the lowest "
+        "of the repeats, with Wilson's 95 % interval, by optik's forward kinematics inside the limits. Extra memory is the "
+        "peak of the process during the call, without its memory before and without the answers."
     )
     return [Table("speed-batches", "Batches", BATCH_COLUMNS, tuple(rows), note)] if rows else []
 
@@ -91,10 +91,10 @@ def winners(run: Run) -> Sequence[Winner]:
                 assert isinstance(rate, tuple)
                 best[label] = max(rate, best.get(label, rate))
         entries = tuple(sorted(((label, *rate) for label, rate in best.items()), key=lambda entry: -entry[1]))
-        note = "at each method's best number of threads; median and range of the repeats"
+        note = "with each method's best number of threads; median and range of the repeats"
         found.append(
             Winner(
-                f"Solves the most a second in a batch: {blocks[0].block.title}",
+                f"Most problems solved per second in a batch: {blocks[0].block.title}",
                 "million/s",
                 "more",
                 entries,

@@ -81,12 +81,12 @@ class _Calls(Kind):
 
     def limitations(self, run: Run) -> Sequence[str]:
         return (
-            "Calls are timed in a loop over different targets, with code and tables in the processor's caches: a call that "
-            "comes alone after other work takes longer. Timing runs with the garbage collector off.",
-            "Every round has the same problems: a method whose first round is far slower than the others, which may remember "
-            "answers, is timed by its first round and named below its table.",
-            "Closed-form peers look for every branch, ours for one answer near the start; a peer that races threads of its own "
-            "is timed with them. Peers have the settings that served them best on the paper's arm, as their rows say.",
+            "Calls are timed in a loop over different targets, with code and tables in the processor's caches. A single call "
+            "after other work takes longer. The garbage collector is off during timing.",
+            "Every round has the same problems. If the first round of a method is far slower than the others, it may cache "
+            "answers: its time is then that of the first round, and the note below the table names it.",
+            "Closed-form peers compute every branch, our methods one solution near the start. A peer that starts threads is "
+            "timed with them. Peers have the settings that served them best on the paper's arm; their rows state them.",
         )
 
 

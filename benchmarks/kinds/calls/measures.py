@@ -68,7 +68,7 @@ MEASURES = (
         "sgm_us", "µs", _us(lambda us: shifted_geometric_mean(us, SHIFT_US)), "shifted geometric mean time of a call"
     ),
     Measure("max_us", "µs", _us(np.max), "longest call"),
-    Measure("median_ratio", "", median_ratio, "median time of all calls, over that of", relative=True),
+    Measure("median_ratio", "", median_ratio, "median time of all calls, as a ratio to", relative=True),
 )
 """What a target of single calls may ask for."""
 

@@ -57,7 +57,7 @@ OF_EXECUTIONS = (
     Measure("executed", "%", _executed, "executed to the end"),
     Measure("tracking_mm", "mm", _quantile("tracking_m", 1.0, 1e3), "largest tracking error of the tool"),
     Measure("tracking_mrad", "mrad", _quantile("tracking_rad", 1.0, 1e3), "largest tracking error of a joint"),
-    Measure("torque_ratio", "", _quantile("torque_ratio", 1.0), "largest torque over the certificate's bound", show="exact"),
+    Measure("torque_ratio", "", _quantile("torque_ratio", 1.0), "largest torque / certificate's bound", show="exact"),
     Measure("median_energy_j", "J", _quantile("energy", 0.5), "median energy"),
     Measure("median_duration_s", "s", _quantile("duration", 0.5), "median duration"),
 )  # fmt: skip
@@ -73,8 +73,8 @@ OF_SPOTS = (
 """What spots have beside."""
 
 OF_ISO = (
-    Measure("ap_mm", "mm", _iso(PoseFigures, "accuracy"), "AP, worst of the five poses (simulated)"),
-    Measure("rp_mm", "mm", _iso(PoseFigures, "repeatability"), "RP, worst of the five poses (simulated)"),
+    Measure("ap_mm", "mm", _iso(PoseFigures, "accuracy"), "AP, largest of the five poses (simulated)"),
+    Measure("rp_mm", "mm", _iso(PoseFigures, "repeatability"), "RP, largest of the five poses (simulated)"),
     Measure("at_mm", "mm", _iso(PathFigures, "accuracy"), "AT (simulated)"),
     Measure("rt_mm", "mm", _iso(PathFigures, "repeatability"), "RT (simulated)"),
 )

@@ -26,7 +26,7 @@ class _Clearance(Kind):
     measures = MEASURES
     order = 65
     compared = (
-        Compared("contacts called free", "%", "less", "missed", only="contact"),
+        Compared("missed contacts", "%", "less", "missed", only="contact"),
         Compared("time of a judgement", "ms", "less", "ms"),
     )
 

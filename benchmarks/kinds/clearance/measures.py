@@ -27,12 +27,12 @@ def _per_second(rows: pl.DataFrame) -> float:
 
 
 MEASURES = (
-    Measure("free", "%", _share("free"), "called free"),
+    Measure("free", "%", _share("free"), "judged free"),
     Measure("undecided", "%", _share("undecided"), "undecided"),
-    Measure("missed", "", _count("missed"), "contacts called free", show="count"),
-    Measure("false_contacts", "", _count("false_contact"), "contacts that are none", show="count"),
+    Measure("missed", "", _count("missed"), "missed contacts", show="count"),
+    Measure("false_contacts", "", _count("false_contact"), "false contacts", show="count"),
     Measure("median_ms", "ms", _quantile(0.5), "median time of a motion"),
     Measure("p99_ms", "ms", _quantile(0.99), "99th percentile of the time"),
-    Measure("median_ms_per_s", "ms/s", _per_second, "median time for a second of motion"),
+    Measure("median_ms_per_s", "ms/s", _per_second, "median time per second of motion"),
 )
 """What a target of such a block may ask for."""

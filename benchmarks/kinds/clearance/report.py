@@ -27,15 +27,15 @@ TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 
 CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
-    Column("missed", "contacts called free", "%", "less", "share"),
+    Column("missed", "missed contacts", "%", "less", "share"),
     Column("count", "contacts", show="count"),
-    Column("free", "called free", "%", "", "share"),
+    Column("free", "judged free", "%", "", "share"),
     Column("undecided", "undecided", "%", "less", "share"),
     Column("ms", "median time", "ms", "less"),
     Column("ms_p99", "p99 time", "ms", "less"),
-    Column("per_second", "median for a second of motion", "ms", "less"),
+    Column("per_second", "median per second of motion", "ms", "less"),
     Column("samples", "median samples", show="count", aside=True),
-    Column("false_contacts", "contacts that are none", show="count", aside=True),
+    Column("false_contacts", "false contacts", show="count", aside=True),
 )
 """Columns of a table."""
 
@@ -64,7 +64,7 @@ def _sentence(b: BlockRows) -> str:
         undecided = int((rows["says"] == "undecided").sum())
         left = f", {undecided} undecided" if undecided else ""
         words.append(f"{label} {int(rows['missed'].sum())} ({ms} ms{left})")
-    asked = f"of {contacts:,} contacts in {motions:,} motions called free, with the median time"
+    asked = f"missed of {contacts:,} contacts in {motions:,} motions, with the median time"
     return f"{b.block.title}: {asked}: {'; '.join(words)}."
 
 
@@ -88,10 +88,10 @@ def _table(b: BlockRows) -> Table:
         samples = part["samples"].drop_nulls().to_numpy()
         rows.append(row | {"samples": float(np.median(samples)) if len(samples) else None})
     note = (
-        f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Shares have Wilson's 95 % intervals. "
-        "Motions that are free take longest: sampling stops at the first contact."
-        + (f" Closer to the scene than {1e3 * b.block.margin:g} mm counts as contact." if b.block.margin else "")
-        + ("" if len(rows) > 1 else " Without coal and Pinocchio (pip install coal pin) there is no sampling.")
+        f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
+        "Collision-free motions take longest: sampling stops at the first contact."
+        + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
+        + ("" if len(rows) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
     )
     return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
 
@@ -107,15 +107,15 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
     most = max((_share(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = Plot(
-        "clearance-missed", "Contacts called free, against the time of a motion",
+        "clearance-missed", "Missed contacts against the time of a motion",
         {
             "xaxis": axis("median time of a motion [ms]", **ticks),
-            "yaxis": axis("contacts called free [%]", range=[-0.04 * most, 1.05 * most]),
+            "yaxis": axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]),
         },
         400,
     )  # fmt: skip
     times = Plot(
-        "clearance-times", "Share of motions judged within this time",
+        "clearance-times", "Motions judged within this time",
         {"xaxis": axis("time [ms]", **ticks), "yaxis": axis("motions [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     for b in blocks:
@@ -148,7 +148,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     return Board(
         "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),
         tuple(run.key(label) for label in labels),
-        f"{PROOF.capitalize()}: examined between the samples, too. Bars are Wilson's 95 % intervals.",
+        f"{PROOF.capitalize()}: also between samples. Bars are Wilson's 95 % intervals.",
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ def median(rows: pl.DataFrame) -> float:
 
 MEASURES = (
     Measure("import_s", "s", median, "import optik"),
-    Measure("first_solve_s", "s", median, "first solve after import, compiled before"),
-    Measure("compile_s", "s", median, "first solve after import, nothing compiled"),
+    Measure("first_solve_s", "s", median, "first solve after import, cached code"),
+    Measure("compile_s", "s", median, "first solve after import, with compilation"),
 )
 """What a target of first use may ask for: medians over fresh processes."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from benchmarks.kinds._shown import Cell
 
 FIRST_USE_COLUMNS = (
-    Column("label", "What", show="text"),
+    Column("label", "Step", show="text"),
     Column("seconds", "median and range", "s", "less"),
     Column("count", "processes", show="count"),
 )
@@ -40,7 +40,7 @@ def tables(run: Run) -> Sequence[Table]:
             spread = (float(np.median(seconds)), float(seconds.min()), float(seconds.max()))
             what = measure_named(MEASURES, str(measure), "measure").title
             rows.append({"label": what, "seconds": spread, "count": len(part)})
-    note = "Every value is of a process of its own; the range is of all processes."
+    note = "Every value is from a separate process; the range is that of all processes."
     return (
         [Table("speed-first-use", "First use in fresh processes", FIRST_USE_COLUMNS, tuple(rows), note)] if rows else []
     )

@@ -36,7 +36,7 @@ class _Laws(Kind):
     order = 60
     compared = (
         Compared("motions found", "%", "more", "solved"),
-        Compared("keep every limit", "%", "more", "keeps_all", only="solved"),
+        Compared("within every limit", "%", "more", "keeps_all", only="solved"),
         Compared("duration", "s", "less", "duration", only="solved"),
         Compared("time of the law", "ms", "less", "ms_law", only="solved"),
     )
@@ -94,12 +94,12 @@ class _Laws(Kind):
     def limitations(self, run: Run) -> Sequence[str]:
         sets = [part for b in run.of("laws") for part in b.block.limits]
         return (
-            "T* is the shortest motion known, not a proved optimum: another law could be shorter still.",
-            "Lines are drawn so that the whole line can be followed inside the joint limits; none passes nearer to a "
-            "singularity than a smallest singular value of 0.02."
+            "T* is the shortest known duration, not a proved optimum.",
+            "Lines are sampled such that the whole line can be followed inside the joint limits. The smallest singular value "
+            "along a line is never below 0.02."
             + ("" if any(part.own for part in sets) else " The limits are the suite's, not the robots' own."),
-            "Peers time the joint path that our follower made, with its exact derivatives where they take them. Their motions "
-            "are shown as they are, and compared after the same uniform slow-down to the limits that ours get.",
+            "Peers time the joint path that optik follows, with its exact derivatives if they accept them. Their motions are "
+            "shown unchanged, and compared after the same uniform time scaling to the limits as those of optik.",
             *([OF_MODELS] if any(part.counts_torque for part in sets) else []),
         )
 

@@ -55,40 +55,40 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
 
 MEASURES = (
     Measure("solved", "%", _column("solved", np.mean, 100.0), "lines with a motion"),
-    Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions with every exact ratio at most 1"),
+    Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions within every limit, exactly"),
     Measure("nearly", "%", _column("nearly", np.mean, 100.0), "motions that exceed no limit by more than 0.1 %"),
-    Measure("holds", "%", _column("holds", np.mean, 100.0), "motions whose certificate holds"),
-    Measure("worst_ratio", "", _largest(*JOINT_LIMITS), "worst value over limit, exact", show="exact"),
-    Measure("worst_velocity", "", _column("velocity", np.max), "worst velocity over limit, exact", show="exact"),
-    Measure("worst_acceleration", "", _column("acceleration", np.max), "worst acceleration over limit, exact", show="exact"),
-    Measure("worst_jerk", "", _column("jerk", np.max), "worst jerk over limit, exact", show="exact"),
-    Measure("worst_torque", "", _largest("torque"), "worst torque over limit, proved bound", show="exact"),
-    Measure("worst_torque_rate", "", _largest("torque_rate"), "worst torque rate over limit, proved bound", show="exact"),
+    Measure("holds", "%", _column("holds", np.mean, 100.0), "motions with a valid certificate"),
+    Measure("worst_ratio", "", _largest(*JOINT_LIMITS), "largest peak / limit, exact", show="exact"),
+    Measure("worst_velocity", "", _column("velocity", np.max), "largest velocity / limit, exact", show="exact"),
+    Measure("worst_acceleration", "", _column("acceleration", np.max), "largest acceleration / limit, exact", show="exact"),
+    Measure("worst_jerk", "", _column("jerk", np.max), "largest jerk / limit, exact", show="exact"),
+    Measure("worst_torque", "", _largest("torque"), "largest torque / limit, proved bound", show="exact"),
+    Measure("worst_torque_rate", "", _largest("torque_rate"), "largest torque rate / limit, proved bound", show="exact"),
     Measure("over_torque", "%", _column("over_torque", np.mean, 100.0), "motions over a torque limit"),
-    Measure("median_optimum", "", _column("over_optimum", np.median), "median of T / T*", show="exact"),
-    Measure("worst_optimum", "", _column("over_optimum", np.max), "worst T / T*", show="exact"),
-    Measure("median_kept", "", _column("kept_over_optimum", np.median), "median of T / T*, slowed to the limits", show="exact"),
-    Measure("worst_kept", "", _column("kept_over_optimum", np.max), "worst T / T*, slowed to the limits", show="exact"),
+    Measure("median_optimum", "", _column("over_optimum", np.median), "median T / T*", show="exact"),
+    Measure("worst_optimum", "", _column("over_optimum", np.max), "largest T / T*", show="exact"),
+    Measure("median_kept", "", _column("kept_over_optimum", np.median), "median T / T*, stretched to the limits", show="exact"),
+    Measure("worst_kept", "", _column("kept_over_optimum", np.max), "largest T / T*, stretched to the limits", show="exact"),
     Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
     Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
     Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),
-    Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median of the law's time, over that of", relative=True),
+    Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median time of the law, as a ratio to", relative=True),
     Measure(
         "median_duration_ratio", "", _paired("slowed_duration", np.median),
-        "median of the duration, both slowed to the limits, over that of", show="exact", relative=True,
+        "median duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
     ),
     Measure(
         "worst_duration_ratio", "", _paired("slowed_duration", np.max),
-        "longest duration, both slowed to the limits, over that of", show="exact", relative=True,
+        "largest duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
     ),
-    Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "worst certified distance from the line"),
+    Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "largest certified distance from the line"),
     Measure(
         "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
-        "largest deviation found by brute force over the certified one",
+        "largest deviation by dense sampling / certified one",
     ),
     Measure(
         "bound_over_truth", "", _deviations(lambda true, bound: bound / np.maximum(true, NANO)),
-        "largest certified deviation over max(brute force, 1 nm or nrad)",
+        "largest certified deviation / max(dense sampling, 1 nm or nrad)",
     ),
 )  # fmt: skip
 """What a target of timed lines may ask for; ``solved`` is computed on all rows of a law, with a motion or without."""
@@ -107,7 +107,7 @@ def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
         return float("nan"), f"{target.method} was not run"
     own = in_group(rows.filter(pl.col("law") == target.method), target.group)
     good = own.filter("solved")
-    note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} motions of {len(own):,} asked"
+    note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} of {len(own):,} motions"
     measure = measure_named(MEASURES, target.measure, "measure")
     if measure.relative:
         chosen = in_group(rows.filter(pl.col("law").is_in([target.method, target.to]) & pl.col("solved")), target.group)

@@ -19,13 +19,13 @@ _QUESTION = Path(str(files("benchmarks.report"))) / "templates" / "question.html
 """The template of a section that answers one question: an answer, plots, tables, then prose."""
 
 SECTIONS = (
-    Section("What solved means", "terms", terms, Path(__file__).with_name("terms.html.j2"), 30, place="terms"),
-    Section("What was run", "budgets", summary, Path(__file__).with_name("summary.html.j2"), 30, place="summary"),
+    Section("Definition of a solved problem", "terms", terms, Path(__file__).with_name("terms.html.j2"), 30, place="terms"),
+    Section("Problems and methods", "budgets", summary, Path(__file__).with_name("summary.html.j2"), 30, place="summary"),
     Section("Is the default better than the paper's iteration?", "default", default, _QUESTION, 5),
-    Section("Who reaches what in the workspace", "picture", picture, _QUESTION, 5, place="top"),
+    Section("Reached spots of the workspace", "picture", picture, _QUESTION, 5, place="top"),
     Section("Methods", "methods", methods, Path(__file__).with_name("methods.html.j2"), 30),
     Section("Error against distance and budget", "error", accuracy, Path(__file__).with_name("accuracy.html.j2"), 40),
-    Section("Which damping, where", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),
+    Section("Damping by distance to a singularity", "damping", damping, Path(__file__).with_name("damping.html.j2"), 50),
     Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, Path(__file__).with_name("maps.html.j2"), 60),
     Section("The paper and this report", "paper", paper, Path(__file__).with_name("paper.html.j2"), 98),
 )  # fmt: skip

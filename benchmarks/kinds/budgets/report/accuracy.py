@@ -130,11 +130,11 @@ def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
     differ = ""
     if any(b.known.group_by("method").agg(pl.col("problem").n_unique())["problem"].n_unique() > 1 for b in blocks):
         differ = (
-            ", those of each method: the methods were not all run on the same ones (paired figures: the table above)"
+            " (each method's own: not all methods were run on the same targets; for paired figures see the table above)"
         )
     return Board(
         "by-budget", tuple(plots), (_controls(blocks),), tuple(legend),
-        f"Targets with a known solution{differ}. The thin line is the paper's 2 mm.",
+        f"Targets with a known solution{differ}. Thin line: the paper's 2 mm.",
     )  # fmt: skip
 
 

@@ -37,11 +37,11 @@ def _winner(b: BudgetRows) -> Winner | None:
         label: dict(judged.filter(pl.col("method") == label).select("problem", "good").iter_rows()) for label in labels
     }
     return Winner(
-        f"Solves the most targets in one attempt: {b.block.title}", "%", "more",
+        f"Highest success rate in one attempt: {b.block.title}", "%", "more",
         tuple(entries), "methods",
         f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
         f"within {level_words(SUCCESS_LEVELS[-1])} m and rad{who.left_out}",
-        "Wilson 95 % intervals, ties by McNemar's test",
+        "Wilson 95 % intervals; differences by McNemar's test",
         not_beaten(entries[0][0], solved),
     )  # fmt: skip
 

@@ -121,19 +121,19 @@ def _advice(group: str, constants: dict[str, float], others: list[str], table: F
     figures = {m: table[group, m] for m in (*constants, *others)}
     level = choose(constants, figures)
     if not level:
-        return {"group": group, "text": "no damping of these solves anything here."}
+        return {"group": group, "text": "none of these dampings solves any target here."}
     first, rest = level[0], level[1:]
     text = f"{first}: {_words(figures[first])}"
     if rest:
-        text += f"; {listed(rest)} {'is' if len(rest) == 1 else 'are'} as sure within the intervals and no faster"
+        text += f"; {listed(rest)} not significantly less successful, but no faster"
     worst = min(constants, key=lambda m: figures[m]["share"])
     if worst not in level:
-        text += f"; worst is {worst} with {percent(figures[worst]['share'])}"
+        text += f"; lowest: {worst} with {percent(figures[worst]['share'])}"
     calm = min(constants, key=lambda m: figures[m]["p95_mm"])
     if figures[calm]["p95_mm"] < 0.1 * figures[first]["p95_mm"]:
         text += (
-            f". Where it fails it strays: its 95th percentile of error is {number(figures[first]['p95_mm'])} mm, "
-            f"that of {calm} {number(figures[calm]['p95_mm'])} mm"
+            f". Its failures diverge: the 95th percentile of its position error is {number(figures[first]['p95_mm'])} mm, "
+            f"against {number(figures[calm]['p95_mm'])} mm with {calm}"
         )
     text += "".join(f". {m}: {_words(figures[m])}" for m in others)
     return {"group": group, "text": f"{text}."}
@@ -154,19 +154,18 @@ def _everywhere(
     """The best single damping: that whose worst stratum is best; and whether an adaptive method is better there."""
     lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
     best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
-    text = f"{best} has the best worst stratum, {percent(lowest[best])}"
+    text = f"{best} has the highest success rate in its worst stratum, {percent(lowest[best])}"
     for m in others:
-        word = "more" if lowest[m] > lowest[best] else "less" if lowest[m] < lowest[best] else "the same"
-        text += f"; {m} has {word}: {percent(lowest[m])}"
-    return [{"group": "one choice for everything", "text": f"{text}."}]
+        text += f"; {m}: {percent(lowest[m])}"
+    return [{"group": "one damping for all strata", "text": f"{text}."}]
 
 
 def _board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
     x = [constants[m] for m in ordered]
     solved = Plot("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])})
-    took = Plot("damping-iterations", "Iterations of the solved, median", {"yaxis": log_axis("iterations", dtick=1)})
-    left = Plot("damping-error", "Position error left, 95th percentile", {"yaxis": log_axis("error [mm]")})
+    took = Plot("damping-iterations", "Median iterations, solved targets", {"yaxis": log_axis("iterations", dtick=1)})
+    left = Plot("damping-error", "Position error, 95th percentile", {"yaxis": log_axis("error [mm]")})
     for plot, key in ((solved, "share"), (took, "iterations"), (left, "p95_mm")):
         plot.layout["xaxis"] = log_axis("damping λ", dtick=1)
         for group, shade in zip(strata, shades(len(strata)), strict=True):
@@ -181,5 +180,5 @@ def _board(b: BudgetRows, strata: list[str], constants: dict[str, float], table:
     return Board(
         "damping-board", (solved, took, left), (), legend,
         f"One attempt of at most {b.budget} iterations from starts 0.1 rad (standard deviation) away. σ is the smallest "
-        "singular value of the Jacobian at the solution. Errors below 10⁻⁹ mm are drawn there.",
+        "singular value of the Jacobian at the solution. Errors below 10⁻⁹ mm are shown as 10⁻⁹ mm.",
     )  # fmt: skip

@@ -20,12 +20,12 @@ from benchmarks.statistics import SIGNIFICANT
 DEFAULT_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("success", "solved", "%", "more", "share"),
-    Column("alone", "solved by it, not by the paper's", show="count"),
-    Column("lost", "solved by the paper's, not by it", show="count"),
+    Column("alone", "solved by this method only", show="count"),
+    Column("lost", "solved by the paper's only", show="count"),
     Column("p", "McNemar's p", show="p"),
-    Column("iterations", "iterations, solved, median", show="count"),
-    Column("solved_us", "time of a solved call, median", "µs", "less"),
-    Column("failed_us", "time of an unsolved call, median", "µs", "less"),
+    Column("iterations", "median iterations, solved", show="count"),
+    Column("solved_us", "median time, solved", "µs", "less"),
+    Column("failed_us", "median time, not solved", "µs", "less"),
     Column("both", "solved by both", show="count", aside=True),
     Column("neither", "solved by neither", show="count", aside=True),
 )
@@ -45,12 +45,12 @@ def default(run: Run) -> dict[str, Any] | None:
         "how": "",
         "prose": [
             "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
-            f"joint limits; {first.attempt} makes one attempt as well, {first.whole or 'the default as it comes'} restarts "
-            "from other initial guesses until it succeeds. All get the same targets and the same start.",
-            f"Solved means both errors within {level_words(SUCCESS_LEVELS[-1])} m and rad inside the joint limits, by our own "
-            "forward kinematics. McNemar's exact test asks whether the problems that only one of two methods solves "
-            f"fall on both alike; below {SIGNIFICANT} one of them is called better. Times are of whole calls from Python, "
-            "taken in turn in one process, on the problems that all of these methods were given there.",
+            f"joint limits. {first.attempt} also makes one attempt. {first.whole or 'The default with default settings'} "
+            "restarts from other initial guesses until it succeeds. All get the same targets and the same start.",
+            f"Solved means both errors within {level_words(SUCCESS_LEVELS[-1])} m and rad inside the joint limits, by optik's "
+            "forward kinematics. McNemar's exact test compares the two methods on the problems that only one of them solves; "
+            f"below p = {SIGNIFICANT} the difference is significant. Times are those of whole calls from Python, alternating "
+            "in one process, on the problems that all of these methods were given there.",
         ],
     }
 
@@ -59,24 +59,27 @@ def answer(pair: Pair, run: Run) -> str:
     """Whether one attempt of the default is better than the paper's iteration, and by how much, in a few sentences."""
     test = pair.against_paper(pair.attempt)
     count = test.both + test.first + test.second + test.neither
-    word = "No difference is shown"
+    word = "No significant difference"
     if test.p < SIGNIFICANT:
         word = "Yes" if test.first > test.second else "No"
     shares = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
     shown = p_value(test.p)
     text = (
-        f"{word}: of {count:,} targets with a known solution one attempt of the default ({pair.attempt}) solves "
-        f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}; {test.first:,} are solved by the "
-        f"first only, {test.second:,} by the second only (McNemar's p {'' if shown.startswith('<') else '= '}{shown})."
+        f"{word}: of {count:,} targets with a known solution, one attempt of the default ({pair.attempt}) solves "
+        f"{shares[pair.attempt]}, the paper's iteration ({pair.paper}) {shares[pair.paper]}. {test.first:,} are "
+        f"solved by the default only, {test.second:,} by the paper's only "
+        f"(McNemar's p {'' if shown.startswith('<') else '= '}{shown})."
     )
     if pair.whole:
-        text += f" As it comes, with restarts, the default ({pair.whole}) solves {shares[pair.whole]}."
+        text += (
+            f" With default settings, which include restarts, the default ({pair.whole}) solves {shares[pair.whole]}."
+        )
     times = pair.times(run)
     if times:
         mine, other = times[pair.attempt][0], times[pair.paper][0]
         text += (
-            f" A solved call takes a median of {number(mine)} µs against {number(other)} µs, a factor of "
-            f"{number(max(mine, other) / min(mine, other), 2)} {'less' if mine < other else 'more'}."
+            f" The median solved call takes {number(mine)} µs against {number(other)} µs: "
+            f"{number(max(mine, other) / min(mine, other), 2)} times {'less' if mine < other else 'more'}."
         )
     return text
 
@@ -106,7 +109,7 @@ def default_table(pair: Pair, run: Run) -> Table:
 
 
 def _board(pair: Pair, run: Run) -> Board:
-    """Success against the iteration budget; a line across for the default as it comes."""
+    """Return success against the iteration budget, and a level line for the default with default settings."""
     b = pair.rows
     plot = Plot(
         "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad",
@@ -123,7 +126,7 @@ def _board(pair: Pair, run: Run) -> Board:
     return Board(
         "default-board", (plot,), (), legend,
         f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
-        + (f" {pair.whole} has no budget: the line is what it solves as it comes." if pair.whole else ""),
+        + (f" {pair.whole} has no budget: its level line is its success rate with default settings." if pair.whole else ""),
     )  # fmt: skip
 
 
@@ -134,7 +137,7 @@ def success_line(
     budgets, whole = b.block.budgets, label in b.whole
     rates = [success(rows.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
     rates *= 2 if whole else 1
-    words = "as it comes" if whole else "budget %{x}"
+    words = "default settings" if whole else "budget %{x}"
     return line(
         x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
         mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},

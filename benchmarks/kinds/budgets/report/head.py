@@ -32,7 +32,7 @@ def _block(b: BudgetRows, run: Run) -> dict[str, Any]:
     methods = []
     for m in b.block.methods:
         part = "" if ran.get(m.label, 0) == total else f"; {ran.get(m.label, 0):,} of the problems"
-        part += "; as it comes" if m.whole else ""
+        part += "; default settings" if m.whole else ""
         what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
         methods.append({"label": m.label, "colour": run.colour(m.label), "what": what})
     return {
@@ -65,20 +65,21 @@ def _rates(b: BudgetRows) -> str:
 def limitations(run: Run) -> list[str]:
     """What a reader should know before quoting rates and iterations."""
     items = [
-        "In blocks with iteration budgets every method gets one attempt from the given start: no restarts, which the "
-        "paper's iteration does not have. A method that is called as it comes is marked so. Nothing is timed there: times "
-        "are of single calls.",
+        "In blocks with iteration budgets every method gets one attempt from the given start, without restarts: the paper's "
+        "iteration has none. A method that runs with default settings is marked. These blocks are not timed: times come "
+        "from single calls.",
     ]
     if any(b.block.set == "graph_paper" for b in budget_blocks(run)):
         items.append(
             "Known solutions of graph-paper targets were searched before the comparison, by lm with 100 restarts and by all "
-            "branches of closed_form: that these two solve all of them, as they come, is expected. Random targets are "
-            "reachable by construction. “No known solution” means that neither the search nor any method here found one: it is "
-            "no proof that the target is out of reach. Graph-paper targets all have the start's orientation."
+            "branches of closed_form. It is therefore expected that these two, with default settings, solve all of them. "
+            "Random targets are reachable by construction. “No known solution” means that neither the search nor any method "
+            "found one; it does not prove that the target is out of reach. All graph-paper targets have the start's "
+            "orientation."
         )
     if any(b.paired["problem"].n_unique() < b.problems()[0] for b in budget_blocks(run)):
         items.append(
-            "Some methods were run on a part of the problems. The tables compare on the problems that all were run on; plots "
-            "that do otherwise say so."
+            "Some methods were run on a subset of the problems. The tables compare on the problems common to all methods; "
+            "plots with other problems say so."
         )
     return items

@@ -71,9 +71,9 @@ def _board(b: BudgetRows, robot: Robot) -> Board:
     )
     return Board(
         f"maps-{b.block.id}", tuple(plots), controls, legend,
-        "Base frame, equal scales; |target − tool| on each axis, where a run stopped by its budget stands. Errors up to "
-        "10⁻⁹ mm (10⁻¹² m) are rounding and have one colour. Blank: the method was not given this target. Iterations are "
-        f"those of a run of at most {b.budget}.",
+        "Base frame, equal scales; |target − tool| on each axis at the last iterate within the budget. Errors up to "
+        "10⁻⁹ mm (10⁻¹² m) are rounding and have one colour. Blank: the method was not given this target. The iteration "
+        f"limit of the map of iterations is {b.budget}.",
     )  # fmt: skip
 
 

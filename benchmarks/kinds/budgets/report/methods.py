@@ -18,12 +18,12 @@ from benchmarks.report.words import listed
 
 ENDINGS = {
     "solved": ("solved", "var(--c2)"),
-    "max_iterations": ("iterations used up", "var(--c4)"),
+    "max_iterations": ("iteration limit", "var(--c4)"),
     "stalled": ("stalled", "var(--c1)"),
-    "time_limit": ("time used up", "var(--c5)"),
+    "time_limit": ("time limit", "var(--c5)"),
     "outside_limits": ("outside joint limits", "var(--c3)"),
     "unreachable": ("proved unreachable", "var(--c6)"),
-    "rejected": ("claim rejected", "var(--c7)"),
+    "rejected": ("wrong claim of success", "var(--c7)"),
 }
 """Ways in which a solve ends: in words, and the colour of each."""
 
@@ -32,15 +32,15 @@ METHOD_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share"),
     Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share"),
-    Column("position", "position error, median", "mm", "less"),
-    Column("position_95", "position error, p95", "mm", "less"),
-    Column("iterations", "iterations, solved, median", show="count"),
-    Column("rotation", "rotation error, median", "°", "less", aside=True),
-    Column("rotation_95", "rotation error, p95", "°", "less", aside=True),
-    Column("iterations_95", "iterations, solved, p95", show="count", aside=True),
-    Column("own", f"solved at {level_words(SUCCESS_LEVELS[-1])}, of all it was given", "%", show="share", aside=True),
-    Column("known", "given, known solution", show="count", aside=True),
-    Column("unknown", "given, none known", show="count", aside=True),
+    Column("position", "median position error", "mm", "less"),
+    Column("position_95", "p95 position error", "mm", "less"),
+    Column("iterations", "median iterations, solved", show="count"),
+    Column("rotation", "median rotation error", "°", "less", aside=True),
+    Column("rotation_95", "p95 rotation error", "°", "less", aside=True),
+    Column("iterations_95", "p95 iterations, solved", show="count", aside=True),
+    Column("own", f"solved at {level_words(SUCCESS_LEVELS[-1])}, all problems given", "%", show="share", aside=True),
+    Column("known", "problems with a known solution", show="count", aside=True),
+    Column("unknown", "problems without one", show="count", aside=True),
 )
 """Columns of a table of methods."""
 
@@ -73,11 +73,11 @@ def method_table(b: BudgetRows) -> Table:
             }
         )  # fmt: skip
     total, total_known = b.problems()
-    whole = f" {listed(b.whole)}: called as it comes, with its restarts." if b.whole else ""
+    whole = f" {listed(b.whole)}: default settings, with restarts." if b.whole else ""
     return Table(
         f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
         f"{known['problem'].n_unique():,} problems with a known solution that all methods were given, of {total_known:,} with "
-        f"one and {total:,} in all; at most {b.budget} iterations from the given start.{whole} Errors count failures. "
+        f"one and {total:,} in all; at most {b.budget} iterations from the given start.{whole} Errors include failures. "
         "Intervals are Wilson's, 95 %.",
     )  # fmt: skip
 
@@ -103,8 +103,8 @@ def _success_board(run: Run) -> Board:
     )
     return Board(
         "success", tuple(plots), (blocks,), legend,
-        "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run stopped at a budget "
-        "is judged at the iterate it has reached. A line across: a method as it comes, which has no budget.",
+        "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run that its budget "
+        "stops is judged at its last iterate. Level line: a method with default settings, which has no budget.",
     )  # fmt: skip
 
 
@@ -120,10 +120,10 @@ def _success_lines(plot: Plot, b: BudgetRows, run: Run, level: float) -> None:
 
 def _status_board(run: Run) -> Board:
     plot = Plot(
-        "status", "How the solves ended at the largest budget, on the problems that all methods were given",
+        "status", "Final status at the largest budget, on the problems that all methods were given",
         {
             "barmode": "stack", "bargap": 0.35,
-            "xaxis": axis("share of problems [%]", range=[0, 100]),
+            "xaxis": axis("problems [%]", range=[0, 100]),
             "yaxis": axis("", autorange="reversed", ticks="", type="category"),
         },
     )  # fmt: skip

@@ -45,8 +45,8 @@ def positions(b: BudgetRows, sheets: list[Sheet], robot: Robot) -> Board:
     )  # fmt: skip
     return Board(
         f"positions-{b.block.id}", tuple(plots), controls, legend,
-        "Fig. 10: laser spots with a known solution, and the tool where a run stopped by its budget stands, seen along the "
-        "normal of the sheet; a line joins each spot with its tool.",
+        "Fig. 10: laser spots with a known solution, and the tool at the last iterate within the budget, seen along the "
+        "normal of the sheet. A line connects each spot with its tool.",
     )  # fmt: skip
 
 

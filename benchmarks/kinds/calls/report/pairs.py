@@ -31,21 +31,21 @@ def paired(b: CallRows) -> Table | None:
     rows: list[Mapping[str, Cell]] = [{"label": label} | cells for label, cells in zip(others, found, strict=True)]
     columns = (
         Column("label", "Method", show="text"),
-        Column("both", "both solve", show="count"),
-        Column("only", "only it", "", "more", "count"),
-        Column("only_reference", f"only {reference}", "", "less", "count"),
-        Column("neither", "neither", show="count"),
+        Column("both", "solved by both", show="count"),
+        Column("only", "by this method only", "", "more", "count"),
+        Column("only_reference", f"by {reference} only", "", "less", "count"),
+        Column("neither", "by neither", show="count"),
         Column("p_solved", "p, McNemar", show="p"),
-        Column("ratio", f"median time, both solve, over that of {reference}", "", "less"),
+        Column("ratio", f"time ratio to {reference}, solved by both", "", "less"),
         Column("p_time", "p, Wilcoxon", show="p"),
     )
     note = (
-        f"Each method against {reference} on the problems that both were given. McNemar's test is exact, on the problems that "
-        "only one solved. Times are of the problems that both solved: the ratio of medians with its 95 % bootstrap interval "
-        "(pairs resampled), and Wilcoxon's signed-rank test on the logarithms. p-values are two-sided and corrected by Holm's "
-        f"procedure for the {len(others)} method{'s' if len(others) != 1 else ''} of this table."
+        f"Each method against {reference} on the problems that both were given. Success: McNemar's exact test on the problems "
+        "that only one of them solved. Time: ratio of medians on the problems that both solved, with its 95 % bootstrap "
+        "interval (pairs resampled), and Wilcoxon's signed-rank test on the logarithms. p-values are two-sided and corrected "
+        f"by Holm's procedure for the {len(others)} method{'s' if len(others) != 1 else ''} of this table."
     )
-    return Table(f"speed-{slug(b.block.id)}-pairs", f"{b.block.title}: in pairs", columns, tuple(rows), note)
+    return Table(f"speed-{slug(b.block.id)}-pairs", f"{b.block.title}: paired tests", columns, tuple(rows), note)
 
 
 def _pair(part: pl.DataFrame, reference: pl.DataFrame) -> dict[str, Any]:

@@ -71,8 +71,8 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
         if len(us):
             plot.vary({"block": [b.block.id]}, {"xaxis": {"range": _around(np.log10(us.min()), np.log10(us.max()))}})
     caption = (
-        "Share of all problems solved by a call that took at most this time; a curve ends at its method's share solved. Each "
-        "call's time is the median of its rounds."
+        "Percentage of all problems solved by a call within this time. A curve ends at its method's success rate. The time of "
+        "a call is the median of its rounds."
     )
     return _board("success-time-board", blocks, run, (plot,), caption)
 
@@ -86,7 +86,7 @@ def _around(low: float, high: float) -> list[float | None]:
 def profiles(blocks: list[CallRows], run: Run) -> Board:
     """Performance profiles: share of the shared problems solved within a multiple of the fastest method's time there."""
     layout = {
-        "xaxis": log_axis("time over the least of any method on the same problem", dtick=1),
+        "xaxis": log_axis("time / least time of any method on the same problem", dtick=1),
         "yaxis": axis("problems solved [%]", range=[-2, 102]),
     }
     plot = Plot("call-profile", "Performance profile", layout, 380)
@@ -102,8 +102,8 @@ def profiles(blocks: list[CallRows], run: Run) -> Board:
             trace = line(x=lean(ratios), y=lean(100.0 * shares[:, j], 5), name=label, line=look, hovertemplate=hover)
             plot.add(trace, {"block": [b.block.id]})
     caption = (
-        "On the problems that all methods were given (Dolan and Moré 2002). At 1: where a method is the fastest that solves; "
-        "to the right: how many it solves at all. It ranks the best against all, not the others among themselves."
+        "On the problems that all methods were given (Dolan and Moré 2002). At 1: how often a method is the fastest that "
+        "solves; at the right end: its success rate. The profile compares each method with the best one only."
     )
     return _board("call-profile-board", blocks, run, (plot,), caption)
 
@@ -131,7 +131,7 @@ def errors(blocks: list[CallRows], run: Run) -> Board:
         layout = {
             "xaxis": log_axis(f"{what} error [{unit}]", dtick=3), "yaxis": axis("problems [%]", range=[-2, 102]),
         }  # fmt: skip
-        plot = Plot(f"call-{what}", f"Share of problems with at most this {what} error", layout, 360)
+        plot = Plot(f"call-{what}", f"Percentage of problems with at most this {what} error", layout, 360)
         for b, label, part, look in _traces(blocks, run):
             values = part.filter("inside")[f"{what}_error"].to_numpy()
             if len(values):
@@ -139,7 +139,7 @@ def errors(blocks: list[CallRows], run: Run) -> Board:
                 shares = _distribution(np.maximum(values, LEAST_ERROR), len(part))
                 plot.add(line(**shares, name=label, line=look, hovertemplate=hover), {"block": [b.block.id]})
         plots.append(plot)
-    caption = f"Answers inside the limits, by our forward kinematics; errors below {LEAST_ERROR:g} are drawn there."
+    caption = f"Answers inside the limits, by optik's forward kinematics. The least error shown is {LEAST_ERROR:g}."
     return _board("call-errors-board", blocks, run, tuple(plots), caption)
 
 
@@ -163,8 +163,8 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
         )  # fmt: skip
         plot.add(trace, {"block": [b.block.id]})
     caption = (
-        f"In {SIGMA_BINS} bins of equal width on this axis; bins of fewer than {FEWEST_IN_BIN} problems are left out. Wilson "
-        "intervals under the pointer."
+        f"{SIGMA_BINS} bins of equal width on this axis; bins with fewer than {FEWEST_IN_BIN} problems are omitted. Hover for "
+        "the Wilson intervals."
     )
     return _board("call-sigma-board", known, run, (plot,), caption) if some else None
 

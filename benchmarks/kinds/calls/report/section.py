@@ -43,5 +43,5 @@ def compared(run: Run) -> Table:
         Column("version", "version", show="text"),
         Column("settings", "settings", show="text"),
     )
-    title = "What was compared, and how each was set up and called"
+    title = "Versions and settings"
     return Table("speed-compared", title, columns, tuple(found.values()))

@@ -35,8 +35,8 @@ def success_and_time(b: CallRows) -> Table:
         Column("p95", "p95, solved", us, "less"),
         Column("p99", "p99, solved", us, "less"),
         Column("failed_median", "median time, not solved", us),
-        Column("ratio", f"median time, both solve, over that of {b.block.reference}", "", "less"),
-        Column("false_claims", "claimed, not solved", "", "less", "count"),
+        Column("ratio", f"time ratio to {b.block.reference}, solved by both", "", "less"),
+        Column("false_claims", "false success claims", "", "less", "count"),
         Column("count", "problems", show="count"),
         Column("max", "longest, solved", us, "less", aside=True),
         Column("failed", "not solved", show="count", aside=True),
@@ -45,7 +45,7 @@ def success_and_time(b: CallRows) -> Table:
         Column("failed_max", "longest, not solved", us, aside=True),
         Column("mean", "mean time, all", us, aside=True),
         Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, aside=True),
-        Column("cpu", "processor time over wall time, all", "", "less", aside=True),
+        Column("cpu", "CPU time / wall time, all", "", "less", aside=True),
         Column("none", "no answer", show="count", aside=True),
         Column("raised", "raised", show="count", aside=True),
         Column("crashed", "crashed", show="count", aside=True),
@@ -53,13 +53,13 @@ def success_and_time(b: CallRows) -> Table:
         Column("iterations", "mean iterations", aside=True),
         Column("restarts", "mean restarts", aside=True),
         Column("noise", "spread between rounds, median", "%", aside=True),
-        Column("first_round", "first round over median", aside=True),
-        Column("changed_input", "changed its input", "", "less", "count", aside=True),
-        Column("varies", "differs between runs by", show="text", aside=True),
+        Column("first_round", "first round / median", aside=True),
+        Column("changed_input", "changed input", "", "less", "count", aside=True),
+        Column("varies", "varies between runs with", show="text", aside=True),
         Column("build", "building", "ms", "less", aside=True),
     )
     rows = entry_rows(b, "solved", lambda label, part: _success_cells(b, label, part))
-    title = f"{b.block.title}: solved, and time of a call"
+    title = f"{b.block.title}: success rate and time of a call"
     return Table(f"speed-{slug(b.block.id)}", title, compared_columns(columns), rows, _note(b))
 
 
@@ -100,7 +100,7 @@ def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
 
 
 def varies(about: Mapping[str, Any]) -> str:
-    """By what a method's answers differ between runs, beside its inputs."""
+    """Return what a method's answers depend on besides its inputs, in words."""
     return ", ".join(words for key, words in (("clocked", "the clock"), ("random", "random numbers")) if about.get(key))
 
 
@@ -113,16 +113,15 @@ def _note(b: CallRows) -> str:
     """What a reader must know: problems, intervals, and what methods did that a reader would not expect."""
     block, sentences = b.block, []
     sentences.append(
-        f"{b.facts['count']:,} problems of {short_name(block.set).replace('_', ' ')} on {short_name(block.robot)}; slow "
-        "methods are given fewer, a part of those that the others are given, and no value of theirs is marked as the best. "
-        "A failure counts as one wherever a share is shown; intervals are "
-        "Wilson's, 95 %. A call's time is the median of its "
-        f"{block.rounds} round{'s' if block.rounds != 1 else ''}; timing itself adds {b.facts['clock_ns']:.0f} ns to all."
+        f"{b.facts['count']:,} problems of {short_name(block.set).replace('_', ' ')} on {short_name(block.robot)}; "
+        "slow methods are given a subset, and their values are never marked as the best. Rates count every failure. Intervals "
+        "are Wilson's, 95 %. A call's time is the median of its "
+        f"{block.rounds} round{'s' if block.rounds != 1 else ''}; the clock itself adds {b.facts['clock_ns']:.0f} ns to each."
     )
     if b.unreachable:
         sentences.append(
-            "It is proved that no target of this block has a solution, so that not solving is right: what counts is that "
-            "nobody claims to have solved, and the time until it ends."
+            "No target of this block has a solution, which is proved. The figures of merit are the number of false success "
+            "claims and the time until a method gives up."
         )
     for label in b.entries:
         word, reason = b.why_not(label)
@@ -147,11 +146,11 @@ def _conspicuous(part: pl.DataFrame, by: str) -> Iterable[str]:
     if claimed:
         far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())
         beyond = f"outside the limits or more than {level_name(JUDGED_AT[0])} m or rad off"
-        yield f"claimed {claimed:,} answers that do not solve, {far:,} of them {beyond}"
+        yield f"claimed success for {claimed:,} wrong answers, {far:,} of them {beyond}"
     if cells.get("changed_input"):
-        yield f"changed its input in {cells['changed_input']:,} calls; every call has copies of its own"
+        yield f"changed its input in {cells['changed_input']:,} calls; each call gets copies"
     first = cells.get("first_round")
     if isinstance(first, float) and first > REMEMBERS_FROM:
-        yield f"took {first:.1f} times as long in its first round: it may remember answers, and is timed by that round"
+        yield f"took {first:.1f} times as long in its first round: it may cache answers, so the first round is its time"
     if by:
-        yield f"differs between runs by {by}"
+        yield f"varies between runs with {by}"

@@ -31,7 +31,7 @@ def block_tables(b: CallRows) -> tuple[Table, ...]:
 
 
 def within_time(b: CallRows) -> Table:
-    """Share of problems solved by a call that took at most a time."""
+    """Return the fraction of problems solved by a call within each time budget."""
     columns = [
         Column(f"us{budget:g}", f"within {_time_words(budget)}", "%", "more", "share") for budget in TIME_BUDGETS_US
     ]
@@ -41,7 +41,10 @@ def within_time(b: CallRows) -> Table:
         return {f"us{t:g}": share_cell(int((solved & (us <= t)).sum()), len(part)) for t in TIME_BUDGETS_US}
 
     rows = entry_rows(b, columns[0].key, cells)
-    note = "All methods as they come, none told of the time: an answer that came later does not count. Share of all problems."
+    note = (
+        "Percentage of all problems. All methods have default settings and do not know the time limit; later answers do not "
+        "count."
+    )
     return Table(
         f"speed-{slug(b.block.id)}-time",
         f"{b.block.title}: equal time",
@@ -56,7 +59,7 @@ def _time_words(us: float) -> str:
 
 
 def at_tolerances(b: CallRows) -> Table:
-    """Share solved at several tolerances, with what each method is set to."""
+    """Return the success rates at several tolerances, with the settings of each method."""
     columns = [
         LABEL,
         *(
@@ -83,8 +86,8 @@ def at_tolerances(b: CallRows) -> Table:
         }
 
     note = (
-        "Judged by our forward kinematics inside the limits, whatever a method claims. A method that stops at its own "
-        "tolerance is not asked for more: the finest column says what each reaches as it is set."
+        "Judged by optik's forward kinematics inside the limits, not by a method's own claim. A method stops at its own "
+        "tolerance: the finest column shows what it reaches with these settings."
     )
     rows = entry_rows(b, f"at{level_name(JUDGED_AT[0])}", cells)
     return Table(
@@ -93,7 +96,7 @@ def at_tolerances(b: CallRows) -> Table:
 
 
 def at_iterations(b: CallRows) -> Table | None:
-    """Share solved by one attempt that ends after a number of iterations."""
+    """Return the success rates of one attempt at each iteration limit."""
     answers = b.evaluations
     if answers is None:
         return None
@@ -106,14 +109,14 @@ def at_iterations(b: CallRows) -> Table | None:
         count = len(mine) // len(budgets)
         row: dict[str, Cell] = {"label": label, GIVEN.key: "yes" if count == most else ""}
         if mine.is_empty():
-            row[columns[0].key] = b.why_not(label)[0] or "cannot be told"
+            row[columns[0].key] = b.why_not(label)[0] or "no iteration limit"
         for (n,), part in mine.group_by("budget"):
             row[f"n{n}"] = share_cell(int(part["solved"].sum()), len(part))
         rows.append(row)
     note = (
-        "One attempt from the given start, without restarts, stopped after so many iterations. What an iteration is differs: "
-        "one evaluation of the Jacobian and one step for most, a whole quadratic programme or factorisation for some; a "
-        "closed form has none. Compare times in the table of equal time."
+        "One attempt from the given start, without restarts, stopped after this number of iterations. For most methods an "
+        "iteration is one Jacobian and one step, for some a whole quadratic programme; a closed form has none. To compare "
+        "speed, use the table of equal time."
     )
     title = f"{b.block.title}: equal numbers of iterations"
     return Table(f"speed-{slug(b.block.id)}-iterations", title, compared_columns((LABEL, *columns)), tuple(rows), note)

@@ -38,8 +38,8 @@ def block_winners(b: CallRows) -> list[Winner]:
         solved[0][0], {label: dict(part.select("problem", "solved").iter_rows()) for label, part in parts.items()}
     )
     most = Winner(
-        f"Solves the most targets: {b.block.title}", "%", "more", tuple(solved), "speed",
-        f"{problems}{who.left_out}", "Wilson 95 % intervals, ties by McNemar's test", level,
+        f"Highest success rate: {b.block.title}", "%", "more", tuple(solved), "speed",
+        f"{problems}{who.left_out}", "Wilson 95 % intervals; differences by McNemar's test", level,
     )  # fmt: skip
     fastest = _fastest(b, rows, level)
     return [most] if fastest is None else [most, fastest]
@@ -53,9 +53,9 @@ def _fastest(b: CallRows, rows: pl.DataFrame, labels: tuple[str, ...]) -> Winner
     us = {label: both.filter(pl.col("method") == label)["ns"].to_numpy() / 1e3 for label in labels}
     times = sorted(((label, *median_interval(x)) for label, x in us.items()), key=lambda entry: entry[1])
     return Winner(
-        f"Fastest of those that solve as many: {b.block.title}", "µs", "less", tuple(times), "speed",
-        f"median time of a call on the {both['problem'].n_unique():,} problems that all of them solve",
-        "bootstrap 95 % intervals, ties by Wilcoxon's signed-rank test", not_longer(times[0][0], us),
+        f"Fastest among equally successful methods: {b.block.title}", "µs", "less", tuple(times), "speed",
+        f"median time of a call on the {both['problem'].n_unique():,} problems solved by all of them",
+        "bootstrap 95 % intervals; differences by Wilcoxon's signed-rank test", not_longer(times[0][0], us),
     )  # fmt: skip
 
 

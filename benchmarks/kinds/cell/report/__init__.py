@@ -20,9 +20,9 @@ _VERDICTS = Path(__file__).with_name("claims.html.j2")
 SECTIONS = (
     Section("The paper's claims, as executed", "cell-claims", claims, _VERDICTS, 61),
     Section("The task in space", "cell-space", space, _SHOWN, 62),
-    Section("Where the error comes from", "cell-split", split, _SHOWN, 63),
+    Section("Sources of the error", "cell-split", split, _SHOWN, 63),
     Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, _SHOWN, 64),
     Section("ISO 9283, simulated", "cell-iso", iso, _SHOWN, 65),
-    Section("What a time law costs on the plant", "cell-laws", laws, _SHOWN, 66),
+    Section("Time laws on the plant", "cell-laws", laws, _SHOWN, 66),
 )
 """What was executed, from the claims to the plant."""

@@ -33,9 +33,9 @@ def axes(run: Run) -> dict[str, Any] | None:
     if not blocks:
         return None
     words = [
-        "The paper draws, for each laser point, where it and the robot's end are (Fig. 10), and the difference on X, Y and Z "
-        "for several numbers of iterations over the workspace (Fig. 11 to 13). It prints no values of these figures, so its "
-        "axes stand here with the values of this simulation: executed tool minus spot, in the base frame."
+        "The paper plots the positions of laser point and robot end (Fig. 10), and their difference on X, Y and Z for several "
+        "numbers of iterations over the workspace (Fig. 11 to 13). It prints no values. These plots have the same axes and the "
+        "values of this simulation: executed tool − spot, in the base frame."
     ]
     return {"words": words, "boards": [board for b in blocks for board in (_positions(b), _errors(b))], "tables": ()}
 
@@ -74,7 +74,7 @@ def _positions(b: BlockRows) -> Board:
     legend = (Key("laser spot", "var(--c1)", "ring"), Key("executed tool", INK_COLOUR, "dot"))
     return Board(
         f"cell-positions-{name}", tuple(plots), (Control.of("method", "Method", labels), after_control(b)), legend,
-        "Fig. 10 as executed: laser spots with a known solution and where the tool came to stand, in the base frame.",
+        "Fig. 10 as executed: laser spots with a known solution and the final positions of the tool, in the base frame.",
     )  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def _errors(b: BlockRows) -> Board:
     legend = [Key(iterations(n), c, "dot") for n, c in colours.items()] + [Key("± 2 mm", "var(--alarm)")]
     return Board(
         f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale), tuple(legend),
-        "Fig. 11, 12 and 13 as executed: one point a trial. Errors beyond the fine scale are out of view there.",
+        "Fig. 11, 12 and 13 as executed, one point for each trial. The fine scale clips larger errors.",
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ NOISE_WORDS = {
     "laser_position": ("σ of each coordinate of its calibrated position", 1e3, "mm"),
     "laser_rotation": ("σ of each component of its calibrated orientation", 1e3, "mrad"),
     "friction": ("friction of each joint, uniform ±", 1e2, "%"), "payload": ("payload, uniform ±", 1e2, "%"),
-    "encoder_counts": ("rounding of encoders to", 1.0, "counts a turn"),
+    "encoder_counts": ("encoder resolution", 1.0, "counts per turn"),
     "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
 }  # fmt: skip
 """What varies, in words, with the factor to its unit."""
@@ -88,7 +88,7 @@ def _laws_sentence(b: BlockRows) -> str:
 
 def limitations(run: Run) -> Sequence[str]:
     """What is simulated, and what varies."""
-    found = ["Every execution is simulated: no figure of the executed cell was measured on an arm."]
+    found = ["Every execution is simulated; nothing was measured on a real arm."]
     for b in run.of("cell"):
         varies = noise_words(b.block.noise)
         load = "" if b.block.payload is None else f" {b.block.payload:g} kg in the tool."

@@ -50,9 +50,9 @@ def laws(run: Run) -> dict[str, Any] | None:
     if not blocks:
         return None
     words = [
-        f"{b.block.title}: the same lines under every law, executed on the drive {drives_of(b)}. The paper's quintic runs its "
-        "line at constant speed, so it reaches full speed within its first interval; the others keep the limits on velocity, "
-        "acceleration and, where they know it, jerk."
+        f"{b.block.title}: the same lines under every law, executed on the drive {drives_of(b)}. The paper's quintic has "
+        "constant speed, so it reaches full speed within the first sample. The other laws enforce the limits on velocity, "
+        "acceleration and, except TOPP-RA, jerk."
         for b in blocks
     ]
     found = [table for b in blocks for table in law_tables(b, run)]
@@ -88,5 +88,5 @@ def _board(b: BlockRows, run: Run) -> Board:
     legend = tuple(run.key(law) for law in b.block.labels)
     return Board(
         f"cell-laws-{name}", tuple(plots), (Control("timed", "Duration", options),), legend,
-        "One point a line and trial; those with noise beside the one without.",
+        "One point for each line and trial, with and without noise.",
     )  # fmt: skip

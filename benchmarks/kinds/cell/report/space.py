@@ -74,14 +74,14 @@ def _board(b: BlockRows, run: Run) -> Board:
     spots = Control("spot", "Spot", tuple((str(p), f"{1e3 * far[p]:.0f} mm away") for p in problems), str(problems[-1]))
     legend = (
         Key("true spot", SPOT_COLOUR, "dot"), Key("other spots", MUTED_COLOUR, "dot"),
-        Key("laser beam, as calibrated and read", BEAM_COLOUR), Key("planned path", PLANNED_COLOUR),
+        Key("laser beam, measured", BEAM_COLOUR), Key("planned path", PLANNED_COLOUR),
         Key("executed path", INK_COLOUR),
     )  # fmt: skip
     methods = Control.of("method", "Method", labels, next(iter(settings_of([b], whole=True)), labels[0]))
     return Board(
         f"cell-space-board-{name}", (plot,), (methods, after_control(b), spots), legend,
-        "Base frame, equal scales, drag to turn. At a budget of iterations the planned path is a move in joint space to the "
-        "answer, so it is no straight line.",
+        "Base frame, equal scales; drag to turn. With a budget of iterations the planned path is a move in joint space to the "
+        "answer, so it is not straight.",
     )  # fmt: skip
 
 

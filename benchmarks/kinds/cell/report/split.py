@@ -47,14 +47,14 @@ def split(run: Run) -> dict[str, Any] | None:
         return None
     words = [
         f"{b.block.title}: {b.rows['problem'].n_unique()} spots, each shown {_times(b.block.repeats)}, executed on the drive "
-        f"{drives_of(b)}. What varies from trial to trial: {noise_words(b.block.noise) or 'nothing'}. At a budget of "
-        "iterations the arm goes by a move in joint space to the method's answer itself, the best iterate so far; a whole "
-        "line is the pipeline from laser to execution."
+        f"{drives_of(b)}. What varies from trial to trial: {noise_words(b.block.noise) or 'nothing'}. With a budget of "
+        "iterations the arm moves in joint space to the method's best iterate. A whole line uses the planning pipeline from "
+        "laser to execution."
         for b in blocks
     ]
     worst = max(float(np.nanmax(b.rows["split_rest"].to_numpy())) for b in blocks)
     words += [lost for b in blocks if (lost := _not_executed(b))]
-    words.append(f"In every trial the four vectors add up to the whole error: the largest difference is {worst:.1e} m.")
+    words.append(f"In every trial the four vectors add up to the total error within {worst:.1e} m.")
     return {"words": words, "boards": [_board(b) for b in blocks], "tables": [spots_table(b) for b in blocks]}
 
 
@@ -92,13 +92,13 @@ def _board(b: BlockRows) -> Board:
         for (after,), at in part.group_by("after", maintain_order=True):
             _by_distance(far, at, label, str(after))
     legend = [Key(words, PART_COLOURS[part]) for part, words in PART_WORDS.items()]
-    legend.append(Key("all: executed − spot", TOTAL_COLOUR, "dashed"))
+    legend.append(Key("total: executed − spot", TOTAL_COLOUR, "dashed"))
     controls = (Control.of("method", "Method", labels), after_control(b))
     return Board(
         f"split-{name}", (budgets, far), controls, tuple(legend),
-        "Medians of the lengths of the vectors over the executed trials; lengths do not add up, vectors do. Less than a "
-        "nanometre is drawn there: a move in joint space ends at the answer itself, and where no iterate is nearer than the "
-        "start the answer is the start, to which nothing is executed.",
+        "Median lengths of the vectors over the executed trials. The vectors add up, their lengths do not. Lengths below a "
+        "nanometre are shown as a nanometre: a move in joint space ends exactly at the answer, and if no iterate is better "
+        "than the start, nothing is executed.",
     )  # fmt: skip
 
 

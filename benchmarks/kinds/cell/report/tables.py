@@ -34,8 +34,8 @@ SPOT_COLUMNS = (
     Column("ik", "IK", "mm"),
     Column("path", "path", "mm"),
     Column("servo", "servo", "mm"),
-    Column("tracking", "worst tracking", "mm", "less"),
-    Column("torque", "worst torque over its bound", "", "", "limit"),
+    Column("tracking", "largest tracking error", "mm", "less"),
+    Column("torque", "largest torque / bound", "", "", "limit"),
     Column("duration", "median duration", "s", aside=True),
     Column("failed", "not executed", show="count"),
 )
@@ -58,17 +58,17 @@ COST_COLUMNS = (
     Column("label", "Law", show="text"),
     Column("duration", "duration", "s", "less"),
     Column("tracking", "tracking error of the tool", "mm", "less"),
-    Column("noisy", "the same with noise, worst", "mm", "less"),
+    Column("noisy", "largest tracking error with noise", "mm", "less"),
     Column("joint", "tracking error of a joint", "mrad", "less"),
-    Column("torque", "worst torque over the certificate's bound", "", "", "limit"),
+    Column("torque", "largest torque / certificate's bound", "", "", "limit"),
     Column("torque_joint", "of joint", show="text"),
     Column("peak", "its largest torque", "N·m"),
     Column("bound", "its bound", "N·m"),
-    Column("limit", "largest torque over the motor's limit", "", "", "limit"),
-    Column("proved", "bound over the motor's limit", "", "", "limit", aside=True),
+    Column("limit", "largest torque / motor limit", "", "", "limit"),
+    Column("proved", "bound / motor limit", "", "", "limit", aside=True),
     Column("energy", "energy", "J", "less"),
-    Column("acceleration", "acceleration over limit", "", "", "limit"),
-    Column("jerk", "jerk over limit", "", "", "limit"),
+    Column("acceleration", "acceleration / limit", "", "", "limit"),
+    Column("jerk", "jerk / limit", "", "", "limit"),
     Column("rest", "error at the end", "mm", "less", aside=True),
     Column("status", "Status", show="text", aside=True),
 )
@@ -104,12 +104,11 @@ def spots_table(b: BlockRows) -> Table:
             row["duration"] = _median(ends, "duration")
         rows.append(row)
     note = (
-        "Of spots with a known solution. The parts of the error are medians of the lengths of the vectors: laser (target "
-        "minus spot), IK (tool at the method's answer minus target), path (planned minus answer), servo (executed minus "
-        "planned), all at the end of the motion. An answer that is the start is no motion, and has no servo error. What was "
-        "not executed counts as missed, and has no error. Torque: simulated, its "
-        "largest peak, over the certificate's bound for the arm as it is planned for: other friction and "
-        "payload, and single steps in which the servo answers the resolution and noise of its encoders, exceed it."
+        "Spots with a known solution. The parts of the error are median lengths of vectors at the end of the motion: laser "
+        "(target − spot), IK (tool at the method's answer − target), path (planned − answer), servo (executed − planned). If "
+        "the answer is the start, there is no motion and no servo error. A trial that was not executed counts as a miss and "
+        "has no error. Torque: simulated peak / certificate's bound for the nominal arm. Other friction and payload may "
+        "exceed the bound, and so may single steps in which the servo responds to the resolution and noise of its encoders."
     )
     return Table(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, tuple(rows), note)
 
@@ -151,8 +150,8 @@ def iso_table(b: BlockRows) -> Table:
     note = (
         f"All figures are {SIMULATED}, in the manner of ISO 9283: AP is the distance of the mean of the reached positions from "
         "the commanded one; RP = l̄ + 3 S of the distances l from that mean, S with n − 1; AT and RT are the largest of these "
-        "along the line, where the executed path meets its normal planes. Each cycle is an arm of its own: friction, payload "
-        "and encoders are drawn anew. Without noise a repeatability is not applicable."
+        "along the line, where the executed path meets its normal planes. Friction, payload and encoder noise "
+        "are sampled anew for each cycle. Without noise, repeatability is not applicable."
     )
     return Table(f"cell-iso-{slug(b.block.id)}", b.block.title, ISO_COLUMNS, tuple(rows), note)
 
@@ -167,18 +166,18 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
     found, limits = [], _torque_limits(run, b.block.robot)
     for timed, words in (
         (OWN_TIME, "each law's own duration"),
-        (SAME_TIME, "all slowed to the duration of the slowest"),
+        (SAME_TIME, "all stretched to the longest duration"),
     ):
         rows = b.rows.filter(pl.col("timed") == timed)
         if rows.is_empty():
             continue
         parts = [(law, rows.filter(pl.col("method") == law)) for law in b.block.labels]
         note = (
-            f"Of {_lines(rows)}: medians of duration, energy and end error, the largest of all else, "
-            "without noise unless a column says so. Tracking is executed minus planned at the same instant, at every step of "
-            "the plant. The bound is the certificate's largest |torque|; single steps in which the servo "
-            "answers the resolution of its encoders exceed it. Energy is the integral of "
-            "the positive powers torque · velocity of all joints: braking gives nothing back. "
+            f"For {_lines(rows)}: median duration, energy and end error, and the largest value of all other columns, "
+            "without noise unless a column says so. The tracking error is executed − planned at the same instant, at every "
+            "step of the plant. The bound is the certificate's largest |torque|; single steps in which the servo responds to "
+            "the resolution of its encoders may exceed it. Energy is the integral of the positive powers torque · velocity "
+            "of all joints, without recovery while braking. "
             f"{SIMULATED.capitalize()}."
         )
         name = f"cell-laws-{slug(b.block.id)}" + ("" if timed == OWN_TIME else "-same")

@@ -51,7 +51,7 @@ def _phase(
     laws = motions["law"].unique(maintain_order=True).to_list()
     fastest = float(motions["speed"].to_numpy().max())
     plot = Plot(
-        "timing-phase", "Speed along the line, and what bounds it",
+        "timing-phase", "Speed along the path and its limit curves",
         {"xaxis": axis(f"s [{unit}]"), "yaxis": axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest])}, 440,
     )  # fmt: skip
     at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}{HOVER}"
@@ -60,7 +60,7 @@ def _phase(
         (
             "acceleration",
             {"color": MUTED_COLOUR, "width": 1.6, "dash": "dot"},
-            "acceleration limits, however the motion speeds up",
+            "acceleration limits, for any path acceleration",
         ),
     )
     for field, look, meaning in bounds:
@@ -79,12 +79,12 @@ def _phase(
         )  # fmt: skip
     legend = [Key(law, run.colour(law)) for law in laws]
     legend += [
-        Key("no joint faster than its velocity limit", INK_COLOUR, "dashed"),
-        Key("some acceleration keeps all limits", MUTED_COLOUR, "dashed"),
+        Key("limit curve of the joint velocities", INK_COLOUR, "dashed"),
+        Key("limit curve of the joint accelerations", MUTED_COLOUR, "dashed"),
     ]
     return Board(
         f"{b.block.id}-phase", (plot,), (), tuple(legend),
-        f"The {words}. Above the two dashed curves a limit is broken for certain: the maximum-velocity curves.",
+        f"The {words}. The dashed curves are the maximum-velocity curves: every motion above one of them exceeds a limit.",
     )  # fmt: skip
 
 
@@ -101,9 +101,9 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     return Board(
         f"{b.block.id}-who", (active_plot("timing-who", near, laws, *of), _ratios(motions, laws, of)),
         (Control.of("law", "Time law", laws, initial),), tuple(legend),
-        f"The {words}. First: where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
-        "Then: the jerk of a law that does not limit it stands far above 1, drawn between the jumps of its acceleration, where "
-        "it is infinite.",
+        f"The {words}. First plot: where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
+        "Second plot: the jerk of a law without a jerk limit is far above 1. Where its acceleration is discontinuous the jerk "
+        "is infinite; the plot shows it between these points.",
     )  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Pl
         "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
         "shapes": [beyond],
     }
-    plot = Plot("timing-ratios", "Largest value over limit of any joint", layout, 340)
+    plot = Plot("timing-ratios", "Largest value / limit of any joint", layout, 340)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
         for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):

@@ -36,13 +36,13 @@ LEAST_EXCESS = 0.01
 
 
 def durations(b: LawRows, run: Run) -> Board:
-    """Durations over T*: of all motions as they are, and after slowing until every limit is kept."""
+    """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
     plain = Plot(
-        "timing-distribution", "Share of paths with a duration of at most this multiple of T*",
+        "timing-distribution", "Paths with a duration of at most this multiple of T*",
         {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     kept = Plot(
-        "timing-profile", "The same, slowed until every limit is kept: excess over T*",
+        "timing-profile", "After stretching to meet every limit: excess over T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
@@ -68,9 +68,9 @@ def durations(b: LawRows, run: Run) -> Board:
     names = [(g, g.replace("_", "-")) for g in groups]
     return Board(
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),), _legend(b, run),
-        "First: all motions as they are; one that breaks a limit may be shorter than T*. Then: the duration to which a motion "
-        "must be slowed, uniformly, until it keeps all limits exactly. A law whose acceleration "
-        f"jumps has none. What comes nearer than {LEAST_EXCESS:g} % is drawn there.",
+        "First plot: all motions unchanged; one that exceeds a limit may be shorter than T*. Second plot: durations after "
+        "uniform time scaling until all limits are met exactly. A law with discontinuous acceleration has no such duration. "
+        f"Values below {LEAST_EXCESS:g} % are shown as {LEAST_EXCESS:g} %.",
     )  # fmt: skip
 
 
@@ -88,7 +88,7 @@ def torques(b: LawRows, run: Run) -> Board | None:
             "line": {"color": "var(--alarm)", "width": 1, "dash": "dash"},
         }  # fmt: skip
         plot = Plot(
-            f"timing-{field.replace('_', '-')}", f"Share of motions whose {words} stays within this multiple of its limit",
+            f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
             {
                 "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
                 | {"range": _around(b.rows[field])},
@@ -113,9 +113,9 @@ def torques(b: LawRows, run: Run) -> Board | None:
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
         _legend(b, run),
-        "Motions as they are, before any slow-down; of each the worst joint, proved for every instant, for the arm's "
-        "model. Right of the dashed line a motion asks the motors for more than they have. Where the acceleration jumps, the "
-        f"rate of the torque is infinite; what is beyond {MOST_RATIO:g} is drawn there.",
+        "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
+        "dashed line a motion exceeds the torque limits. Where the acceleration is discontinuous, the torque rate is "
+        f"infinite. Values above {MOST_RATIO:g} are shown as {MOST_RATIO:g}.",
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
         Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
-        Plot("timing-sigma-ratio", "Duration over T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
+        Plot("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
     )
     for (label, limits), rows in b.rows.filter("solved").group_by("law", "limits", maintain_order=True):
         if str(label) not in b.entries:
@@ -178,6 +178,6 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
     return Board(
         f"{b.block.id}-singularity", plots, controls, _legend(b, run),
-        "One point a path and law. A law with one bound for the whole path is paced by its worst place: it falls behind to the "
-        "left, where a singularity is near.",
+        "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
+        "so it is slower at the left, near a singularity.",
     )  # fmt: skip

@@ -36,25 +36,23 @@ def _medians(b: LawRows) -> str:
         if rows.is_empty():
             continue
         kept = int(rows["keeps_all"].sum())
-        keeps = "keeps every limit"
+        keeps = "within every limit"
         if kept < len(rows):
             keeps += f" on {percent(100.0 * kept / len(rows))}"
         ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
         over = int(rows["over_torque"].sum())
         if over:
-            keeps += f", passes a torque limit on {percent(100.0 * over / len(rows))}"
+            keeps += f", exceeds a torque limit on {percent(100.0 * over / len(rows))}"
         off = len(rows) - int(rows["follows"].sum())
         if off:
             keeps += f", leaves the path on {off:,} of {len(rows):,}"
         asked = b.rows.filter(pl.col("law") == label)["line"].n_unique()
-        given = f" on the {asked:,} that it was given" if asked < lines else ""
+        given = f" on {asked:,} motions" if asked < lines else ""
         words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
     if not words:
         return ""
     return (
-        f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''} as they are: "
-        + "; ".join(words)
-        + "."
+        f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''}, unchanged: " + "; ".join(words) + "."
     )
 
 
@@ -76,7 +74,7 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
 def limit_words(part: LimitSet) -> str:
     """What a set of limits is, in words."""
     own = listed([name.replace("_", " ") for name in part.own])
-    words = [f"{own} the robot's own"] if own else []
+    words = [f"{own} of the robot"] if own else []
     for kind in FIELD_LIMITS:
         value = part.limits.value(kind.name)
         if value is not None:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
 TORQUE_NOTE = (
-    "Torques hold for this model of the arm: bounds proved for every instant, Coulomb friction included. The rate of the "
-    "torque is without Coulomb friction."
+    "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "
+    "without Coulomb friction."
 )
 """What every table with torques says."""
 
@@ -68,33 +68,30 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     ms, fields = "ms", limited(rows)
     columns = (
         LAW_COLUMN,
-        Column("kept", "keeps every limit", "%", "more", "share"),
+        Column("kept", "within every limit", "%", "more", "share"),
         *([Column("over_torque", "over a torque limit", "%", "less", "share")] if "torque" in fields else []),
         Column("nearly", "within 0.1 %", "%", "more", "share"),
-        Column("worst", "worst value over limit", show="limit"),
-        Column("as_is", "T / T*, as it is"),
-        Column("slowed_down", "T / T*, slowed to the limits", "", "less"),
+        Column("worst", "largest peak / limit", show="limit"),
+        Column("as_is", "T / T*, unchanged"),
+        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less"),
         Column("ms", "median time of a call", ms, "less"),
-        Column("count", "motions asked", show="count"),
+        Column("count", "motions requested", show="count"),
         Column("found", "motions found", "%", "more", "share", aside=True),
-        Column("worst_slowed_down", "worst T / T*, slowed to the limits", "", "less", aside=True),
-        *(
-            Column(field, f"worst {_words(field)} over limit", show="limit", aside=field != "torque")
-            for field in fields
-        ),
-        Column("holds", "certificate holds", show="text", aside=True),
-        Column("stretched", "most stretched by plan", show="precise", aside=True),
+        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True),
+        *(Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque") for field in fields),
+        Column("holds", "certificate valid", show="text", aside=True),
+        Column("stretched", "largest stretch by plan", show="precise", aside=True),
         Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
-        Column("jerk_worst", "worst jerk at 1 kHz", "rad/s³", aside=True),
-        Column("distance", "farthest off the path", "µm", "less", aside=True),
-        Column("angle", "largest angle off the path", "µrad", "less", aside=True),
+        Column("jerk_worst", "largest jerk at 1 kHz", "rad/s³", aside=True),
+        Column("distance", "largest distance from the path", "µm", "less", aside=True),
+        Column("angle", "largest rotation from the path", "µrad", "less", aside=True),
         Column("ms_p95", "p95 time of a call", ms, "less", aside=True),
     )
     found: list[Mapping[str, Cell]] = []
     for label, about in b.entries.items():
         own = rows.filter(pl.col("law") == label)
         if own.is_empty():
-            found.append({"label": label, "kept": "absent" if "absent" in about else "not asked"})
+            found.append({"label": label, "kept": "absent" if "absent" in about else "not requested"})
         else:
             found.append({"label": label} | _law_cells(own, about))
     return Table(f"timing-{slug(b.block.id)}-{name}", title, columns, tuple(found), _note(b, rows))
@@ -119,7 +116,7 @@ def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
         cells
         | {field: _largest(good[field]) for field in JOINT_LIMITS}
         | {
-            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["enforced"] else "no promise",
+            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["enforced"] else "nothing enforced",
             "stretched": float(stretched.max()) if len(stretched) else None,
             "jerk_median": float(np.median(good["sampled_jerk"].to_numpy())), "jerk_worst": _largest(good["sampled_jerk"]),
             "distance": _largest(good["distance"], 1e6), "angle": _largest(good["angle"], 1e6),
@@ -146,11 +143,10 @@ def _largest(column: pl.Series, scale: float = 1.0) -> float | None:
 
 def _note(b: LawRows, rows: pl.DataFrame) -> str:
     sentences = [
-        "Each path counts once for every set of limits, also where there is no motion: T / T* is then infinite. Ratios are "
-        f"exact, the worst over all motions. Within 0.1 %: no value above {NEARLY:g} times its limit. Slowed to the limits: "
-        "the same motion, uniformly slower until it keeps all of them; T* is the shortest duration of any motion after that. "
-        f"A motion farther than {1e6 * ON_PATH_M:g} µm from its path, or that does not run through it, does not count. "
-        "Medians have 95 % bootstrap intervals, shares Wilson's."
+        "Each path counts once for each set of limits. Without a motion, T / T* is infinite. Ratios are exact and the largest "
+        f"of all motions. Within 0.1 %: no value above {NEARLY:g} times its limit. Stretched to meet the limits: the same "
+        "motion after uniform time scaling; T* is the shortest such duration. A motion does not count if it is more than "
+        f"{1e6 * ON_PATH_M:g} µm off its path or does not cover it. Medians have 95 % bootstrap intervals, rates Wilson's."
     ]
     if "torque" in limited(rows):
         sentences.append(TORQUE_NOTE)
@@ -159,11 +155,9 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
         if "absent" in about:
             sentences.append(f"{label}: {about['absent']}.")
         elif len(own) and not own["follows"].all():
-            sentences.append(
-                f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not run through it."
-            )
+            sentences.append(f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not cover it.")
         if len(own) and (unbounded := int(own["least_duration"].is_infinite().fill_null(value=False).sum())):
-            sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no slower motion keeps a jerk limit.")
+            sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no time scaling meets a jerk limit.")
         failed = rows.filter((pl.col("law") == label) & ~pl.col("solved"))
         if len(failed):
             sentences.append(f"{label}: no motion on {len(failed):,} ({failed['reason'][0]}).")
@@ -196,12 +190,12 @@ def violations(b: LawRows) -> Table | None:
     for field in fields:
         columns += [
             Column(field, f"{_words(field)} exceeded in", "%", "less", "share"),
-            Column(f"{field}_worst", f"worst {_words(field)} over limit", show="limit"),
+            Column(f"{field}_worst", f"largest {_words(field)} / limit", show="limit"),
         ]
     columns += [Column("now", "median T", "s", show="precise")]
-    columns += [Column("least", "median T of these, slowed to the limits", "s", show="precise")]
+    columns += [Column("least", "median T of the violating motions, stretched to meet the limits", "s", show="precise")]
     rows_ = tuple(row for _, _, row in sorted(found, key=lambda item: item[:2]))
-    title = f"{b.block.title}: limit violations, promised or not"
+    title = f"{b.block.title}: limit violations, enforced or not"
     return Table(f"timing-{slug(b.block.id)}-violations", title, tuple(columns), rows_)
 
 
@@ -221,7 +215,7 @@ def plan_times(b: LawRows) -> Table | None:
     columns = [Column("label", "Lines", show="text"), Column("count", "plans", show="count")]
     columns += [Column(key, f"{words}, median", "ms", "") for key, words in steps.items()]
     columns += [Column(f"{key}_p95", f"{words}, p95", "ms", "", aside=True) for key, words in steps.items()]
-    title = f"{b.block.title}: where the time of a whole plan with {timed['law'][0]} goes"
+    title = f"{b.block.title}: computing time of a whole plan with {timed['law'][0]}, by step"
     return Table(f"timing-{slug(b.block.id)}-plans", title, tuple(columns), tuple(found))
 
 
@@ -229,7 +223,7 @@ def compared(b: LawRows) -> Table:
     """What each law and peer promises, its version and its settings."""
     columns = (
         LAW_COLUMN,
-        Column("promises", "promises", show="text"),
+        Column("promises", "enforces", show="text"),
         Column("version", "version", show="text"),
         Column("settings", "settings", show="text"),
     )
@@ -240,7 +234,7 @@ def compared(b: LawRows) -> Table:
         }
         for label, about in b.entries.items()
     ]  # fmt: skip
-    title = f"{b.block.title}: what was compared, and how each was set up and called"
+    title = f"{b.block.title}: versions and settings"
     return Table(f"timing-{slug(b.block.id)}-compared", title, columns, tuple(rows))
 
 

@@ -18,7 +18,7 @@ from benchmarks.statistics import median_interval, not_longer
 from optik.types import Array
 
 DECIDED_BY = (
-    "bootstrap 95 % intervals, ties by Wilcoxon's signed-rank test, which shows no difference on fewer than six motions"
+    "bootstrap 95 % intervals; differences by Wilcoxon's signed-rank test, for which fewer than six motions are too few"
 )
 """How laws are ranked, in words."""
 
@@ -51,8 +51,8 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     lengths = {label: or_infinite(part["kept_over_optimum"]) for label, part in parts.items()}
     times = {label: or_infinite(part["ms_law"]) for label, part in parts.items()}
     return [
-        _winner(f"Shortest motions, all slowed to the limits: {where}", "× T*", lengths, note),
-        _winner(f"Computed fastest: {where}", "ms", times, note),
+        _winner(f"Shortest motions, all stretched to meet the limits: {where}", "× T*", lengths, note),
+        _winner(f"Shortest computing time: {where}", "ms", times, note),
     ]
 
 

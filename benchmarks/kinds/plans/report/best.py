@@ -26,7 +26,7 @@ def winners(run: Run) -> list[Winner]:
         Winner(
             "Shortest motion along the line within every limit", "s", "less",
             tuple(sorted(entries, key=lambda entry: entry[1])), "laws",
-            note + (f"; not ranked, as they break a limit: {listed(out)}" if out else ""),
+            note + (f"; not ranked (limit exceeded): {listed(out)}" if out else ""),
         )
     ]  # fmt: skip
 

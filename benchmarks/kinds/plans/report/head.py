@@ -35,9 +35,9 @@ def findings(run: Run) -> list[str]:
     for p in line.solved:
         if p["ik"] == ik:
             breaks = broken_limits(p["certificate"])
-            kept = f"breaks limits: {', '.join(breaks)}" if breaks else "keeps every limit"
+            kept = f"exceeds limits: {', '.join(breaks)}" if breaks else "within every limit"
             words.append(f"{p['law']} {p['duration']:.3f} s ({kept})")
-    return [f"The line of {number(1e3 * line.solved[0]['length'])} mm by {ik}: " + "; ".join(words) + "."]
+    return [f"Line of {number(1e3 * line.solved[0]['length'])} mm with {ik}: " + "; ".join(words) + "."]
 
 
 def limitations(run: Run) -> list[str]:
@@ -46,15 +46,15 @@ def limitations(run: Run) -> list[str]:
     if line is None or not line.solved:
         return []
     items = [
-        "The tool's distance from the line is a bound that holds at every instant, at most 5 % (or a nanometre) above the "
-        "largest value found. Worst velocities, accelerations and jerks are exact, from the roots of "
+        "The tool's distance from the line is a proved bound for every instant, at most 5 % (or a nanometre) above the "
+        "largest value found. Peak velocities, accelerations and jerks are exact, from the roots of "
         "the polynomials' derivatives.",
-        "The joints' velocity, acceleration and jerk limits are the robot file's; the paper gives none. No dynamics, no "
-        "torque limits, no controller, no measured arm.",
+        "The velocity, acceleration and jerk limits are those of the robot file; the paper gives none. Dynamics, torque "
+        "limits, the controller and a real arm are not included.",
     ]
     if any(p["law"] == "toppra" for p in line.solved):
         items.append(
-            "TOPP-RA sets its limits at the points of its grid: between them a ratio may be a few millionths above 1, less on "
-            "a finer grid. It has no jerk limit by design."
+            "TOPP-RA enforces its limits at grid points. Between them a ratio may exceed 1 by a few millionths, less on a "
+            "finer grid. It has no jerk limit by design."
         )
     return items

@@ -100,22 +100,25 @@ def limits_torque(certificate: dict[str, Any], field: str) -> bool:
 LAW_COLUMNS = (
     Column("label", "Time law", show="text"),
     Column("duration", "duration", "s", "less", "precise", among="place"),
-    Column("breaks", "limits broken", show="text"),
-    *(Column(field, f"{field.replace('_', ' ')} over limit", show="text") for field in JOINT_LIMITS),
+    Column("breaks", "limits exceeded", show="text"),
+    *(Column(field, f"{field.replace('_', ' ')} / limit", show="text") for field in JOINT_LIMITS),
     Column("distance", "path deviation", "µm", "less"),
     Column("milliseconds", "planning", "ms", "less"),
     Column("place", "rank", show="text", aside=True),
-    *(Column(f"{field}_at", f"{field.replace('_', ' ')}: where", show="text", aside=True) for field in JOINT_LIMITS),
-    Column("energy", "energy drawn", "J", aside=True),
-    Column("power", "largest power found", "W", aside=True),
+    *(
+        Column(f"{field}_at", f"{field.replace('_', ' ')}: joint and time", show="text", aside=True)
+        for field in JOINT_LIMITS
+    ),
+    Column("energy", "energy without recovery", "J", aside=True),
+    Column("power", "peak power", "W", aside=True),
     Column("clearance", "clearance, proved", "mm", "more"),
-    Column("sampled", "jerk as sampled", "rad/s³", aside=True),
+    Column("sampled", "sampled jerk", "rad/s³", aside=True),
     Column("angle", "path deviation", "µrad", aside=True),
     Column("speed", "tool speed", "mm/s", aside=True),
     Column("continuous", "continuity", show="text", aside=True),
     Column("rest", "rest at start, end", show="text", aside=True),
-    Column("enforced", "promises", show="text", aside=True),
-    Column("holds", "promise kept", show="text", aside=True),
+    Column("enforced", "enforces", show="text", aside=True),
+    Column("holds", "certificate valid", show="text", aside=True),
     Column("end_error", "end error", "rad", aside=True),
 )
 """Columns of the table of time laws; those of torque, energy and clearance only where a motion has them."""
@@ -138,9 +141,9 @@ def law_table(found: LinePlans) -> Table:
     first = found.solved[0] if found.solved else None
     note = (
         f"Line of {number(1e3 * first['length'])} mm, inverse kinematics by {ik}. Limits: {_limit_words(first['limits'])}. "
-        "Values over limits are exact, between the samples too; ∞: the acceleration jumps. A motion that breaks a limit has "
-        "no rank, its duration cannot be compared. The deviation is a bound. Planning is the whole plan with its certificate, "
-        f"median of {PLAN_REPEATS}. Jerk as sampled: differences of the accelerations at a controller's rate."
+        "Ratios to the limits are exact, also between samples; ∞: the acceleration is discontinuous. A motion that exceeds a "
+        "limit is not ranked. The path deviation is a proved bound. Planning time includes the certificate, "
+        f"median of {PLAN_REPEATS}. Sampled jerk: differences of the accelerations at a controller's rate."
         if first
         else ""
     )
@@ -169,7 +172,7 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
         "sampled": max(c["sampled_jerk"]), "distance": 1e6 * c["path_error"]["distance"],
         "angle": 1e6 * c["path_error"]["angle"], "speed": 1e3 * c["tool_speed"]["value"], "continuous": f"C{c['continuous']}",
         "rest": ", ".join("yes" if r else "no" for r in c["rest"]), "enforced": ", ".join(c["enforced"]) or "nothing",
-        "holds": ("yes" if c["enforced"] else "nothing promised") if c["is_valid"] else f"no: {'; '.join(c['reasons'])}",
+        "holds": ("yes" if c["enforced"] else "nothing enforced") if c["is_valid"] else f"no: {'; '.join(c['reasons'])}",
         "end_error": p["end_error"],
     }  # fmt: skip
 
@@ -189,8 +192,8 @@ def ik_matters(found: LinePlans) -> str:
               for ps in several.values() for p in ps for q in ps)  # fmt: skip
     much = f"by at most {number(100 * spread[law], 2)} % ({law})" if spread[law] > SAME_DURATION else "not at all"
     return (
-        f"With {others} in place of {found.ik} durations change {much}, and path deviations by at most "
-        f"{_small(1e6 * off)} µm: every sample is refined after the IK method has found it."
+        f"With {others} in place of {found.ik}, durations change {much}, and path deviations by at most "
+        f"{_small(1e6 * off)} µm: Newton polishing refines every sample after the IK method."
     )
 
 

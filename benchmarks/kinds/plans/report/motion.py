@@ -85,7 +85,7 @@ def _active_board(found: LinePlans) -> Board:
         "active-board", (active_plot("motion-active", near, laws, 1e3, "mm"),),
         (law_control(laws),) if laws[1:] else (),
         tuple(Key(name.replace("_", " "), limit_colour(name)) for name in used),
-        f"Where a joint comes within {100 * (1 - ACTIVE):.0f} % of a limit, or beyond it, from the certificate.",
+        f"Where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, or exceeds it, from the certificate.",
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def _beyond(found: LinePlans) -> list[str]:
         if jerk.infinite:
             seen = number(max(p["certificate"]["sampled_jerk"]))
             words.append(
-                "the acceleration jumps, so the jerk is infinite there; drawn is the finite jerk between the jumps. A "
+                "the acceleration is discontinuous, so the jerk is infinite there; the plot shows the finite jerk between. A "
                 f"controller at {p['certificate']['rate']:.0f} Hz sees up to {seen} rad/s³"
             )
         if words:
@@ -152,8 +152,8 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
         "motion-board", tuple(plots), controls, tuple(legend),
-        f"{instants:,} instants of the polynomials. “{IN_VIEW}” cuts what goes far beyond them; “{WHOLE_CURVES}” shows all. "
-        "The worst values in the table below are exact, not from these instants."
+        f"{instants:,} instants of the polynomials. “{IN_VIEW}” clips curves far beyond the limits; “{WHOLE_CURVES}” shows "
+        "all. The peaks in the table below are exact, not from these instants."
         + (OF_TORQUES if "torque" in rows.columns else ""),
     )  # fmt: skip
 

@@ -106,8 +106,8 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
     ]  # fmt: skip
     return Board(
         "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (), tuple(legend),
-        "Least distance of the examined pairs at instants, for the shapes of arm and scene; the certificate's bound "
-        "holds for every instant.",
+        "Least distance of the examined pairs at sampled instants, for the shapes of arm and scene. The bound of the "
+        "certificate is for every instant.",
     )  # fmt: skip
 
 
