@@ -221,10 +221,10 @@ def drive_of(typed: str) -> tuple[str, str]:
 def page_of(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task."""
     from planners.cell.view.page import write_page
-    from planners.cell.view.show import show_of_outcome
+    from planners.cell.view.show import show_outcome
 
     try:
-        show = show_of_outcome(outcome)
+        show = show_outcome(outcome)
     except NoSolution:
         return None
     write_page(show, file)

@@ -73,12 +73,12 @@ def drive(
     if on != "ros" and reached != Reached():
         raise InvalidInput("--on", on, "--on ros with --url, --via, --action, --states and --joint-names")
     from benchmarks.cli.view import stored
-    from planners.cell.stored import plan_of
+    from planners.cell.stored import restore_plan
 
     if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
         raise InvalidInput("--stop", stop, "a time of at least 0 s")
     options: dict[str, Any] = {"stop": stop, "allow": allowed_words(allow)}
-    planned = plan_of(stored(plan), ik=ik, allow=options["allow"])
+    planned = restore_plan(stored(plan), ik=ik, allow=options["allow"])
     run = partial(_through_ros, reached=reached) if on == "ros" else partial(_simulated, on=on)
     executed = run(planned, execute=execute, options=options)
     _say(executed, out, as_json)

@@ -66,27 +66,27 @@ def view(
 def _show(shown: Motion | Plan | Show, drive: str | None) -> Show:
     """Return what a page plays; execute a plan first."""
     from planners.cell.drives import make_drive
-    from planners.cell.view.show import Show, show_of, show_of_execution
+    from planners.cell.view.show import Show, show_execution, show_motion
     from planners.plan import Plan
 
     if drive is None or not isinstance(shown, Plan):
-        return shown if isinstance(shown, Show) else show_of(shown)
+        return shown if isinstance(shown, Show) else show_motion(shown)
     execution = make_drive(drive, shown.robot).execute(shown)
     if not execution:
         err_console.print(f"{drive}: {execution.reason}", style="yellow", highlight=False, soft_wrap=True)
-    return show_of_execution(execution)
+    return show_execution(execution)
 
 
 def _serve(shown: Motion | Plan | Show, drive: str | None, host: str, port: int) -> None:
     """Serve until the process is interrupted; with a drive, execute the plan."""
     from planners.cell.drives import make_drive
     from planners.cell.view.live import Viewer
-    from planners.cell.view.show import Show, show_of
+    from planners.cell.view.show import Show, show_motion
     from planners.plan import Plan
 
     make = None if drive is None else partial(make_drive, drive, shown.robot, pace=1.0)
     planned = shown if isinstance(shown, Plan) else None
-    viewer = Viewer(shown if isinstance(shown, Show) else show_of(shown), host, port, plan=planned, drive=make)
+    viewer = Viewer(shown if isinstance(shown, Show) else show_motion(shown), host, port, plan=planned, drive=make)
     if not _is_local(host):
         words = f"warning: everybody who can reach {host} can see this motion" + (
             " and run the simulated drive" if drive else ""
@@ -118,16 +118,16 @@ def _is_local(host: str) -> bool:
 
 def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
     """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `stored`."""
-    from planners.cell.stored import plan_of
-    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_of_recorded
+    from planners.cell.stored import restore_plan
+    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_recorded
 
     data = _json(file)
     if data.get("format") in (EXECUTION, FAILED_PLAN):
         if drive is not None:
             raise InvalidInput("--drive", f"{drive} for {file}, which is not a valid motion", STORED_MOTION)
-        return show_of_recorded(data)
+        return show_recorded(data)
     motion = stored(file)
-    return motion if drive is None else plan_of(motion)
+    return motion if drive is None else restore_plan(motion)
 
 
 def stored(file: Path) -> Motion:

@@ -39,7 +39,7 @@ LEAST_WIDTH = 0.03
 
 def draw_setting(robot: Robot, laser: PanTiltLaser, plane: Plane, pan: float, tilt: float, q: ArrayLike) -> str:
     """Draw the arm at a configuration and the laser unit beside it, whose beam meets the graph paper."""
-    seen = laser.on_plane(pan, tilt, plane)
+    seen = laser.intersect_plane(pan, tilt, plane)
     if seen.point is None or seen.spot is None:
         raise InvalidInput("pan, tilt", f"{seen.status}: {seen.reason}", "a beam that meets the plane")
     frames = np.concatenate([np.eye(4)[None], robot.frames(robot.configuration(q))])

@@ -9,13 +9,13 @@ from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
 from planners.cell.drives.ros import RosDrive
 from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
-from planners.cell.gripper import Gripper, Held
+from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
-from planners.cell.setpoints import Setpoints, setpoints, whole_periods
-from planners.cell.stored import plan_of
+from planners.cell.setpoints import Setpoints, fit_periods, make_setpoints
+from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import RosbridgeTransport
 from planners.ros.transport import Transport
@@ -33,7 +33,7 @@ __all__ = [
     "Fault",
     "FaultKind",
     "Gripper",
-    "Held",
+    "HeldObject",
     "IdealDrive",
     "LateHost",
     "LostEncoder",
@@ -62,14 +62,14 @@ __all__ = [
     "crossings",
     "cube_poses",
     "drives",
+    "fit_periods",
     "make_drive",
+    "make_setpoints",
     "mujoco_model",
     "path_figures",
-    "plan_of",
     "pose_figures",
-    "setpoints",
+    "restore_plan",
     "split_configurations",
     "split_errors",
     "to_mjcf",
-    "whole_periods",
 ]

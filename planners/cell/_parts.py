@@ -18,7 +18,7 @@ from optik.types import Array
 from planners.cell.drives.base import Drive
 from planners.cell.gripper import Gripper
 from planners.cell.laser import PanTiltLaser
-from planners.cell.sighting import Look, Plane, Sighting, SimulatedSpot, Spot, vectors
+from planners.cell.sighting import Look, Plane, Sighting, SimulatedSpot, Spot, check_vectors
 from planners.limits import MotionLimits
 
 MOST_READINGS = 10_000
@@ -45,7 +45,7 @@ class CellParts:
         heavy = self.robot.inertia is None and self.gripper is not None
         return [f"the masses of {self.robot.name} are unknown: those of the gripper are not counted"] if heavy else []
 
-    def moved(self, base: ArrayLike) -> Self:
+    def with_base(self, base: ArrayLike) -> Self:
         """Return the same cell on a platform at another pose; arm, drive and laser are shared."""
         there = copy.copy(self)
         there.base = se3.check_pose(base, "base")
@@ -53,13 +53,13 @@ class CellParts:
 
     def from_world(self, points: ArrayLike) -> Array:
         """Return points of the world in the arm's base frame."""
-        local: Array = (vectors(points, "points") - self.base[:3, 3]) @ self.base[:3, :3]
+        local: Array = (check_vectors(points, "points") - self.base[:3, 3]) @ self.base[:3, :3]
         return local
 
     def read(self, point: ArrayLike, readings: int = 1) -> Spot:
         """Return a noisy reading by the true unit; it carries the true point, for simulations."""
         check_count(readings, "readings", 1, MOST_READINGS)
-        true = vectors(point, "point")
+        true = check_vectors(point, "point")
         spot = SimulatedSpot(*self._read(true, readings))
         spot.true_point = true
         return spot
@@ -125,7 +125,7 @@ def _rows(spot: Spot, plane: Plane | None) -> Array:
 def _locate_reading(unit: PanTiltLaser, row: list[float], plane: Plane | None) -> Sighting:
     """Return the spot as a unit locates it by one reading."""
     pan, tilt, distance = row
-    return unit.angles(unit.point(pan, tilt, distance)) if plane is None else unit.on_plane(pan, tilt, plane)
+    return unit.angles(unit.point(pan, tilt, distance)) if plane is None else unit.intersect_plane(pan, tilt, plane)
 
 
 def reading_variance(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> float:

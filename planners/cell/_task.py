@@ -30,14 +30,14 @@ from planners.timing import TimeLaw, law_for
 NO_MOVE = 1e-9
 """Length of a line [m, or rad] up to which the tool already is where it should be: encoders resolve a thousand times less."""
 
-PLANNED = {
+FAILED_STEPS = {
     PlanStatus.TIMING_INFEASIBLE: "timing",
     PlanStatus.LIMITS_EXCEEDED: "timing",
     PlanStatus.NOT_PROVED: "certificate",
 }
 """The step at which a plan failed, by its status; the others are of following the line with the joints."""
 
-EXECUTED = {
+EXECUTION_ENDS = {
     ExecutionStatus.STOPPED: CellStatus.STOPPED,
     ExecutionStatus.FAULT: CellStatus.FAULT,
     ExecutionStatus.REFUSED: CellStatus.REFUSED,
@@ -60,7 +60,7 @@ TAKEN_AS_EXACT = (
 
 
 @dataclass(frozen=True, eq=False)
-class Wishes:
+class TaskSettings:
     """What was asked of a task; see `Cell.move_to_spot`."""
 
     law: TimeLaw
@@ -79,7 +79,7 @@ class Wishes:
     look: Look | None = None
 
 
-class Ended(Exception):
+class StepFailed(Exception):
     """A step failed, which ends the task with a status; never seen outside of the task."""
 
     def __init__(self, status: CellStatus) -> None:
@@ -89,9 +89,9 @@ class Ended(Exception):
 class Task:
     """A task that runs: its steps so far, and what they made."""
 
-    def __init__(self, cell: CellParts, wishes: Wishes) -> None:
-        self.cell, self.wishes = cell, wishes
-        self.solver = wishes.ik if isinstance(wishes.ik, IKSolver) else solver_for(cell.robot, wishes.ik)
+    def __init__(self, cell: CellParts, settings: TaskSettings) -> None:
+        self.cell, self.settings = cell, settings
+        self.solver = settings.ik if isinstance(settings.ik, IKSolver) else solver_for(cell.robot, settings.ik)
         self.steps: list[Step] = []
         self.rounds: list[Round] = []
         self.along: list[PathSplit] = []
@@ -111,21 +111,21 @@ class Task:
 
     def _fail(
         self, name: str, status: CellStatus, reason: str, advice: str, result: Any = None, since: float | None = None
-    ) -> Ended:
+    ) -> StepFailed:
         seconds = 0.0 if since is None else perf_counter() - since
         self.steps.append(Step(name, False, reason, advice, result, seconds))
-        return Ended(status)
+        return StepFailed(status)
 
     def run(self, spot: Spot) -> Outcome:
         """Move the tool to a spot as the unit read it, and correct the remaining error."""
         status = CellStatus.ARRIVED
         try:
-            self._see(spot)
+            self._locate(spot)
             self._aim()
             self._reach()
-            for _ in range(self.wishes.corrections):
+            for _ in range(self.settings.corrections):
                 self._correct()
-        except Ended as ended:
+        except StepFailed as ended:
             status = ended.status
         return self._outcome(status)
 
@@ -134,10 +134,12 @@ class Task:
         self.spot, self.true_spot, self.target = outcome.spot, outcome.true_spot, outcome.target
         since, status = perf_counter(), CellStatus.ARRIVED
         try:
-            execution = self.cell.drive.resume(outcome.executions[-1], stop=self.wishes.stop, watch=self.wishes.watch)
-            self._ended(execution, since)
-            self._arrived(execution.plan, execution)
-        except Ended as ended:
+            execution = self.cell.drive.resume(
+                outcome.executions[-1], stop=self.settings.stop, watch=self.settings.watch
+            )
+            self._check_end(execution, since)
+            self._measure_arrival(execution.plan, execution)
+        except StepFailed as ended:
             status = ended.status
         return self._outcome(status)
 
@@ -154,20 +156,20 @@ class Task:
 
     # ------------------------------------------------------------ laser and target
 
-    def _see(self, reading: Spot) -> None:
+    def _locate(self, reading: Spot) -> None:
         """Step "laser": from a reading to a point."""
         since = perf_counter()
-        given = self.wishes.true_spot
+        given = self.settings.true_spot
         try:
-            seen = self.cell.sighting(reading, self.wishes.plane)
+            seen = self.cell.sighting(reading, self.settings.plane)
             if not seen:
                 raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-            self.true_spot, known = self.cell.truth(reading, self.wishes.plane) if given is None else (given, True)
+            self.true_spot, known = self.cell.truth(reading, self.settings.plane) if given is None else (given, True)
         except InvalidInput as error:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not known:
             self.notes.append(TAKEN_AS_EXACT)
-        self.spot, self.variance = seen.point, self.cell.noise(reading, self.wishes.plane)
+        self.spot, self.variance = seen.point, self.cell.noise(reading, self.settings.plane)
         off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
@@ -189,7 +191,7 @@ class Task:
 
     def _aim(self) -> None:
         """Step "target": the pose that the tool shall have."""
-        since, asked = perf_counter(), self.wishes.orientation
+        since, asked = perf_counter(), self.settings.orientation
         R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
         assert self.spot is not None
         self.target = se3.pose(R, self.spot)
@@ -205,7 +207,7 @@ class Task:
 
     # ------------------------------------------------------------ from the line to its execution
 
-    def _planned(self, law: TimeLaw) -> Plan | None:
+    def _plan_line(self, law: TimeLaw) -> Plan | None:
         """Steps "line", "joints", "timing" and "certificate"; None where the tool is at its target already."""
         since, cell, robot = perf_counter(), self.cell, self.cell.robot
         q = self._measured_start()
@@ -232,15 +234,15 @@ class Task:
         return found
 
     def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
-        cell, wishes = self.cell, self.wishes
+        cell, settings = self.cell, self.settings
         return plan(
-            cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=wishes.samples,
+            cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=settings.samples,
             duration=duration, scene=cell.scene,
         )  # fmt: skip
 
     def _add_planned(self, found: Plan) -> None:
         """The steps of a plan, up to the one that failed."""
-        failed = None if found else PLANNED.get(found.status, "joints")
+        failed = None if found else FAILED_STEPS.get(found.status, "joints")
         if found.status is PlanStatus.CONTACT and found._trajectory is not None:
             failed = "certificate"
         made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.ik}", found.prefix)}
@@ -256,15 +258,15 @@ class Task:
                 place = "" if "s = " in found.failure.reason else f" (s = {found.failure.s:.6g})"
                 reason = f"{found.status}: {found.failure.reason}{place}"
                 self.steps.append(Step(name, False, reason, found.failure.advice, result, seconds))
-                raise Ended(CellStatus.NO_PLAN)
+                raise StepFailed(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))
 
-    def _executed(self, found: Plan, stop: StopRequest | None) -> Execution:
+    def _execute(self, found: Plan, stop: StopRequest | None) -> Execution:
         """Step "execution", or "stop" where a spot that moved stopped it."""
         since = perf_counter()
-        return self._ended(self.cell.drive.execute(found, stop=stop, watch=self.wishes.watch), since)
+        return self._check_end(self.cell.drive.execute(found, stop=stop, watch=self.settings.watch), since)
 
-    def _ended(self, execution: Execution, since: float) -> Execution:
+    def _check_end(self, execution: Execution, since: float) -> Execution:
         """The step that an execution was, judged by how it ended."""
         if execution.t.size:
             self.clock += float(execution.t[-1])
@@ -272,35 +274,35 @@ class Task:
             late = f", {execution.late} late" if execution.late else ""
             self._add("execution", f"{execution.drive}, {execution.t[-1]:.3f} s{late}", execution, since)
         elif execution.status is not ExecutionStatus.STOPPED or not self._stopped_by_spot:
-            status = EXECUTED[execution.status]
+            status = EXECUTION_ENDS[execution.status]
             reason = f"{execution.status}: {execution.reason}" if execution.reason else str(execution.status)
             raise self._fail("execution", status, reason, execution.advice, execution, since)
         else:
             self._add("stop", f"the spot moved; at rest on the path after {execution.t[-1]:.3f} s", execution, since)
         return execution
 
-    def _arrived(self, found: Plan, execution: Execution) -> None:
+    def _measure_arrival(self, found: Plan, execution: Execution) -> None:
         """Step "tool": where it really went, and what the laser unit measures of it."""
-        since, robot, wishes = perf_counter(), self.cell.robot, self.wishes
+        since, robot, settings = perf_counter(), self.cell.robot, self.settings
         assert self.true_spot is not None
         pose = robot.fk(execution.q[-1])
         tool, error = pose[:3, 3], pose[:3, 3] - self.true_spot
-        self.along.append(split_along(execution, self.solver, self.true_spot, wishes.samples))
+        self.along.append(split_along(execution, self.solver, self.true_spot, settings.samples))
         rest, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
-        if wishes.corrections:
-            rest = self._rest(tool, robot.fk(execution.measured[-1])[:3, 3])
+        if settings.corrections:
+            rest = self._measure_residual(tool, robot.fk(execution.measured[-1])[:3, 3])
             said += f"; {_mm(np.linalg.norm(rest))} as measured"
         self.rounds.append(Round(found, execution, tool, rest, error))
         self._add("tool", said, pose, since)
 
-    def _rest(self, tool: Array, encoders: Array) -> Array:
+    def _measure_residual(self, tool: Array, encoders: Array) -> Array:
         """Return the measured spot minus the measured tool, so that the error of the calibration cancels.
 
         A measurement is rejected if noise and calibration do not explain its distance from the position by the encoders.
         """
         try:
-            read = self.cell.read_tool(tool, self.wishes.readings, self.wishes.look)
-            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.wishes.plane)
+            read = self.cell.read_tool(tool, self.settings.readings, self.settings.look)
+            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.settings.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
@@ -316,23 +318,23 @@ class Task:
             reason = f"{why}, but noise and calibration explain at most {_mm(most)}"
             advice = "check what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
-        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.wishes.plane)))
+        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.settings.plane)))
         return self.spot - seen.point
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
 
     def _reach(self) -> None:
         """Go to the target; where the spot moves on the way, stop and go to where it is now."""
-        follow, most = self.wishes.follow, self.wishes.most_replans
+        follow, most = self.settings.follow, self.settings.most_replans
         for replans in range(most + 1):
             self._stopped_by_spot = False
-            found = self._planned(self.wishes.law)
-            execution = None if found is None else self._executed(found, self._stop())
+            found = self._plan_line(self.settings.law)
+            execution = None if found is None else self._execute(found, self._make_stop_test())
             if follow is not None:
-                self._see(follow(self.clock))
-            if not self._stopped_by_spot and not self._away(self.spot):
+                self._locate(follow(self.clock))
+            if not self._stopped_by_spot and not self._is_away(self.spot):
                 if found is not None and execution is not None:
-                    self._arrived(found, execution)
+                    self._measure_arrival(found, execution)
                 return
             if replans < most:
                 self._turn_to_spot()
@@ -347,14 +349,14 @@ class Task:
         self.target = se3.pose(self.target[:3, :3], self.spot)
         self._add("replan", f"the spot moved by {_mm(by)}", self.target, since)
 
-    def _away(self, point: Array | None) -> bool:
+    def _is_away(self, point: Array | None) -> bool:
         """Whether a point is away from where the tool is sent."""
         assert self.target is not None
-        return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.wishes.moved
+        return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.settings.moved
 
-    def _stop(self) -> StopRequest | None:
+    def _make_stop_test(self) -> StopRequest | None:
         """When to stop: as asked, or when the spot has moved."""
-        asked, follow, since = self.wishes.stop, self.wishes.follow, self.clock
+        asked, follow, since = self.settings.stop, self.settings.follow, self.clock
         if follow is None:
             return asked
 
@@ -369,30 +371,30 @@ class Task:
     def _has_moved(self, follow: Follow, t: float) -> bool:
         """Whether the spot is away from where the tool is sent, or cannot be seen any more; asked while the arm moves."""
         try:
-            return self._away(self.cell.sighting(follow(t), self.wishes.plane).point)
+            return self._is_away(self.cell.sighting(follow(t), self.settings.plane).point)
         except Exception:  # whatever a reading fails with, the arm must come to rest first; then it is read again
             return True
 
     def _correct(self) -> None:
         """Move the target by the rest that was measured, and go there."""
         assert self.target is not None
-        rest = self.rounds[-1].rest if self.rounds else None
+        rest = self.rounds[-1].residual if self.rounds else None
         if rest is None:
             return
         self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + rest)
         self._stopped_by_spot = False
-        law = self.wishes.law
+        law = self.settings.law
         if law.speed is not None:  # a correction is too short to come to a tool speed that was asked
             law = copy(law)
             law.speed = None
-        found = self._planned(law)
+        found = self._plan_line(law)
         if found is not None:
-            self._arrived(found, self._executed(found, self.wishes.stop))
+            self._measure_arrival(found, self._execute(found, self.settings.stop))
 
 
-def wishes_of(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> Wishes:
-    """Build the settings of a task from its law and the other fields of `Wishes`."""
-    return Wishes(law=law_for(law), **given)
+def make_settings(law: str | os.PathLike[str] | TimeLaw, **given: Any) -> TaskSettings:
+    """Build the settings of a task from its law and the other fields of `TaskSettings`."""
+    return TaskSettings(law=law_for(law), **given)
 
 
 def _mm(metres: Any) -> str:

@@ -17,7 +17,7 @@ from optik.errors import InvalidInput
 from optik.se3 import exp_so3, pose
 from optik.types import Array, Flags, Indices
 from planners.cell.laser import PanTiltLaser
-from planners.cell.sighting import Spot, fixed, vector
+from planners.cell.sighting import Spot, check_vector, freeze
 
 LEVER = 30.0
 """Distance from the pan axis, over the noise of the point, from which on a pan is used [1], and from the unit for a tilt:
@@ -67,7 +67,7 @@ class Readings(NamedTuple):
         return len(self.spots)
 
 
-def readings_of(spots: Array, points: Array, angle_noise: float, range_noise: float) -> Readings:
+def weight_readings(spots: Array, points: Array, angle_noise: float, range_noise: float) -> Readings:
     """Return readings with their weights."""
     distance = spots[:, 2]
     noise = LEVER * np.maximum(angle_noise * distance, range_noise)
@@ -75,7 +75,7 @@ def readings_of(spots: Array, points: Array, angle_noise: float, range_noise: fl
     return Readings(spots, points, used / np.array([angle_noise, angle_noise, range_noise]))
 
 
-def residuals(readings: Readings, T: Array) -> Array:
+def compute_residuals(readings: Readings, T: Array) -> Array:
     """Readings minus what the unit would read of the known points at one pose or at several.
 
     Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read: it goes on
@@ -102,7 +102,7 @@ def _along(readings: Readings, y: Array) -> tuple[Array, Array]:
     return np.sum(y[..., :2] * direction, axis=-1), direction
 
 
-def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
+def standardise(readings: Readings, T: Array) -> tuple[Array, Array]:
     """Residuals at a pose in standard deviations, and the derivative of what is predicted, in the same unit."""
     R, arm = T[:3, :3], readings.points - T[:3, 3]
     y = arm @ R
@@ -116,21 +116,21 @@ def standardised(readings: Readings, T: Array) -> tuple[Array, Array]:
     unit[:, 2] = y / distance[:, None]
     by_point = unit @ R.T  # by the point in the base frame; moving the origin does the opposite
     J = np.concatenate([-by_point, np.cross(by_point, arm[:, None, :])], axis=2)
-    return residuals(readings, T) * readings.weights, J * readings.weights[:, :, None]
+    return compute_residuals(readings, T) * readings.weights, J * readings.weights[:, :, None]
 
 
 def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
     """Least squares of the standardised residuals of some pairs, by Gauss–Newton steps that are halved until they descend."""
     chosen = Readings(*(field[kept] for field in readings))
     for _ in range(MOST_FIT_STEPS):
-        e, J = standardised(chosen, T)
+        e, J = standardise(chosen, T)
         step = np.linalg.lstsq(J.reshape(-1, 6), e.ravel(), rcond=None)[0]
         if np.linalg.norm(J @ step) <= FIT_SETTLED:
             return T, True
         cost = float(np.sum(e**2))
         for _ in range(MOST_HALVINGS):
             ahead = pose(exp_so3(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
-            if float(np.sum((residuals(chosen, ahead) * chosen.weights) ** 2)) <= cost:
+            if float(np.sum((compute_residuals(chosen, ahead) * chosen.weights) ** 2)) <= cost:
                 break
             step = step / 2.0
         else:
@@ -139,7 +139,7 @@ def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
     return T, False
 
 
-def closed_form(spots: Array, points: Array) -> Array:
+def fit_closed_form(spots: Array, points: Array) -> Array:
     """Poses that carry points measured by the unit onto known ones with the least sum of squared distances (Kabsch 1976)."""
     pan, tilt, distance = np.moveaxis(spots, -1, 0)
     flat = distance * np.cos(tilt)
@@ -154,11 +154,11 @@ def closed_form(spots: Array, points: Array) -> Array:
     return T
 
 
-def robust_start(readings: Readings) -> tuple[Array, Flags]:
+def find_robust_pose(readings: Readings) -> tuple[Array, Flags]:
     """Start that outliers below a half do not spoil: of the poses of many triples, that with the least median of squares."""
     triples = _triples(readings.m)
-    candidates = closed_form(readings.spots[triples], readings.points[triples])
-    squares = np.sum((residuals(readings, candidates) * readings.weights) ** 2, axis=-1)
+    candidates = fit_closed_form(readings.spots[triples], readings.points[triples])
+    squares = np.sum((compute_residuals(readings, candidates) * readings.weights) ** 2, axis=-1)
     half = readings.m // 2 + 1
     median = np.partition(squares, half - 1, axis=1)[:, half - 1]
     a, b, c = readings.points[triples].swapaxes(0, 1)
@@ -292,24 +292,24 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
     InvalidInput
         Fewer than 3 pairs, NaN, a range that is not above 0, or a unit whose noise is 0 or not stated.
     """
-    readings = _readings(pairs, laser)
-    T, kept = robust_start(readings)
+    readings = _check_pairs(pairs, laser)
+    T, kept = find_robust_pose(readings)
     T, converged, kept = _search(readings, T, kept)
-    e, J = standardised(readings, T)
-    covariance = _inverse(J[kept])
+    e, J = standardise(readings, T)
+    covariance = _pose_covariance(J[kept])
     out = tuple(int(i) for i in np.flatnonzero(~kept))
     chi_squared, freedom = float(np.sum(e[kept] ** 2)), max(int(np.count_nonzero(readings.weights[kept])) - 6, 0)
-    status, reason, advice = _judged(readings, kept, converged, covariance, chi_squared, freedom)
+    status, reason, advice = _judge(readings, kept, converged, covariance, chi_squared, freedom)
     found = status is CalibrationStatus.FOUND
     return Calibration(
         status,
         reason,
         advice,
         laser.with_pose(T, covariance) if found else None,
-        residuals(readings, T),
+        compute_residuals(readings, T),
         _distances(e, J, kept),
         out,
-        fixed(covariance),
+        freeze(covariance),
         chi_squared,
         freedom,
     )
@@ -320,13 +320,13 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
     from scipy.special import chdtri
 
     every = np.ones(readings.m, dtype=bool)
-    if readings.m <= FEWEST_KEPT or _largest_turn(_inverse(standardised(readings, T)[1])) > MOST_TURN:
+    if readings.m <= FEWEST_KEPT or _largest_turn(_pose_covariance(standardise(readings, T)[1])) > MOST_TURN:
         return *fit_pose(readings, every, T), every  # none may be left out, or none can be tested
     used = np.count_nonzero(readings.weights, axis=1)
     threshold = chdtri(used, (1.0 - CONFIDENCE) / readings.m)
     for turn in range(SEARCH_ROUNDS + readings.m):
         T, converged = fit_pose(readings, kept, T)
-        passed = _distances(*standardised(readings, T), kept) <= threshold
+        passed = _distances(*standardise(readings, T), kept) <= threshold
         after = passed & kept if turn >= SEARCH_ROUNDS else passed
         if not converged or (after == kept).all():
             break
@@ -340,7 +340,7 @@ def _distances(e: Array, J: Array, kept: Flags) -> Array:
     """Squared Mahalanobis distances of pairs from the fit of the others, (m,)."""
     # The residuals of a pair that is kept have the covariance I − J C Jᵀ, as the fit was drawn towards them; those of
     # another I + J C Jᵀ. The first gives the distance from the fit without that pair, to first order.
-    spread = J @ _inverse(J[kept]) @ J.swapaxes(1, 2)
+    spread = J @ _pose_covariance(J[kept]) @ J.swapaxes(1, 2)
     if not np.isfinite(spread).all():
         return np.zeros(len(e))  # the points do not fix the pose: no pair can be tested
     values, vectors = np.linalg.eigh(np.eye(3) + np.where(kept, -1.0, 1.0)[:, None, None] * spread)
@@ -350,7 +350,7 @@ def _distances(e: Array, J: Array, kept: Flags) -> Array:
     )
 
 
-def _inverse(J: Array) -> Array:
+def _pose_covariance(J: Array) -> Array:
     """Covariance of the pose from standardised derivatives (k, 3, 6): (Σ JᵀJ)⁻¹; NaN where they do not fix the pose."""
     _, s, Vt = np.linalg.svd(J.reshape(-1, 6), full_matrices=False)
     if len(s) < 6 or s[5] <= SAME_LINE * s[0]:
@@ -359,7 +359,7 @@ def _inverse(J: Array) -> Array:
     return np.asarray(scaled.T @ scaled)
 
 
-def _judged(
+def _judge(
     readings: Readings, kept: Flags, converged: bool, covariance: Array, chi_squared: float, freedom: int
 ) -> tuple[CalibrationStatus, str, str]:
     """Status, reason and advice of a calibration."""
@@ -410,7 +410,7 @@ def _largest_turn(covariance: Array) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
 
 
-def _readings(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
+def _check_pairs(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
     """The pairs as arrays with their weights, checked."""
     if not isinstance(laser, PanTiltLaser):
         raise InvalidInput("laser", format_value(laser), "a planners.cell.PanTiltLaser")
@@ -426,9 +426,9 @@ def _readings(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
         raise InvalidInput("pairs", format_value(pairs), expected) from None
     if len(rows) < FEWEST_PAIRS:
         raise InvalidInput("pairs", f"{len(rows)} pairs", expected)
-    spots = np.array([vector(np.asarray(spot), f"pairs[{i}][0]") for i, (spot, _) in enumerate(rows)])
-    points = np.array([vector(np.asarray(point), f"pairs[{i}][1]") for i, (_, point) in enumerate(rows)])
+    spots = np.array([check_vector(np.asarray(spot), f"pairs[{i}][0]") for i, (spot, _) in enumerate(rows)])
+    points = np.array([check_vector(np.asarray(point), f"pairs[{i}][1]") for i, (_, point) in enumerate(rows)])
     if not (spots[:, 2] > 0.0).all():
         i = int(np.argmin(spots[:, 2]))
         raise InvalidInput(f"pairs[{i}][0]", f"the range {spots[i, 2]:g} m", "a range above 0")
-    return readings_of(spots, points, laser.angle_noise, laser.range_noise)
+    return weight_readings(spots, points, laser.angle_noise, laser.range_noise)

@@ -19,13 +19,13 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell._parts import MOST_READINGS, CellParts
-from planners.cell._task import Task, wishes_of
+from planners.cell._task import Task, make_settings
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
-from planners.cell.gripper import Gripper, Held
+from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
-from planners.cell.sighting import Follow, Look, Plane, Spot, vectors
+from planners.cell.sighting import Follow, Look, Plane, Spot, check_vectors
 from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
@@ -66,7 +66,7 @@ class Cell(CellParts):
     ----------
     robot : Robot
         The arm with the gripper and what it holds.
-    held : Held or None
+    held : HeldObject or None
         What the gripper holds.
     width : float or None
         Distance of its fingers [m]; open at first.
@@ -98,15 +98,15 @@ class Cell(CellParts):
                 raise InvalidInput(name, format_value(given[name]), f"a {kind.__name__}")
         super().__init__(laser, laser if unit is None else unit, np.eye(4) if base is None else base, seed)
         self._bare, self.gripper = robot, gripper
-        self.held: Held | None = None
+        self.held: HeldObject | None = None
         self.width = None if gripper is None else gripper.opening
-        self.robot = robot if gripper is None else gripper.mounted(robot)
+        self.robot = robot if gripper is None else gripper.mount(robot)
         self.limits = MotionLimits.of(robot) if limits is None else limits
         check_scene(self.robot, scene)
         self.scene = scene
-        self.drive = self._driven(drive, q)
+        self.drive = self._make_drive(drive, q)
 
-    def _driven(self, drive: Any, q: ArrayLike | None) -> Drive:
+    def _make_drive(self, drive: Any, q: ArrayLike | None) -> Drive:
         """The drive, for the arm with its gripper."""
         if isinstance(drive, str | os.PathLike):
             return make_drive(drive, self.robot, **({} if q is None else {"q": q}))
@@ -172,16 +172,16 @@ class Cell(CellParts):
         InvalidInput
             An argument that cannot be meant; corrections on a real drive without ``look``; no such law or method.
         """
-        self._check_asked(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
+        self._check_request(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
             raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
-        wishes = wishes_of(
+        settings = make_settings(
             timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
             readings=readings, ik=ik, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
-            true_spot=None if true_spot is None else vectors(true_spot, "true_spot"), most_replans=most_replans,
+            true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
-        return Task(self, wishes).run(spot)
+        return Task(self, settings).run(spot)
 
     def resume(
         self, outcome: Outcome, *, ik: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
@@ -216,10 +216,10 @@ class Cell(CellParts):
             came = str(getattr(outcome, "status", format_value(outcome)))
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
         plan = outcome.executions[-1].plan
-        wishes = wishes_of("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
-        return Task(self, wishes).resume(outcome)
+        settings = make_settings("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
+        return Task(self, settings).resume(outcome)
 
-    def _check_asked(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
+    def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
         """Counts are whole numbers, functions can be called, and corrections on a real arm need one that reads its tool."""
         for name, given in functions.items():
             if given is not None and not callable(given):
@@ -245,22 +245,22 @@ class Cell(CellParts):
         """
 
         def act(gripper: Gripper) -> str:
-            wide = gripper.checked_width(gripper.opening if width is None else width)
+            wide = gripper.check_width(gripper.opening if width is None else width)
             if wide < (self.width or 0.0):
                 raise InvalidInput("width", f"{wide:g}", f"at least {self.width:g} m, which they are open now")
             self._grip(gripper, None, wide)
             return f"{wide:g} m open"
 
-        return self._gripped("open", act)
+        return self._run_gripper("open", act)
 
-    def close(self, width: float = 0.0, held: Held | None = None) -> Outcome:
+    def close(self, width: float = 0.0, held: HeldObject | None = None) -> Outcome:
         """Close the gripper, on an object or on nothing.
 
         Parameters
         ----------
         width : float
             Distance of the fingers [m], that of the object.
-        held : Held, optional
+        held : HeldObject, optional
             The object: from now on plans, certificates and the drive count its mass and shapes.
 
         Returns
@@ -270,26 +270,26 @@ class Cell(CellParts):
         """
 
         def act(gripper: Gripper) -> str:
-            narrow = gripper.checked_width(width)
-            if held is not None and not isinstance(held, Held):
-                raise InvalidInput("held", format_value(held), "a planners.cell.Held(mass)")
+            narrow = gripper.check_width(width)
+            if held is not None and not isinstance(held, HeldObject):
+                raise InvalidInput("held", format_value(held), "a planners.cell.HeldObject(mass)")
             if self.width is not None and narrow > self.width:
                 raise InvalidInput("width", f"{narrow:g}", f"at most {self.width:g} m, which they are open now")
             self._grip(gripper, held if held is not None else self.held, narrow)
             return f"{narrow:g} m open" + ("" if self.held is None else f", holding {self.held.mass:g} kg")
 
-        return self._gripped("close", act)
+        return self._run_gripper("close", act)
 
-    def _grip(self, gripper: Gripper, held: Held | None, width: float) -> None:
+    def _grip(self, gripper: Gripper, held: HeldObject | None, width: float) -> None:
         """Have arm and drive carry what the gripper holds now."""
-        robot = gripper.mounted(self._bare, held)
+        robot = gripper.mount(self._bare, held)
         if held is not None and held is not self.held:
             self._check_weight(robot, held)
         if robot != self.robot:
             self.drive.carry(robot)
         self.robot, self.held, self.width = robot, held, width
 
-    def _check_weight(self, robot: Robot, held: Held) -> None:
+    def _check_weight(self, robot: Robot, held: HeldObject) -> None:
         """Raise InvalidInput if the motors cannot hold an object at the arm's configuration; unknown torques are not judged."""
         if robot.inertia is None or robot.limits.torque is None:
             return
@@ -306,7 +306,7 @@ class Cell(CellParts):
             what = f"{held.mass:g} kg, which takes {needed[i]:.3g} times the torque of {robot.joint_names[i]} to hold"
             raise InvalidInput("held", what, "an object that the arm can hold where it stands")
 
-    def _gripped(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
+    def _run_gripper(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
         """The outcome of one step of the gripper; nothing changes where it cannot."""
         since = perf_counter()
         try:

@@ -100,7 +100,7 @@ def split_errors(
         No points, or NaN or infinity in them.
     """
     given = {"spot": spot, "target": target, "answer": answer, "planned": planned, "executed": executed}
-    points = [_points(value, name) for name, value in given.items()]
+    points = [_check_points(value, name) for name, value in given.items()]
     try:
         a, b, c, d, e = np.broadcast_arrays(*points)
     except ValueError:
@@ -139,7 +139,7 @@ def split_configurations(
     return split_errors(spot, target, *tools)
 
 
-def _points(value: ArrayLike, name: str) -> Array:
+def _check_points(value: ArrayLike, name: str) -> Array:
     """Points as an array, checked."""
     points = real_array(value, name, "a point (3,) or points (k, 3)")
     if points.ndim not in (1, 2) or points.shape[-1] != 3:
@@ -149,7 +149,7 @@ def _points(value: ArrayLike, name: str) -> Array:
     return points
 
 
-def ik_answers(solver: IKSolver, poses: Array, q: Array) -> Array:
+def solve_poses(solver: IKSolver, poses: Array, q: Array) -> Array:
     """Solve poses one after the other, each from the answer before, as the paper does."""
     limits = solver.robot.limits
     answers = np.empty((len(poses), solver.robot.n))
@@ -176,7 +176,7 @@ def split_along(execution: Execution, solver: IKSolver, true_spot: Array, sample
     s = path.nearest(robot.fk(planned))
     s[-1] = path.end  # an execution ends where its motion does, and that is the end of the path
     poses = path.pose(s)
-    answers = ik_answers(solver, poses, planned[0])
+    answers = solve_poses(solver, poses, planned[0])
     off = true_spot - path.pose(path.end)[:3, 3]
     desired = poses[:, :3, 3] + (s / path.end)[:, None] * off
     split = split_configurations(robot, desired, poses[:, :3, 3], answers, planned, execution.q[chosen])

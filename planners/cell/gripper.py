@@ -21,7 +21,7 @@ PARTS = ("gripper", "held")
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldObject:
     """An object between the fingers, as a rigid body in the grasp's frame.
 
     Parameters
@@ -57,12 +57,12 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """A gripper of two parallel fingers, mounted on the arm's tool.
+    """A gripper of two parallel fingers, mount on the arm's tool.
 
     Parameters
     ----------
     grasp : (4, 4) array
-        Pose of the grasp point in the frame of the arm's tool that it is mounted on [1, m].
+        Pose of the grasp point in the frame of the arm's tool that it is mount on [1, m].
     opening : float
         Largest distance of the fingers [m].
     mass : float
@@ -106,7 +106,7 @@ class Gripper:
         assert isinstance(self.grasp, np.ndarray)
         return self.grasp
 
-    def checked_width(self, width: float) -> float:
+    def check_width(self, width: float) -> float:
         """Return a distance of the fingers that the gripper has.
 
         Parameters
@@ -129,7 +129,7 @@ class Gripper:
             raise InvalidInput("width", f"{width:g}", expected)
         return float(width)
 
-    def mounted(self, robot: Robot, held: Held | None = None) -> Robot:
+    def mount(self, robot: Robot, held: HeldObject | None = None) -> Robot:
         """Return an arm with the gripper: its tool is the grasp point, and masses and shapes count gripper and object.
 
         What the arm carried before stays, as part of the payload. Its joints, limits and names are as before.
@@ -137,8 +137,8 @@ class Gripper:
         Parameters
         ----------
         robot : Robot
-            The arm, its tool where the gripper is mounted.
-        held : Held, optional
+            The arm, its tool where the gripper is mount.
+        held : HeldObject, optional
             What is between the fingers.
 
         Returns
@@ -166,7 +166,7 @@ class Gripper:
             arm = arm.with_payload(mass, com, inertia)
         return arm.with_shapes(self._shapes(robot, arm.tool, held))
 
-    def _shapes(self, robot: Robot, grasp: Array, held: Held | None) -> Any:
+    def _shapes(self, robot: Robot, grasp: Array, held: HeldObject | None) -> Any:
         """The arm's shapes with those of gripper and object."""
         shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
         for name, (objects, place) in zip(PARTS, given, strict=True):

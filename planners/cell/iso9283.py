@@ -134,11 +134,11 @@ def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
     InvalidInput
         Wrong shapes, numbers that are not finite, or no cycle.
     """
-    T = _finite(command, "command", (4, 4), "a pose (4, 4)")
-    poses = _finite(reached, "reached", (-1, 4, 4), "poses (k, 4, 4), one a cycle")
+    T = _check_finite(command, "command", (4, 4), "a pose (4, 4)")
+    poses = _check_finite(reached, "reached", (-1, 4, 4), "poses (k, 4, 4), one a cycle")
     at, turns = poses[:, :3, 3], se3.error(np.broadcast_to(T, poses.shape), poses)[:, 3:]
     mean = at.mean(axis=0)
-    reason = _no_spread(at, noise)
+    reason = _why_no_spread(at, noise)
     rp, three = (None, None) if reason else (float(_repeatability(at)), 3.0 * turns.std(axis=0, ddof=1))
     offset = mean - T[:3, 3]
     return PoseFigures(len(at), offset, float(np.linalg.norm(offset)), turns.mean(axis=0), rp, three, reason)
@@ -167,10 +167,10 @@ def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
     InvalidInput
         Wrong shapes, numbers that are not finite, or no cycle.
     """
-    points = _finite(command, "command", (-1, 3), "points (m, 3)")
-    cycles = _finite(reached, "reached", (-1, len(points), 3), f"points (k, {len(points)}, 3), one row a cycle")
+    points = _check_finite(command, "command", (-1, 3), "points (m, 3)")
+    cycles = _check_finite(reached, "reached", (-1, len(points), 3), f"points (k, {len(points)}, 3), one row a cycle")
     off = np.linalg.norm(cycles.mean(axis=0) - points, axis=1)
-    at, reason = int(off.argmax()), _no_spread(cycles, noise)
+    at, reason = int(off.argmax()), _why_no_spread(cycles, noise)
     if reason:
         return PathFigures(len(cycles), float(off[at]), at, None, None, reason)
     spread = _repeatability(cycles)
@@ -200,9 +200,9 @@ def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> A
     InvalidInput
         Wrong shapes, numbers that are not finite, a tangent of no length, or less than two samples.
     """
-    points = _finite(command, "command", (-1, 3), "points (m, 3)")
-    along = _finite(tangents, "tangents", points.shape, "a direction for each point")
-    path = _finite(followed, "followed", (-1, 3), "positions (k, 3)")
+    points = _check_finite(command, "command", (-1, 3), "points (m, 3)")
+    along = _check_finite(tangents, "tangents", points.shape, "a direction for each point")
+    path = _check_finite(followed, "followed", (-1, 3), "positions (k, 3)")
     length = np.linalg.norm(along, axis=1)
     if len(path) < 2 or not length.all():
         raise InvalidInput(
@@ -258,9 +258,9 @@ def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
         for plane in _planes(up):
             poses = np.repeat(T[None], 5, axis=0)
             poses[1:, :3, 3] += POSE_SHARE * 0.5 * edge * plane
-            found = _reached(robot, solver, poses, centre)
+            found = _solve_cube(robot, solver, poses, centre)
             if found is not None:
-                return Cube(poses, found, float(edge), cube_words(float(edge)))
+                return Cube(poses, found, float(edge), describe_cube(float(edge)))
     raise InvalidInput(
         "q", np.round(centre, 4).tolist(), "a configuration with room for a cube of 10 mm around its tool"
     )
@@ -279,7 +279,7 @@ def _planes(up: int) -> list[Array]:
     return planes
 
 
-def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
+def _solve_cube(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
     """Configurations that reach all poses with the margin, each solved from the centre; None where one has none."""
     lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - POSE_MARGIN
     found = [q]
@@ -292,7 +292,7 @@ def _reached(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | 
     return np.array(found) if inside else None
 
 
-def cube_words(edge: float) -> str:
+def describe_cube(edge: float) -> str:
     """How the five poses were chosen, in words."""
     return (
         f"Five poses in a diagonal plane of a cube of {1e3 * edge:.0f} mm around the tool at the start: its centre, and a "
@@ -307,7 +307,7 @@ def _repeatability(positions: Array) -> Array:
     return np.asarray(distance.mean(axis=0) + 3.0 * distance.std(axis=0, ddof=1))
 
 
-def _no_spread(positions: Array, noise: bool) -> str:
+def _why_no_spread(positions: Array, noise: bool) -> str:
     """Why the cycles have no spread; empty where they have one."""
     if not noise:
         return NO_NOISE
@@ -316,7 +316,7 @@ def _no_spread(positions: Array, noise: bool) -> str:
     return "" if (positions != positions[0]).any() else NO_NOISE
 
 
-def _finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:
+def _check_finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:
     """Finite numbers of a shape, −1 for any number above 0."""
     found = real_array(values, name, expected)
     fits = found.ndim == len(shape) and all(

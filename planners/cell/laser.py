@@ -21,9 +21,9 @@ from planners.cell.sighting import (
     check_covariance,
     check_limits,
     check_readings,
-    fixed,
-    vector,
-    vectors,
+    check_vector,
+    check_vectors,
+    freeze,
 )
 
 __all__ = ["PanTiltLaser", "Plane", "SightStatus", "Sighting", "Spot"]
@@ -92,7 +92,7 @@ class PanTiltLaser:
     def __post_init__(self) -> None:
         expected = "a standard deviation ≥ 0"
         values = {
-            "pose": fixed(nearest_pose(check_pose(self.pose, "pose"))),
+            "pose": freeze(nearest_pose(check_pose(self.pose, "pose"))),
             "pan_limits": check_limits(self.pan_limits, "pan_limits", -2 * pi, 2 * pi, "[−2π, 2π]"),
             "tilt_limits": check_limits(self.tilt_limits, "tilt_limits", -pi / 2, pi / 2, "[−π/2, π/2]"),
             "range_limits": check_limits(self.range_limits, "range_limits", 0.0, inf, "[0, ∞]"),
@@ -167,7 +167,7 @@ class PanTiltLaser:
         InvalidInput
             Wrong shape, NaN or infinity.
         """
-        points = vectors(points, "points")
+        points = check_vectors(points, "points")
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
         off_axis = np.hypot(x, y)
         pan = np.where(self._on_pan_axis(points), 0.0, np.arctan2(y, x))
@@ -300,16 +300,16 @@ class PanTiltLaser:
         InvalidInput
             Wrong shape, NaN or infinity.
         """
-        point = vector(point, "point")
+        point = check_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
             return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "ask for a point away from the unit")
         ahead = float((point - self.pose[:3, 3]) @ self.pose[:3, 0]) > 0.0
         if self._on_pan_axis(point):
             spot = spot._replace(pan=float(np.clip(0.0, *self.pan_limits)))
-        return self._judged(spot, point, ahead)
+        return self._judge(spot, point, ahead)
 
-    def on_plane(self, pan: float, tilt: float, plane: Plane) -> Sighting:
+    def intersect_plane(self, pan: float, tilt: float, plane: Plane) -> Sighting:
         """Where the beam meets a plane, such as the graph paper; the range is not measured but follows from the plane.
 
         Parameters
@@ -347,19 +347,19 @@ class PanTiltLaser:
             return Sighting(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
         point = self.pose[:3, 3] + distance * d
         onto = np.eye(3) - np.outer(d, plane.normal) / along  # along the beam onto the plane
-        return self._judged(Spot(pan, tilt, distance), point, True, onto)
+        return self._judge(Spot(pan, tilt, distance), point, True, onto)
 
-    def _judged(self, spot: Spot, point: Array, ahead: bool, onto: Array | None = None) -> Sighting:
+    def _judge(self, spot: Spot, point: Array, ahead: bool, onto: Array | None = None) -> Sighting:
         """The sighting of a spot: found if pan, tilt and range are inside the limits."""
         pan, tilt, distance = (float(x) for x in spot)
-        turned = _turned_into(pan, self.pan_limits)
+        turned = _turn_into(pan, self.pan_limits)
         if turned is None:
             status = SightStatus.OUTSIDE_ANGLES if ahead else SightStatus.BEHIND
             where = "" if ahead else "the point is behind the unit: "
-            return Sighting(status, where + _outside("pan", pan, self.pan_limits), TURN_UNIT)
-        if not _inside(tilt, self.tilt_limits, ANGLE_SLACK):
-            return Sighting(SightStatus.OUTSIDE_ANGLES, _outside("tilt", tilt, self.tilt_limits), TURN_UNIT)
-        if not _inside(distance, self.range_limits, RANGE_SLACK):
+            return Sighting(status, where + _describe_outside("pan", pan, self.pan_limits), TURN_UNIT)
+        if not _is_inside(tilt, self.tilt_limits, ANGLE_SLACK):
+            return Sighting(SightStatus.OUTSIDE_ANGLES, _describe_outside("tilt", tilt, self.tilt_limits), TURN_UNIT)
+        if not _is_inside(distance, self.range_limits, RANGE_SLACK):
             low, high = self.range_limits
             reason = f"the range {distance:.6g} m is outside [{low:.6g}, {high:.6g}] m"
             return Sighting(SightStatus.OUT_OF_RANGE, reason, "move the unit, or choose a point within its range")
@@ -381,16 +381,16 @@ def _beam(pan: Array, tilt: Array) -> Array:
     return np.stack([np.cos(pan) * flat, np.sin(pan) * flat, np.sin(tilt)], axis=-1)
 
 
-def _turned_into(pan: float, limits: Limits) -> float | None:
+def _turn_into(pan: float, limits: Limits) -> float | None:
     """Pan, or the same direction by a turn more or less, inside the limits; None if there is none."""
     turns = (pan, pan + 2 * pi, pan - 2 * pi)
-    return next((p for p in turns if _inside(p, limits, ANGLE_SLACK)), None)
+    return next((p for p in turns if _is_inside(p, limits, ANGLE_SLACK)), None)
 
 
-def _inside(value: float, limits: Limits, slack: float) -> bool:
+def _is_inside(value: float, limits: Limits, slack: float) -> bool:
     return limits[0] - slack <= value <= limits[1] + slack
 
 
-def _outside(name: str, angle: float, limits: Limits) -> str:
+def _describe_outside(name: str, angle: float, limits: Limits) -> str:
     low, high = np.degrees(limits)
     return f"{name} {np.degrees(angle):.6g}° is outside [{low:.6g}, {high:.6g}]°"

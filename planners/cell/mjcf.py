@@ -27,7 +27,7 @@ ROD_THICKNESS = 0.1
 """Diameter of the assumed rods, as a part of the length of all links together [1]: arms are some ten times as long as thick."""
 
 
-def with_masses(robot: Robot) -> tuple[Robot, str]:
+def assume_masses(robot: Robot) -> tuple[Robot, str]:
     """Return an arm whose masses are known, and what was assumed for it, in words.
 
     An arm that has masses is returned as it is. One without gets, for each link, a solid cylinder from its joint to the next
@@ -48,7 +48,7 @@ def with_masses(robot: Robot) -> tuple[Robot, str]:
     source = "assumed: rods along the links, as the masses are unknown"
     inertia = Inertia(mass, com, tensor, motor=motor, source=source)
     limits = robot.limits.replace(torque=None, torque_rate=None)
-    return replace(robot, inertia=inertia, limits=limits), _in_words(robot, thickness, float(mass.sum()))
+    return replace(robot, inertia=inertia, limits=limits), _describe_masses(robot, thickness, float(mass.sum()))
 
 
 def _rod(end: Array, length: float, thickness: float) -> tuple[float, Array, Array]:
@@ -61,7 +61,7 @@ def _rod(end: Array, length: float, thickness: float) -> tuple[float, Array, Arr
     return mass, 0.5 * end, tensor
 
 
-def _in_words(robot: Robot, thickness: float, total: float) -> str:
+def _describe_masses(robot: Robot, thickness: float, total: float) -> str:
     dropped = " its torque limits are not applied," if robot.limits.torque is not None else ""
     return (
         f"the masses of {robot.name!r} are unknown: its links are assumed to be solid rods of {ROD_DENSITY:.0f} kg/m³, "
@@ -165,12 +165,12 @@ def mujoco_model(robot: Robot, *, step: float = PLANT_STEP, limits: bool = False
     """
     mujoco = import_mujoco("a model for MuJoCo")
     model = mujoco.MjModel.from_xml_string(to_mjcf(robot, step=step, limits=limits))
-    heavy, _ = with_masses(robot)
+    heavy, _ = assume_masses(robot)
     assert heavy.inertia is not None
     bodies = [*heavy.inertia.bodies, *(heavy.payload.bodies if heavy.payload else ())]
     for i, body in enumerate(bodies):
         moments, _ = _principal(body)
-        if body[0] > 0.0 and (_taken(moments) != moments).any():
+        if body[0] > 0.0 and (_mend_moments(moments) != moments).any():
             model.body_inertia[i + 1] = np.maximum(moments, 0.0)
     mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the masses
     return model
@@ -189,7 +189,7 @@ def import_mujoco(needed_by: str) -> Any:
 
 
 def _root(robot: Robot, step: float, limits: bool) -> ET.Element:
-    heavy, assumed = with_masses(robot)
+    heavy, assumed = assume_masses(robot)
     root = ET.Element("mujoco", model=robot.name)
     if assumed:
         root.append(ET.Comment(" Masses: solid rods along the links, assumed because those of the arm are unknown. "))
@@ -237,7 +237,9 @@ def _add_inertial(body: ET.Element, link: Body) -> None:
     mass, com, _ = link
     moments, axes = _principal(link)
     place = {"pos": _words(com), "quat": _words(se3.quaternion(axes))}
-    ET.SubElement(body, "inertial", place, mass=repr(max(mass, SMALLEST_MASS)), diaginertia=_words(_taken(moments)))
+    ET.SubElement(
+        body, "inertial", place, mass=repr(max(mass, SMALLEST_MASS)), diaginertia=_words(_mend_moments(moments))
+    )
 
 
 def _add_motor(motors: ET.Element, robot: Robot, name: str, i: int) -> None:
@@ -268,7 +270,7 @@ def _principal(link: Body) -> Axes:
     return moments, axes * np.sign(np.linalg.det(axes))
 
 
-def _taken(moments: Array) -> Array:
+def _mend_moments(moments: Array) -> Array:
     """The moments that MuJoCo takes, nearest to given ones, which ascend; the same where it takes those."""
     low, middle, high = np.maximum(moments, SMALLEST_MASS)
     excess = max(high * (1.0 + TRIANGLE_MARGIN) - low - middle, 0.0) / 3.0

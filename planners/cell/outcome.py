@@ -15,6 +15,9 @@ from planners.cell.drives.base import Execution
 from planners.cell.error_split import ErrorSplit, PathSplit
 from planners.plan import Plan
 
+MEASURED = ("tool", "residual", "error")
+"""The vectors of a `Round` in `Outcome.to_dict`."""
+
 
 class CellStatus(StrEnum):
     """How a task ended. Only ARRIVED is success; the arm is at rest in all of them as far as the drive knows.
@@ -76,7 +79,7 @@ class Round(NamedTuple):
         What the drive did.
     tool : (3,) array
         Where the tool really was at its end, in the base frame [m].
-    rest : (3,) array or None
+    residual : (3,) array or None
         Measured spot minus measured tool, both by the laser unit [m]; None where it was not measured.
     error : (3,) array
         Executed tool minus true spot [m].
@@ -85,7 +88,7 @@ class Round(NamedTuple):
     plan: Plan
     execution: Execution
     tool: Array
-    rest: Array | None
+    residual: Array | None
     error: Array
 
 
@@ -105,7 +108,7 @@ class Outcome:
         The motion and its corrections.
     error : ErrorSplit or None
         Of the last round at its end; None where there is none.
-    along : PathSplit or None
+    path_split : PathSplit or None
         Of the first round, along its path.
     target : (4, 4) array or None
         Pose that the tool was sent to at last [1, m].
@@ -131,7 +134,7 @@ class Outcome:
     steps: tuple[Step, ...]
     rounds: tuple[Round, ...] = ()
     error: ErrorSplit | None = None
-    along: PathSplit | None = None
+    path_split: PathSplit | None = None
     target: Array | None = None
     spot: Array | None = None
     true_spot: Array | None = None
@@ -197,17 +200,21 @@ class Outcome:
         )
         points = {name: getattr(self, name) for name in ("spot", "true_spot", "tool", "target", "base")}
         along = None
-        if self.along is not None:
-            along = {"t": self.along.t.tolist(), "s": self.along.s.tolist(), "error": self.along.error.to_dict()}
+        if self.path_split is not None:
+            along = {
+                "t": self.path_split.t.tolist(),
+                "s": self.path_split.s.tolist(),
+                "error": self.path_split.error.to_dict(),
+            }
         return {
             "format": "optik-cell/1", "robot": self.robot.name, "robot_fingerprint": self.robot.fingerprint,
             "status": str(self.status), **failed,
             "steps": [step._asdict() | {"result": type(step.result).__name__} for step in self.steps],
             **{name: None if point is None else point.tolist() for name, point in points.items()},
-            "error": None if self.error is None else self.error.to_dict(), "along": along,
+            "error": None if self.error is None else self.error.to_dict(), "path_split": along,
             "rounds": [
-                {"tool": r.tool.tolist(), "rest": None if r.rest is None else r.rest.tolist(), "error": r.error.tolist()}
-                for r in self.rounds
+                {name: None if value is None else value.tolist() for name, value in each._asdict().items() if name in MEASURED}
+                for each in self.rounds
             ],
             "floor": self.floor, "notes": list(self.notes),
         }  # fmt: skip

@@ -46,7 +46,7 @@ class Setpoints(NamedTuple):
     ddq: Array
 
 
-def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
+def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
     """Slow a plan uniformly to a whole number of the servo's periods, and certify it again.
 
     Its last set-point is then its end, exactly. A plan with a constant tool speed stays as it is, and so does one that
@@ -72,13 +72,13 @@ def whole_periods(plan: Plan, period: float = PERIOD) -> Plan:
         A period that is not above 0, or longer than the motion.
     """
     motion, proof = plan.trajectory, plan.certificate
-    duration = periods_of(motion, period) * period
+    duration = count_periods(motion, period) * period
     if plan.speed is not None or not proof.rest[0] or motion.end == duration:
         return plan
-    return slowed_to(plan, duration)
+    return slow_to(plan, duration)
 
 
-def slowed_to(plan: Plan, duration: float) -> Plan:
+def slow_to(plan: Plan, duration: float) -> Plan:
     """Slow a plan that begins at rest uniformly to a duration, and certify it again."""
     motion, proof = plan.trajectory, plan.certificate
     stretched = motion.slowed(max(duration / motion.duration, 1.0))  # what is rounding is cut off the last piece
@@ -96,7 +96,7 @@ def slowed_to(plan: Plan, duration: float) -> Plan:
     return replace(slower, status=PlanStatus.NOT_PROVED, failure=failure)
 
 
-def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
+def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
     """Return what a servo is sent of a motion: row k is its state at k periods, or at its end.
 
     Parameters
@@ -120,11 +120,11 @@ def setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Set
         A period that is not above 0, or longer than the motion.
     """
     trajectory = motion if isinstance(motion, Trajectory) else motion.trajectory
-    t: Array = np.arange(periods_of(trajectory, period) + 1, dtype=np.float64) * period
+    t: Array = np.arange(count_periods(trajectory, period) + 1, dtype=np.float64) * period
     return Setpoints(period, t, *states(trajectory, np.minimum(t, trajectory.end)))
 
 
-def periods_of(motion: Trajectory, period: float) -> int:
+def count_periods(motion: Trajectory, period: float) -> int:
     """Count the periods that a motion needs; a nanosecond more than a whole number is rounding."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
     if motion.end < period - SAME_INSTANT:

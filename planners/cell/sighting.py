@@ -22,14 +22,14 @@ Limits = tuple[float, float]
 """A lower and an upper limit."""
 
 
-def fixed(array: ArrayLike) -> Array:
+def freeze(array: ArrayLike) -> Array:
     """Return a copy that cannot be written to, for the fields of immutable objects."""
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
     return copy
 
 
-def vectors(value: ArrayLike, argument: str) -> Array:
+def check_vectors(value: ArrayLike, argument: str) -> Array:
     """Return points or directions as an array, checked."""
     array = real_array(value, argument, "an array of shape (3,) or (..., 3)")
     if array.shape[-1:] != (3,):
@@ -39,9 +39,9 @@ def vectors(value: ArrayLike, argument: str) -> Array:
     return array
 
 
-def vector(value: ArrayLike, argument: str) -> Array:
+def check_vector(value: ArrayLike, argument: str) -> Array:
     """Return one point or direction as an array, checked."""
-    array = vectors(value, argument)
+    array = check_vectors(value, argument)
     if array.shape != (3,):
         raise InvalidInput(argument, f"shape {array.shape}", "an array of shape (3,)")
     return array
@@ -84,7 +84,7 @@ def check_covariance(value: ArrayLike) -> Array:
     least = float(np.linalg.eigvalsh(matrix)[0])
     if least < -COVARIANCE_ROUNDING * size:
         raise InvalidInput("pose_covariance", f"the eigenvalue {least:.3g}", expected)
-    return fixed((matrix + matrix.T) / 2.0)
+    return freeze((matrix + matrix.T) / 2.0)
 
 
 SHORTEST_NORMAL = 1e-9
@@ -184,16 +184,16 @@ class Plane:
     normal: Array
 
     def __post_init__(self) -> None:
-        normal = vector(self.normal, "normal")
+        normal = check_vector(self.normal, "normal")
         length = float(np.linalg.norm(normal))
         if length < SHORTEST_NORMAL:
             raise InvalidInput(
                 "normal", f"a vector of length {length:.3g}", f"a vector longer than {SHORTEST_NORMAL:g}"
             )
-        object.__setattr__(self, "point", fixed(vector(self.point, "point")))
-        object.__setattr__(self, "normal", fixed(normal / length))
+        object.__setattr__(self, "point", freeze(check_vector(self.point, "point")))
+        object.__setattr__(self, "normal", freeze(normal / length))
 
-    def moved(self, T: ArrayLike) -> Plane:
+    def transform(self, T: ArrayLike) -> Plane:
         """Return the plane moved by a pose: from the coordinates of one frame to those of another.
 
         Parameters
@@ -232,4 +232,4 @@ class Plane:
         InvalidInput
             Wrong shape, NaN or infinity.
         """
-        return np.asarray((vectors(points, "points") - self.point) @ self.normal)
+        return np.asarray((check_vectors(points, "points") - self.point) @ self.normal)

@@ -1,4 +1,4 @@
-"""plan_of(): the plan of a motion that was read from a file, so that drives can execute and stop it."""
+"""restore_plan: the plan of a motion that was read from a file, so that drives can execute and stop it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAME_WAY = 1e-4
 arm that goes another way is farther off at once."""
 
 
-def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
+def restore_plan(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
     """Return a plan with a motion from a file. Its joint path is followed again, and the motion is certified again.
 
     Parameters
@@ -53,7 +53,7 @@ def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
         raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
     proof = motion.certify()
     check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
-    joints, (t, s) = _followed(motion, ik), proof.binding[:2]
+    joints, (t, s) = _follow_path(motion, ik), proof.binding[:2]
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
@@ -66,7 +66,7 @@ def plan_of(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
     )  # fmt: skip
 
 
-def _followed(motion: Motion, ik: str) -> JointPath:
+def _follow_path(motion: Motion, ik: str) -> JointPath:
     """The joint path from the motion's start."""
     tolerance = motion.tolerance or UNSTORED
     allowed = Tolerance(*(FOLLOWED * x for x in tolerance))

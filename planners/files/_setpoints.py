@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, trajectory_through
-from planners.ros.message import controlled, from_text
+from planners.ros.message import from_text, reconstruct
 from planners.trajectory import Trajectory
 
 READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")
@@ -78,7 +78,7 @@ def load_trajectory(
         data = _unwrapped(from_text(text, suffix))
         if isinstance(data, dict) and "times" in data:
             return _made(*_columns(data, names), interpolation)
-        return controlled(data, names, interpolation)
+        return reconstruct(data, names, interpolation)
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
 

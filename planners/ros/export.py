@@ -21,8 +21,8 @@ from planners.certificate.continuity import JUMP
 from planners.certificate.violation import Allow, check_valid, required_limits
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, motion_of
-from planners.ros.message import LONGEST_DURATION, Form, controlled, from_text, quoted, to_text
-from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, fit, judged_fields
+from planners.ros.message import LONGEST_DURATION, Form, from_text, quoted, reconstruct, to_text
+from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
 
 JointNames = Mapping[str, str] | Sequence[str] | None
@@ -31,7 +31,7 @@ MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
 """Suffixes of message files; ROS's own tools write YAML."""
 
 
-class Sent(NamedTuple):
+class RosExport(NamedTuple):
     """What `to_ros` wrote, and what the controller makes of it.
 
     Attributes
@@ -63,7 +63,7 @@ def to_ros(
     motion: Motion | HasMotion, file: str | os.PathLike[str], *, rate: float | None = None, interpolation: str = "quintic",
     joint_names: JointNames = None, start: ArrayLike | Mapping[str, float] | None = None, tolerance: float = 0.01,
     strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
-) -> Sent:  # fmt: skip
+) -> RosExport:  # fmt: skip
     """Write a valid motion as a ``trajectory_msgs/JointTrajectory``, slowed until the controller respects its limits.
 
     The motion is certified before and after controller interpolation, with its own scene and tolerance.
@@ -96,7 +96,7 @@ def to_ros(
 
     Returns
     -------
-    Sent
+    RosExport
         The motion after controller interpolation, its certificate, and the factor by which it was slowed.
 
     Raises
@@ -113,7 +113,7 @@ def to_ros(
     _checked_rate(motion, rate, strict, keep_speed)
     motion.check_valid(allow)
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
-    _check_start(motion, start, tolerance, columns_of(motion.robot, joint_names))
+    _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
     text = to_text(message, suffix, _remarks(motion, rate, sent))
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
     return sent
@@ -129,7 +129,7 @@ def ros_message(
     keep_speed: bool = True,
     frame_id: str = "",
     allow: Allow = (),
-) -> tuple[dict[str, Any], Sent]:
+) -> tuple[dict[str, Any], RosExport]:
     """Return the message of a motion as plain data, and the certificate after controller interpolation; see `to_ros`.
 
     The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.
@@ -137,9 +137,9 @@ def ros_message(
     motion = motion_of(motion)
     form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
     required = replace(motion, enforced=required_limits(motion.enforced, allow))
-    message, executed = fit(required if keep_speed else replace(required, speed=None), form, rate, strict)
+    message, executed = fit_pace(required if keep_speed else replace(required, speed=None), form, rate, strict)
     certificate = replace(motion, trajectory=executed).certify()
-    _check_executed(certificate, judged_fields(required, form), form, allow)
+    _check_executed(certificate, find_judged_limits(required, form), form, allow)
     return message, _report(motion, executed, len(message["points"]), certificate)
 
 
@@ -170,9 +170,9 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
     suffix = check_suffix(file, MESSAGE_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    form = Form("quintic", columns_of(robot, joint_names))
+    form = Form("quintic", find_columns(robot, joint_names))
     try:
-        return controlled(from_text(decode_text(read_bytes(FilePath(file))), suffix), form.names)
+        return reconstruct(from_text(decode_text(read_bytes(FilePath(file))), suffix), form.names)
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
 
@@ -183,7 +183,7 @@ def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNa
 def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
     if not isinstance(frame_id, str) or not frame_id.isprintable():
         raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
-    return Form(interpolation, columns_of(motion.robot, joint_names), frame_id)
+    return Form(interpolation, find_columns(motion.robot, joint_names), frame_id)
 
 
 def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
@@ -196,7 +196,7 @@ def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: 
     return rate
 
 
-def columns_of(robot: Robot, joint_names: JointNames) -> dict[str, int]:
+def find_columns(robot: Robot, joint_names: JointNames) -> dict[str, int]:
     """Return the index of the joint of each written name, in the order of writing."""
     ours = robot.joint_names
     if joint_names is None:
@@ -258,15 +258,15 @@ def _check_executed(certificate: Certificate, required: tuple[str, ...], form: F
     check_valid(judged, allow, "as the controller interpolates, ", ADVICE)
 
 
-def _report(motion: Motion, executed: Trajectory, points: int, certificate: Certificate) -> Sent:
+def _report(motion: Motion, executed: Trajectory, points: int, certificate: Certificate) -> RosExport:
     source = motion.trajectory
     jumps = np.abs(source.jumps(2)).max(axis=1, initial=0.0)
     jumps = jumps[jumps > JUMP * max(source.extrema(2).worst.max(), 1e-12)]
     factor = executed.duration / source.duration
-    return Sent(executed, certificate, factor, points, jumps.size, float(jumps.max(initial=0.0)))
+    return RosExport(executed, certificate, factor, points, jumps.size, float(jumps.max(initial=0.0)))
 
 
-def _remarks(motion: Motion, rate: float | None, sent: Sent) -> list[str]:
+def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
     """Lines for people who read the file: the motion, its duration and what the controller makes of it."""
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}

@@ -54,7 +54,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
     return dict(zip(("sec", "nanosec"), divmod(nanoseconds, SECOND), strict=True))
 
 
-def controlled(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
+def reconstruct(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
     """Return the motion that ROS 2's joint_trajectory_controller makes of a message.
 
     Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both

@@ -14,7 +14,7 @@ from planners.controller import POINTS, points_of
 from planners.fit import stretch
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
-from planners.ros.message import SECOND, Form, Times, controlled, message_of
+from planners.ros.message import SECOND, Form, Times, message_of, reconstruct
 from planners.splice import held
 from planners.trajectory import Trajectory
 
@@ -28,16 +28,16 @@ ADVICE = "a motion that keeps its own limits, points at its knots, or a higher r
 """What helps where the controller would leave the limits between the points."""
 
 
-def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
+def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
     """Slow a motion until what the controller makes of its points keeps the limits that are judged."""
-    source, judged = motion.trajectory, judged_fields(motion, form)
+    source, judged = motion.trajectory, find_judged_limits(motion, form)
     between = np.empty(0)
     if motion.speed is not None and rate is not None:
         source, between = _hold_to_period(source, rate), source.knots
     factor, margin = 1.0, 1e-12
     for _ in range(SLOWINGS):
-        message = message_of(*_paced(source, rate, factor, between), form)
-        executed = controlled(message, form.names)
+        message = message_of(*_set_pace(source, rate, factor, between), form)
+        executed = reconstruct(message, form.names)
         needed = stretch(motion.robot, executed, motion.limits, judged, motion.path)
         if needed <= 1.0:
             return message, executed
@@ -47,7 +47,7 @@ def fit(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[d
     raise NoSolution(reason, advice=ADVICE)
 
 
-def judged_fields(motion: Motion, form: Form) -> tuple[str, ...]:
+def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:
     """Return those of the limits promised by the law that the interpolation can keep."""
     possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
     return tuple(field for field in motion.enforced if field in possible)
@@ -80,7 +80,7 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
         raise NoSolution(f"{reason}, but it starts on the move and cannot be slowed", advice=ADVICE)
 
 
-def _paced(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
+def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
     """The motion slowed by at least a factor, to whole periods or nanoseconds; and the times of the points [ns]."""
     # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
     duration = Fraction(trajectory.duration) * Fraction(factor)

@@ -62,17 +62,17 @@ class Result(NamedTuple):
     words: str
 
 
-def states_of(message: Any) -> States:
+def read_states(message: Any) -> States:
     """Read a ``sensor_msgs/JointState``."""
     message = _mapping(message, "joint state")
     names = _names(message.get("name"), "name")
-    positions = numbers(message.get("position"), len(names), "position")
+    positions = read_numbers(message.get("position"), len(names), "position")
     given = message.get("velocity")
-    velocities = numbers(given, len(names), "velocity") if given else np.full(len(names), np.nan)
-    return States(stamp_of(message, "joint state"), names, positions, velocities)
+    velocities = read_numbers(given, len(names), "velocity") if given else np.full(len(names), np.nan)
+    return States(read_stamp(message, "joint state"), names, positions, velocities)
 
 
-def feedback_of(values: Any) -> Feedback:
+def read_feedback(values: Any) -> Feedback:
     """Read the feedback of a ``FollowJointTrajectory`` goal."""
     values = _mapping(values, "feedback")
     names = _names(values.get("joint_names"), "joint_names")
@@ -81,14 +81,14 @@ def feedback_of(values: Any) -> Feedback:
     for field in ("positions", "velocities", "accelerations"):
         given = desired.get(field)
         if given or field == "positions":
-            rows[field] = numbers(given, len(names), f"desired.{field}")
+            rows[field] = read_numbers(given, len(names), f"desired.{field}")
             if not np.isfinite(rows[field]).all():
                 raise InvalidInput(f"desired.{field}", repr(given)[:80], "finite numbers")
     velocities = rows.get("velocities", np.full(len(names), np.nan))
-    return Feedback(stamp_of(values, "feedback"), names, rows["positions"], velocities, rows.get("accelerations"))
+    return Feedback(read_stamp(values, "feedback"), names, rows["positions"], velocities, rows.get("accelerations"))
 
 
-def result_of(state: Any, values: Any) -> Result:
+def read_result(state: Any, values: Any) -> Result:
     """Read the result of a ``FollowJointTrajectory`` goal."""
     values = _mapping(values, "result")
     if isinstance(values.get("result"), Mapping):
@@ -100,7 +100,7 @@ def result_of(state: Any, values: Any) -> Result:
     return Result(GoalState(state) if type(state) is int and state in known else GoalState.UNKNOWN, code, words[:200])
 
 
-def stamp_of(message: Mapping[str, Any], what: str) -> int:
+def read_stamp(message: Mapping[str, Any], what: str) -> int:
     """Read the time stamp of a message's header."""
     stamp = _mapping(_mapping(message.get("header", {}), f"{what}.header").get("stamp", {}), f"{what}.header.stamp")
     sec, nanosec = stamp.get("sec", 0), stamp.get("nanosec", 0)
@@ -109,12 +109,12 @@ def stamp_of(message: Mapping[str, Any], what: str) -> int:
     return sec * NANOSECONDS + nanosec
 
 
-def time_of(stamp: int) -> dict[str, int]:
+def write_time(stamp: int) -> dict[str, int]:
     """Write a time as ROS does."""
     return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
 
 
-def numbers(values: Any, count: int, field: str) -> Array:
+def read_numbers(values: Any, count: int, field: str) -> Array:
     """Read a list of numbers; null, which JSON writes for NaN, is NaN."""
     good = isinstance(values, list | tuple) and len(values) == count
     if good and all(value is None or type(value) in (int, float) for value in values):
@@ -125,7 +125,7 @@ def numbers(values: Any, count: int, field: str) -> Array:
     raise InvalidInput(field, repr(values)[:80], f"{count} numbers")
 
 
-def checked_name(name: str, argument: str) -> str:
+def check_name(name: str, argument: str) -> str:
     """Check the name of a topic or an action."""
     parts = name.removeprefix("/").split("/") if isinstance(name, str) else [""]
     if not all(part.isidentifier() and part.isascii() for part in parts):

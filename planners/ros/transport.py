@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
 from optik.errors import InvalidInput
-from planners.ros.replies import Feedback, GoalState, Result, feedback_of, result_of, states_of
+from planners.ros.replies import Feedback, GoalState, Result, read_feedback, read_result, read_states
 
 
 class Reading(NamedTuple):
@@ -120,7 +120,7 @@ class Goal:
             As plain data.
         """
         try:
-            feedback = feedback_of(values)
+            feedback = read_feedback(values)
             self._set(accepted=True, first=self.first or feedback, feedback=feedback, heard=time.monotonic())
         except InvalidInput as error:
             self._set(accepted=True, odd=str(error))
@@ -136,7 +136,7 @@ class Goal:
             As plain data.
         """
         try:
-            self._set(accepted=True, result=result_of(state, values))
+            self._set(accepted=True, result=read_result(state, values))
         except InvalidInput as error:
             self._set(odd=str(error), result=Result(GoalState.UNKNOWN, 0, f"a result that cannot be read: {error}"))
 
@@ -214,7 +214,7 @@ class Transport(ABC):
             A ``sensor_msgs/JointState`` as plain data.
         """
         try:
-            states = states_of(message)
+            states = read_states(message)
         except InvalidInput as error:
             self.odd = str(error)
             return

@@ -14,7 +14,7 @@ import optik
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell.view.page import write_page
-from planners.cell.view.show import Beam, Show, Track, show_of
+from planners.cell.view.show import Beam, Show, Track, show_motion
 from tests.benchmarks.browser import CHROMIUM, Browser
 from tests.planners.motions import planned
 
@@ -37,7 +37,7 @@ READ = """(() => {
 
 def shown() -> Show:
     """A motion with an execution 0.01 rad beside it, a beam and a scene."""
-    show = show_of(planned())
+    show = show_motion(planned())
     t, q, dq = show.planned
     late = np.append(t, t[-1] + 0.1)  # it settles for another 0.1 s
     q, dq = (np.vstack([values, values[-1]]) for values in (q, dq))

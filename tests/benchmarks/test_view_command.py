@@ -19,7 +19,7 @@ import pytest
 from optik.errors import InvalidInput
 from planners.cell.drives import Drive, make_drive
 from planners.cell.view.live import Viewer
-from planners.cell.view.show import show_of
+from planners.cell.view.show import show_motion
 from tests.benchmarks.browser import CHROMIUM, Browser
 from tests.benchmarks.conftest import hide
 from tests.oracles import REPOSITORY
@@ -131,7 +131,7 @@ def viewer() -> Iterator[Viewer]:
     def drive() -> Drive:
         return make_drive("ideal", planned().robot, pace=2.0)
 
-    made = Viewer(show_of(planned()), port=0, plan=planned(), drive=drive)
+    made = Viewer(show_motion(planned()), port=0, plan=planned(), drive=drive)
     yield made
     made.close()
 
@@ -186,7 +186,7 @@ def test_nothing_is_ever_shared_and_no_real_drive_is_run(viewer: Viewer) -> None
         simulated = False
 
     with pytest.raises(InvalidInput, match="simulated"):
-        Viewer(show_of(planned()), port=0, plan=planned(), drive=Real)  # type: ignore[arg-type]
+        Viewer(show_motion(planned()), port=0, plan=planned(), drive=Real)  # type: ignore[arg-type]
 
 
 def test_the_server_as_a_process_shows_it_on_loopback_and_ends_with_ctrl_c(motion: Path, tmp_path: Path) -> None:

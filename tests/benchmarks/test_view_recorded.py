@@ -14,7 +14,7 @@ import pytest
 import optik
 import planners
 from optik.errors import NoSolution, OptikError
-from planners.cell.view.recorded import FAILED_PLAN, failed_plan_data, show_of_recorded
+from planners.cell.view.recorded import FAILED_PLAN, failed_plan_data, show_recorded
 from planners.following.failure import PlanFailure
 from planners.plan import PlanStatus
 
@@ -30,7 +30,7 @@ def read(file: Path) -> Any:
 
 
 def facts(file: Path) -> dict[str, str]:
-    return dict(show_of_recorded(read(file)).facts)
+    return dict(show_recorded(read(file)).facts)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_an_execution_is_shown(typed: Any, motion: Path, tmp_path: Path, stop: l
     status, _, said = typed("view", str(did), "--html", str(page))
     assert status == 0, said
     assert page.stat().st_size > 10_000
-    show, data = show_of_recorded(read(did)), read(did)
+    show, data = show_recorded(read(did)), read(did)
     assert show.executed is not None
     np.testing.assert_allclose(show.executed.q[-1], data["q"][-1])
     np.testing.assert_allclose(show.planned.q, data["setpoints"]["q"])
@@ -70,7 +70,7 @@ def test_a_path_that_ends_early_is_shown_up_to_its_end(typed: Any, tmp_path: Pat
     data = read(file)
     assert data["format"] == FAILED_PLAN
     assert data["failed"] is True
-    arm, show = optik.load("paper6r"), show_of_recorded(data)
+    arm, show = optik.load("paper6r"), show_recorded(data)
     tool = arm.fk(data["q"][-1])[:3, 3] - arm.fk(data["q"][0])[:3, 3]
     np.testing.assert_allclose(tool, [0.0, 0.0, data["s"]], atol=2e-3)
     np.testing.assert_allclose(show.planned.q, data["q"])
@@ -94,7 +94,7 @@ def test_a_contact_names_its_pair(typed: Any, tmp_path: Path) -> None:
     arm = optik.load("panda")
     forward = [arm.fk(q)[0, 3] for q in data["q"]]
     assert forward[0] < forward[-1] < 0.45
-    assert show_of_recorded(data).scene is not None
+    assert show_recorded(data).scene is not None
 
 
 def test_an_invalid_motion_is_shown_whole() -> None:
@@ -105,7 +105,7 @@ def test_an_invalid_motion_is_shown_whole() -> None:
     failure = PlanFailure(PlanStatus.NOT_PROVED, 0.05, None, "not proved", "another law")
     data = failed_plan_data(replace(plan, status=PlanStatus.NOT_PROVED, failure=failure))
     np.testing.assert_allclose(data["q"][-1], plan.trajectory(plan.trajectory.end))
-    assert show_of_recorded(json.loads(json.dumps(data))).duration == pytest.approx(plan.trajectory.duration)
+    assert show_recorded(json.loads(json.dumps(data))).duration == pytest.approx(plan.trajectory.duration)
 
 
 def test_a_failed_plan_is_no_motion(typed: Any, tmp_path: Path) -> None:
@@ -135,8 +135,8 @@ def test_damaged_files_are_named(typed: Any, motion: Path, tmp_path: Path) -> No
     for whole in (read(did), read(tmp_path / "failed.json")):
         for key in whole:
             with suppress(OptikError, NoSolution):
-                show_of_recorded(whole | {key: "x" if isinstance(whole[key], list) else [[1.0]]})
+                show_recorded(whole | {key: "x" if isinstance(whole[key], list) else [[1.0]]})
             with suppress(OptikError, NoSolution):
-                show_of_recorded({k: v for k, v in whole.items() if k != key})
+                show_recorded({k: v for k, v in whole.items() if k != key})
     bad.write_text("[" * 100_000)
     assert typed("view", str(bad), "--html", str(tmp_path / "x.html"))[0] == 2

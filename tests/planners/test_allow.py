@@ -28,8 +28,8 @@ from planners import (
     to_ros,
 )
 from planners.cell.drives.ideal import IdealDrive
-from planners.cell.setpoints import whole_periods
-from planners.cell.stored import plan_of
+from planners.cell.setpoints import fit_periods
+from planners.cell.stored import restore_plan
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import ALLOWANCES
@@ -134,8 +134,8 @@ def test_a_motion_from_a_file_needs_the_word_again(tmp_path: Path) -> None:
     save(one.plan, tmp_path / "motion.npz", allow="contact")
     motion = load_motion(tmp_path / "motion.npz")
     with pytest.raises(InvalidMotion, match=r"is not valid: .*allow=\('contact',\)"):
-        plan_of(motion)
-    read = plan_of(motion, allow="contact")
+        restore_plan(motion)
+    read = restore_plan(motion, allow="contact")
     assert not read and read.status is PlanStatus.CONTACT
     assert IdealDrive(panda()).execute(read).status == "refused"
     assert IdealDrive(panda()).execute(read, allow="contact")
@@ -288,6 +288,6 @@ def test_a_plan_whose_certificate_is_of_other_limits_is_not_executed() -> None:
     made = line(duration=1.0)
     drive = IdealDrive(paper6r())
     stale = replace(made, limits=MotionLimits(velocity=1e-3))
-    assert stale and whole_periods(stale, drive.period) is stale, "nothing else would certify it again"
+    assert stale and fit_periods(stale, drive.period) is stale, "nothing else would certify it again"
     refused = drive.execute(stale)
     assert refused.status == "refused" and "velocity" in refused.reason and "'limits'" in refused.advice

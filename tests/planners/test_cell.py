@@ -15,7 +15,7 @@ from planners.cell import (
     Cell,
     CellStatus,
     Gripper,
-    Held,
+    HeldObject,
     Outcome,
     PanTiltLaser,
     Plane,
@@ -264,7 +264,7 @@ def test_a_platform_that_stands_elsewhere_changes_nothing_in_the_base_frame() ->
     assert np.array_equal(one.executions[-1].q, other.executions[-1].q)
     assert np.array_equal(one.error.total, other.error.total)
     assert np.abs(other.in_world(other.tool) - world).max() < 1e-5  # what the encoders resolve
-    assert np.array_equal(here.moved(T).base, T) and np.array_equal(here.base, np.eye(4))
+    assert np.array_equal(here.with_base(T).base, T) and np.array_equal(here.base, np.eye(4))
 
 
 # ---------------------------------------------------------------- where the error comes from
@@ -296,7 +296,7 @@ def test_the_split_along_the_path_names_each_part() -> None:
     cell = cell_of(unit=EXACT.with_pose(turned(BESIDE, v, w)), drive=ideal(encoder=np.inf))
     solver = optik.ik.make_solver(ARM, "dls", tolerance=optik.ik.Tolerance(1e-4, 1e-4))
     outcome = cell.move_to_spot(cell.read(SPOT), ik=solver)
-    along = outcome.along
+    along = outcome.path_split
     assert outcome and along.t.size > 100
     whole = sum(along.error[:4])
     assert np.abs(whole - along.error.total).max() <= 1e-12
@@ -419,8 +419,8 @@ FINGERS = Gripper(se3.pose(se3.exp_so3([0.1, 0.2, 0.3]), [0.01, 0.02, 0.12]), 0.
 
 def test_a_gripper_and_what_it_holds_count_in_all_torques() -> None:
     """Torques are linear in masses, so those of gripper and object add to those of the arm, each as a payload of its own."""
-    held = Held(2.3, com=[0.01, 0.0, 0.03], inertia=np.diag([0.01, 0.012, 0.014]))
-    full = FINGERS.mounted(ARM, held)
+    held = HeldObject(2.3, com=[0.01, 0.0, 0.03], inertia=np.diag([0.01, 0.012, 0.014]))
+    full = FINGERS.mount(ARM, held)
     grasp = np.asarray(FINGERS.grasp)
     R, p = grasp[:3, :3], grasp[:3, 3]
     rng = np.random.default_rng(5)
@@ -432,9 +432,9 @@ def test_a_gripper_and_what_it_holds_count_in_all_torques() -> None:
     assert np.abs(full.fk(q) - ARM.fk(q) @ grasp).max() < 1e-14
     loaded = ARM.with_payload(0.7, [0.02, 0.0, 0.0])
     expected = gripper.torques(q, dq, ddq) + loaded.torques(q, dq, ddq) - ARM.torques(q, dq, ddq)
-    assert np.abs(FINGERS.mounted(loaded).torques(q, dq, ddq) - expected).max() < 1e-10
+    assert np.abs(FINGERS.mount(loaded).torques(q, dq, ddq) - expected).max() < 1e-10
     with pytest.raises(InvalidInput, match="one mass"):
-        FINGERS.mounted(ARM.with_payload((0.0, 1.0)))
+        FINGERS.mount(ARM.with_payload((0.0, 1.0)))
 
 
 def test_closing_on_an_object_changes_the_arm_of_plans_and_drive() -> None:
@@ -443,7 +443,7 @@ def test_closing_on_an_object_changes_the_arm_of_plans_and_drive() -> None:
     empty = cell.robot
     assert drive.robot == empty != ARM and cell.width == 0.08
     assert cell.move_to_spot(cell.read(SPOT))
-    closed = cell.close(0.05, Held(2.0, shapes=[((0.0, 0.0, 0.0), 0.03)]))
+    closed = cell.close(0.05, HeldObject(2.0, shapes=[((0.0, 0.0, 0.0), 0.03)]))
     assert closed and closed.steps[0].name == "close" and cell.width == 0.05
     assert drive.robot == cell.robot != empty
     assert abs(cell.robot.payload.masses[0] - 3.1) < 1e-12 and "held" in cell.robot.shapes.names
@@ -455,22 +455,28 @@ def test_closing_on_an_object_changes_the_arm_of_plans_and_drive() -> None:
 
 def test_a_gripper_refuses_what_it_cannot_do_and_nothing_changes() -> None:
     cell = cell_of(gripper=FINGERS)
-    for outcome in (cell.close(0.1), cell.close(-0.01), cell.close(np.nan), cell.open(0.2), cell.close(0.01, Held)):
+    for outcome in (
+        cell.close(0.1),
+        cell.close(-0.01),
+        cell.close(np.nan),
+        cell.open(0.2),
+        cell.close(0.01, HeldObject),
+    ):
         assert not outcome and outcome.status is CellStatus.REFUSED and outcome.reason and outcome.advice
         assert cell.width == 0.08 and cell.held is None
     limit, still = np.asarray(ARM.limits.torque), np.zeros(6)
-    none, more = (FINGERS.mounted(ARM, Held(m)).torques(START, still, still) for m in (0.0, 1.0))
+    none, more = (FINGERS.mount(ARM, HeldObject(m)).torques(START, still, still) for m in (0.0, 1.0))
     slope = np.where(np.abs(more - none) > 1e-9, more - none, np.nan)  # torques are linear in the mass
     crossing = np.nanmin((limit - np.sign(slope) * none) / np.abs(slope))
-    heavy, light = cell.close(0.05, Held(1.01 * crossing)), cell_of(gripper=FINGERS, drive=ideal(encoder=np.inf))
+    heavy, light = cell.close(0.05, HeldObject(1.01 * crossing)), cell_of(gripper=FINGERS, drive=ideal(encoder=np.inf))
     assert heavy.status is CellStatus.REFUSED and "times the torque" in heavy.reason and cell.held is None
-    assert light.close(0.05, Held(0.99 * crossing))
+    assert light.close(0.05, HeldObject(0.99 * crossing))
     bare = cell_of().close()
     assert bare.status is CellStatus.REFUSED and bare.failed.name == "close" and "gripper" in bare.advice
     with pytest.raises(InvalidInput, match="opening"):
         Gripper(np.eye(4), -1.0)
     with pytest.raises(InvalidInput, match="mass"):
-        Held(np.nan)
+        HeldObject(np.nan)
 
 
 # ---------------------------------------------------------------- a spot that moves

@@ -192,7 +192,7 @@ def test_the_setting_of_any_arm_is_inside_the_sheet(name: str) -> None:
     laser = PanTiltLaser(pose, angle_noise=1e-3, range_noise=1e-3)
     text = draw_setting(robot, laser, Plane(0.05 * up, up), 0.3, -0.5, q)
     assert_inside(text)
-    seen = laser.on_plane(0.3, -0.5, Plane(0.05 * up, up))
+    seen = laser.intersect_plane(0.3, -0.5, Plane(0.05 * up, up))
     assert f"range {seen.spot.range:.3f} m" in " ".join(words_of(text))
     with pytest.raises(InvalidInput, match="behind"):
         draw_setting(robot, laser, Plane(0.05 * up, up), 0.3, 0.5, q)

@@ -25,11 +25,11 @@ from planners.cell import (
     Moment,
     Stall,
     WrongSetpoint,
-    setpoints,
-    whole_periods,
+    fit_periods,
+    make_setpoints,
 )
 from planners.cell.drives._checks import GREATEST_STEP
-from planners.cell.drives._run import Unmoved
+from planners.cell.drives._run import EncoderMonitor
 from planners.controller import simulate_controller
 from planners.following.follow import PlanFailure
 from tests import oracles
@@ -84,7 +84,7 @@ def at_rest_within_limits(execution: Execution, but: int | None = None) -> None:
 
 @pytest.mark.parametrize("period", [0.004, 0.001, 1.0 / 125.0, 0.3])
 def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) -> None:
-    slower = whole_periods(line(), period)
+    slower = fit_periods(line(), period)
     count = round(slower.trajectory.end / period)
     assert slower.trajectory.end == count * period
     assert 0.0 <= slower.trajectory.end - line().trajectory.end < period
@@ -94,13 +94,13 @@ def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) ->
     share = np.linspace(0.0, 1.0, 50)
     there = line().trajectory(share * line().trajectory.end)
     np.testing.assert_allclose(slower.trajectory(share * slower.trajectory.end), there, rtol=0.0, atol=1e-12)
-    assert whole_periods(slower, period) is slower
+    assert fit_periods(slower, period) is slower
 
 
 def test_a_constant_tool_speed_stays_and_its_last_setpoint_is_held() -> None:
     weld = line("constant_speed", 0.05)
-    assert whole_periods(weld, PERIOD) is weld
-    stream = setpoints(weld, PERIOD)
+    assert fit_periods(weld, PERIOD) is weld
+    stream = make_setpoints(weld, PERIOD)
     assert stream.t[-2] < weld.trajectory.end < stream.t[-1]
     np.testing.assert_allclose(stream.q[-1], weld.trajectory(weld.trajectory.end), rtol=0.0, atol=1e-14)
     execution = IdealDrive(paper6r()).execute(weld)
@@ -108,8 +108,8 @@ def test_a_constant_tool_speed_stays_and_its_last_setpoint_is_held() -> None:
 
 
 def test_setpoints_are_the_states_at_the_ticks() -> None:
-    slower = whole_periods(line(), PERIOD)
-    stream = setpoints(slower.motion, PERIOD)
+    slower = fit_periods(line(), PERIOD)
+    stream = make_setpoints(slower.motion, PERIOD)
     np.testing.assert_allclose(stream.t, PERIOD * np.arange(len(stream.t)), rtol=1e-15)
     joints = oracles.Joints(slower.trajectory)
     for order, rows in enumerate((stream.q, stream.dq)):
@@ -119,7 +119,7 @@ def test_setpoints_are_the_states_at_the_ticks() -> None:
 
 @pytest.mark.parametrize("period", [0.0, -0.004, np.nan, np.inf, 10.0, "fast", None])
 def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
-    for call in (whole_periods, setpoints):
+    for call in (fit_periods, make_setpoints):
         with pytest.raises(InvalidInput) as info:
             call(line(), period)
         assert info.value.argument == "period"
@@ -134,7 +134,7 @@ def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_an
     x = np.linspace(0.0, 1.0, 100_001)
     ramp = -np.maximum(2.0 / 3.0 - x, 0.0)
     assert np.polyval(np.polyfit(x, ramp, 1), 1.0) == pytest.approx(4.0 / 27.0, rel=1e-4)
-    slower = whole_periods(line(law), period)
+    slower = fit_periods(line(law), period)
     cubics = simulate_controller(slower.trajectory, 1.0 / period, "cubic")
     over = cubics.extrema(2).worst - slower.trajectory.extrema(2).worst
     assert (over <= 4.0 / 27.0 * slower.trajectory.extrema(3).worst * period * (1.0 + 1e-9)).all()
@@ -142,8 +142,8 @@ def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_an
 
 def test_a_motion_of_too_many_periods_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
-        setpoints(line(), line().trajectory.end / 500_001)
-    assert len(setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
+        make_setpoints(line(), line().trajectory.end / 500_001)
+    assert len(make_setpoints(line(), line().trajectory.end / 499_999).t) == 500_000
 
 
 @pytest.mark.parametrize("periods", [1, 2, 7])
@@ -151,16 +151,16 @@ def test_a_motion_needs_the_whole_periods_that_it_lasts(periods: int) -> None:
     motion = line().trajectory
     for off, count in ((0.0, periods), (0.99e-9, periods), (1.01e-9, periods + 1), (-0.99e-9, periods)):
         period = (motion.end - off) / periods
-        assert len(setpoints(motion, period).t) == count + 1
+        assert len(make_setpoints(motion, period).t) == count + 1
     with pytest.raises(InvalidInput, match="period"):
-        setpoints(motion, motion.end + 1.01e-9)
+        make_setpoints(motion, motion.end + 1.01e-9)
 
 
 def test_a_failed_plan_has_no_setpoints() -> None:
     far = plan(paper6r(), paper6r().fk(START) @ oracles.trans(5.0, 0.0, 0.0), START)
     assert not far
     with pytest.raises(NoSolution):
-        setpoints(far, PERIOD)
+        make_setpoints(far, PERIOD)
     refused = IdealDrive(paper6r()).execute(far)
     assert refused.status is ExecutionStatus.REFUSED and "did not succeed" in refused.reason
 
@@ -203,7 +203,7 @@ def test_setpoints_are_interpolated_by_cubics_or_held(hold: bool) -> None:
 def test_noise_of_the_encoders_is_drawn_from_the_seed() -> None:
     first, second, other = (run(encoder_noise=1e-4, seed=seed)[1].measured for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, second)
-    stream = setpoints(whole_periods(line(), PERIOD), PERIOD).q
+    stream = make_setpoints(fit_periods(line(), PERIOD), PERIOD).q
     assert 0.8e-4 < (first - stream).std() < 1.2e-4 and not np.array_equal(first, other)
 
 
@@ -261,9 +261,9 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
     """Of a plan whose law keeps no jerk there are two; here the gentle one, then both, cannot be certified."""
     running = plan(paper6r(), default_line(), START, timing="toppra", limits=MotionLimits(2.0, 10.0))
     module: Any = import_module("planners.cell.drives._stop")
-    both, t = module.limits_of(running), 0.3 * running.trajectory.end
+    both, t = module.find_stop_limits(running), 0.3 * running.trajectory.end
     assert [x.jerk is not None for x in both] == [True, True] and (both[0].jerk < both[1].jerk).all()
-    first = module.stop_from(running, t)
+    first = module.plan_stop(running, t)
     assert first and first.limits == both[0]
 
     def refuses(*hopeless: MotionLimits) -> Any:
@@ -275,10 +275,10 @@ def test_the_stop_that_is_sent_is_the_first_that_is_certified(monkeypatch: pytes
         return other
 
     monkeypatch.setattr(module, "replan", refuses(both[0]))
-    second = module.stop_from(running, t)
+    second = module.plan_stop(running, t)
     assert second and second.limits == both[1]
     monkeypatch.setattr(module, "replan", refuses(*both))
-    assert not module.stop_from(running, t)
+    assert not module.plan_stop(running, t)
 
 
 @pytest.mark.parametrize(
@@ -339,7 +339,7 @@ def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_setpoint_is_refused_just_beyond_a_step_at_the_velocity_limit(sign: float) -> None:
-    stream, row, joint = setpoints(whole_periods(line(), PERIOD), PERIOD), 30, 3
+    stream, row, joint = make_setpoints(fit_periods(line(), PERIOD), PERIOD), 30, 3
     most = float(np.broadcast_to(paper6r().limits.velocity, 6)[joint]) * PERIOD * GREATEST_STEP
     for share, kind in ((0.99, None), (1.01, FaultKind.SETPOINT)):
         by = stream.q[row - 1, joint] + sign * share * most - stream.q[row, joint]
@@ -416,7 +416,7 @@ def test_a_frozen_encoder_is_found_as_a_joint_that_does_not_follow() -> None:
 def test_a_reading_that_stays_while_its_set_point_moves_by_the_tolerance_and_four_counts_is_a_fault(
     over: float, found: bool
 ) -> None:
-    q = setpoints(whole_periods(line(), PERIOD), PERIOD).q[:, 2]
+    q = make_setpoints(fit_periods(line(), PERIOD), PERIOD).q[:, 2]
     assert np.ptp(q) > 1.005 * np.abs(q - q[0]).max()  # the joint moves to both sides of its start, where it freezes
     tolerance = np.ptp(q) / over - 4.0 * 2.0 * np.pi / 2.0**20
     _, execution = run(LostEncoder("joint3", 0.0, frozen=True), following=tolerance)
@@ -429,9 +429,9 @@ def test_unmoved_readings_are_those_of_a_plain_search() -> None:
     rng = np.random.default_rng(3)
     read, asked = rng.integers(0, 2, (60, 3)).astype(float), rng.normal(size=(60, 3))
     read[rng.random((60, 3)) < 0.1] = np.nan
-    unmoved = Unmoved()
+    unmoved = EncoderMonitor()
     for k in range(60):
-        moved, seconds = unmoved.moved(read[k], asked[k], 0.1 * k), unmoved.seconds(0.1 * k)
+        moved, seconds = unmoved.update(read[k], asked[k], 0.1 * k), unmoved.seconds(0.1 * k)
         for i in range(3):
             first = k
             while first > 0 and read[first - 1, i] == read[k, i]:
@@ -441,7 +441,7 @@ def test_unmoved_readings_are_those_of_a_plain_search() -> None:
 
 @pytest.mark.parametrize("frozen", [False, True])
 def test_an_encoder_that_is_lost_at_the_last_tick_is_a_fault(frozen: bool) -> None:
-    end = whole_periods(line(), PERIOD).trajectory.end
+    end = fit_periods(line(), PERIOD).trajectory.end
     _, execution = run(LostEncoder("joint3", end - (0.1 if frozen else 1e-6), frozen=frozen))
     assert execution.fault is not None and execution.fault.kind is FaultKind.ENCODER
     assert execution.fault.joint == "joint3" and execution.fault.t == pytest.approx(end)

@@ -182,7 +182,7 @@ def test_a_beam_meets_a_plane_where_both_equations_hold(T: Array, pan: float, ti
     along = float(d @ plane.normal)
     if abs(along) < 1e-3:
         return
-    seen = unit.on_plane(pan, tilt, plane)
+    seen = unit.intersect_plane(pan, tilt, plane)
     distance = float((np.asarray(a) - T[:3, 3]) @ plane.normal) / along
     if distance < -1e-9:
         assert status_of(seen) is SightStatus.BEHIND
@@ -217,20 +217,20 @@ def test_a_reading_of_a_cell_carries_its_true_point() -> None:
 def test_a_beam_along_a_plane_is_parallel() -> None:
     unit = PanTiltLaser(np.eye(4))
     floor = Plane((0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
-    assert status_of(unit.on_plane(0.7, 0.0, floor)) is SightStatus.PARALLEL
-    assert status_of(unit.on_plane(0.7, 1e-12, floor)) is SightStatus.PARALLEL
-    assert status_of(unit.on_plane(0.7, 0.1, floor)) is SightStatus.BEHIND
-    assert unit.on_plane(0.7, -0.1, floor)
+    assert status_of(unit.intersect_plane(0.7, 0.0, floor)) is SightStatus.PARALLEL
+    assert status_of(unit.intersect_plane(0.7, 1e-12, floor)) is SightStatus.PARALLEL
+    assert status_of(unit.intersect_plane(0.7, 0.1, floor)) is SightStatus.BEHIND
+    assert unit.intersect_plane(0.7, -0.1, floor)
     inside = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    assert status_of(unit.on_plane(0.7, 0.0, inside)) is SightStatus.PARALLEL
-    assert status_of(unit.on_plane(0.7, -0.1, inside)) is SightStatus.AT_UNIT
+    assert status_of(unit.intersect_plane(0.7, 0.0, inside)) is SightStatus.PARALLEL
+    assert status_of(unit.intersect_plane(0.7, -0.1, inside)) is SightStatus.AT_UNIT
 
 
 def test_the_limits_hold_on_a_plane() -> None:
     wall = Plane(turned(UNIT.pose, 0.0, 0.0, 5.0), UNIT.pose[:3, 0])
-    assert UNIT.on_plane(0.3, 0.2, wall)
-    assert status_of(UNIT.on_plane(0.3, 1.3, wall)) is SightStatus.OUTSIDE_ANGLES
-    assert status_of(UNIT.on_plane(1.4, 0.2, wall)) is SightStatus.OUT_OF_RANGE
+    assert UNIT.intersect_plane(0.3, 0.2, wall)
+    assert status_of(UNIT.intersect_plane(0.3, 1.3, wall)) is SightStatus.OUTSIDE_ANGLES
+    assert status_of(UNIT.intersect_plane(1.4, 0.2, wall)) is SightStatus.OUT_OF_RANGE
 
 
 @given(poses, triples, triples)
@@ -240,8 +240,10 @@ def test_a_moved_plane_holds_the_moved_points(T: Array, a: Array, n: Array) -> N
     plane = Plane(a, n)
     on = np.cross(plane.normal, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.3, 0.2, 0.9]]) + plane.point
     there = on @ T[:3, :3].T + T[:3, 3]
-    assert np.abs(plane.moved(T).distance(there)).max() <= 1e-13
-    assert float(plane.moved(T).distance(there[0] + 2.0 * T[:3, :3] @ plane.normal)) == pytest.approx(2.0, abs=1e-13)
+    assert np.abs(plane.transform(T).distance(there)).max() <= 1e-13
+    assert float(plane.transform(T).distance(there[0] + 2.0 * T[:3, :3] @ plane.normal)) == pytest.approx(
+        2.0, abs=1e-13
+    )
 
 
 # ---------------------------------------------------------------- noise
@@ -294,14 +296,14 @@ def test_the_covariance_of_a_point_is_that_of_drawn_noise() -> None:
 def test_the_covariance_on_a_plane_is_that_of_drawn_beams_and_lies_in_the_plane() -> None:
     unit = UNIT.with_pose(UNIT.pose, covariance(7))
     plane = Plane(turned(unit.pose, 0.5, 0.2, 2.0), unit.pose[:3, :3] @ (1.0, 0.9, -0.5))
-    seen = unit.on_plane(0.7, 0.4, plane)
+    seen = unit.intersect_plane(0.7, 0.4, plane)
     origins, directions = drawn_points(unit, seen.spot, 40_000, 1)
     distances = ((plane.point - origins) @ plane.normal) / (directions @ plane.normal)
     assert_same_covariance(seen.covariance, origins + distances[:, None] * directions)
     assert np.abs(seen.covariance @ plane.normal).max() <= 1e-18
     assert np.linalg.matrix_rank(seen.covariance, tol=1e-12) == 2
     without = PanTiltLaser(unit.pose, angle_noise=unit.angle_noise, pose_covariance=unit.pose_covariance)
-    assert without.on_plane(0.7, 0.4, plane).covariance == pytest.approx(seen.covariance, abs=1e-18)
+    assert without.intersect_plane(0.7, 0.4, plane).covariance == pytest.approx(seen.covariance, abs=1e-18)
 
 
 def test_a_reading_has_the_noise_that_the_unit_states() -> None:
@@ -362,12 +364,12 @@ def test_a_wrong_argument_is_named(argument: str, value: object) -> None:
         ("point", lambda: UNIT.angles(np.zeros((2, 3)))),
         ("point", lambda: UNIT.angles((1e7, 0.0, 0.0))),
         ("points", lambda: UNIT.reading(np.zeros(4))),
-        ("plane", lambda: UNIT.on_plane(0.0, 0.0, ((0, 0, 0), (0, 0, 1)))),
-        ("tilt", lambda: UNIT.on_plane(0.0, float("nan"), Plane((0, 0, 0), (0, 0, 1)))),
+        ("plane", lambda: UNIT.intersect_plane(0.0, 0.0, ((0, 0, 0), (0, 0, 1)))),
+        ("tilt", lambda: UNIT.intersect_plane(0.0, float("nan"), Plane((0, 0, 0), (0, 0, 1)))),
         ("normal", lambda: Plane((0, 0, 0), (0, 0, 0))),
         ("normal", lambda: Plane((0, 0, 0), (0, 0, float("nan")))),
         ("point", lambda: Plane((0, 0), (0, 0, 1))),
-        ("T", lambda: Plane((0, 0, 0), (0, 0, 1)).moved(np.zeros((4, 4)))),
+        ("T", lambda: Plane((0, 0, 0), (0, 0, 1)).transform(np.zeros((4, 4)))),
         ("pose", lambda: UNIT.with_pose(np.zeros((4, 4)))),
     ],
 )

@@ -10,13 +10,13 @@ import pytest
 import optik
 from optik.arm.inertia import Inertia
 from optik.errors import InvalidInput, MissingDependency, RobotModelError
-from planners.cell.mjcf import ROD_DENSITY, _rod, mujoco_model, to_mjcf, with_masses
+from planners.cell.mjcf import ROD_DENSITY, _rod, assume_masses, mujoco_model, to_mjcf
 from tests.robots import each_robot
 
 
 def differences(robot, seed=0, states=20):
     """Largest differences from MuJoCo of torques, mass matrices and tool poses at random states."""
-    heavy = with_masses(robot)[0].with_inertia(coulomb=0.0)
+    heavy = assume_masses(robot)[0].with_inertia(coulomb=0.0)
     model = mujoco_model(heavy)
     data, rng, worst = mujoco.MjData(model), np.random.default_rng(seed), np.zeros(3)
     low, high = np.maximum(robot.limits.lower, -3.0), np.minimum(robot.limits.upper, 3.0)
@@ -195,7 +195,7 @@ def test_without_mujoco_the_extra_is_named(monkeypatch):
 
 def test_an_arm_with_masses_is_left_alone():
     robot = optik.load("panda")
-    assert with_masses(robot) == (robot, "")
+    assert assume_masses(robot) == (robot, "")
     assert "assumed" not in to_mjcf(robot)
 
 
@@ -205,7 +205,7 @@ def test_assumed_masses_are_rods_along_the_links():
     tool[0, 3] = 1.0
     limits = optik.JointLimits([-3, -3], [3, 3], torque=[1.0, 1.0])
     robot = optik.Robot.from_mdh(rows, limits, tool=tool)
-    heavy, assumed = with_masses(robot)
+    heavy, assumed = assume_masses(robot)
     # Two solid cylinders of one metre, 0.2 m thick, of 1500 kg/m³.
     mass = 1500 * np.pi * 0.01
     assert np.allclose(heavy.inertia.mass, mass)

@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, MissingDependency
 from planners import plan
 from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
 from planners.cell.drives._run import Commands
-from planners.cell.drives._servo import NEW_SHARE, POSITION_GAIN, VELOCITY_GAIN, gains, servo, tuning
+from planners.cell.drives._servo import NEW_SHARE, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
 from planners.timing import make_law
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -199,7 +199,7 @@ def test_a_joint_without_encoder_is_braked_at_rest_though_its_weight_is_unknown(
 
 def test_a_servo_goes_on_with_the_first_reading_of_an_encoder_that_returns():
     rng = np.random.default_rng(6)
-    tuned = tuning(gains(optik.load("paper6r"), 10.0, 1.0), 5e-4, np.zeros(6), np.ones(6), np.full(6, 1e9))
+    tuned = pack_gains(compute_gains(optik.load("paper6r"), 10.0, 1.0), 5e-4, np.zeros(6), np.ones(6), np.full(6, 1e9))
     M, asked, state, torque = np.eye(6), rng.normal(size=(3, 6)), np.zeros((4, 6)), np.empty(6)
     for lost in (False, True, True, False, False):
         position = asked[0] + 1e-3 * rng.normal(size=6)

@@ -23,9 +23,9 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OptikError
-from planners.cell.drives._ros_goals import message_for, stops_for
+from planners.cell.drives._ros_goals import make_message, make_stops
 from planners.cell.drives.ros import RosDrive
-from planners.cell.stored import plan_of
+from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import Fragments, RosbridgeTransport
 from tests.planners.invalid import invalid
@@ -308,7 +308,7 @@ def test_a_stop_that_cannot_be_certified_is_a_cancellation_and_is_said_before(po
     def none(*_: Any) -> planners.Plan:
         raise NoSolution("no stop within the limits")
 
-    monkeypatch.setattr(sys.modules[stops_for.__module__], "stop_from", none)
+    monkeypatch.setattr(sys.modules[make_stops.__module__], "plan_stop", none)
     drive = drive_on(address(port, "ok", plan), plan, **PATIENT)
     with drive.transport:
         stopped = drive.execute(plan, stop=0.2)
@@ -321,21 +321,21 @@ def test_the_motion_of_a_law_without_jerk_limits_can_be_stopped():
     robot = optik.load("irb120")
     q, limits = robot.limits.middle, planners.MotionLimits(velocity=2.0, acceleration=10.0)
     smooth = planners.plan(robot, q + 0.2, q, limits=limits, timing="toppra", duration=1.5)
-    stops = stops_for(message_for(smooth, None)[0], 0.5, None)
+    stops = make_stops(make_message(smooth, None)[0], 0.5, None)
     assert len(stops.found) == 2 and all(stop.plan.certificate.is_valid for stop in stops.found), stops.reason
 
 
 def test_stops_are_computed_before_the_arm_moves_and_in_bounded_time(plan, monkeypatch):
-    sent, _ = message_for(hop(1.0), None)
-    stops = stops_for(sent, 0.2, None)
+    sent, _ = make_message(hop(1.0), None)
+    stops = make_stops(sent, 0.2, None)
     assert [round(stop.t, 9) for stop in stops.found] == [0.2, 0.4, 0.6, 0.8] and stops.reason == ""
     for stop in stops.found:  # each begins where the motion is, and keeps the limits as the controller interpolates
         first = stop.message["points"][0]
         np.testing.assert_allclose(first["positions"], sent.trajectory(stop.t), atol=1e-9)
         np.testing.assert_allclose(first["velocities"], sent.trajectory(stop.t, 1), atol=1e-9)
         assert stop.plan.certificate.is_valid and stop.plan.limits == sent.limits
-    monkeypatch.setattr(sys.modules[stops_for.__module__], "PREPARING", 1e-6)
-    assert len(stops_for(sent, 0.1, None).found) <= 2
+    monkeypatch.setattr(sys.modules[make_stops.__module__], "PREPARING", 1e-6)
+    assert len(make_stops(sent, 0.1, None).found) <= 2
 
 
 def test_an_exception_of_the_caller_stops_the_arm(port, plan):
@@ -426,14 +426,14 @@ def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
     goal[:3, 3] += [-0.12, 0.0, 0.2]
     made = planners.plan(robot, goal, q, timing="quintic")
     made.save(tmp_path / "line.json")
-    found = plan_of(planners.load_motion(tmp_path / "line.json"))
+    found = restore_plan(planners.load_motion(tmp_path / "line.json"))
     assert found and np.array_equal(found.trajectory.coefficients, made.trajectory.coefficients)
     s = np.linspace(0.0, made.joint_path.end, 50)
     np.testing.assert_allclose(found.joint_path(s), made.joint_path(s), atol=1e-6)
     assert planners.replan(found, 0.5 * found.trajectory.end, stop=True)
     hasty = replace(made.motion, limits=made.limits.scaled(0.05), enforced=("velocity",))
     with pytest.raises(NoSolution, match="certificate of this motion is not valid"):
-        plan_of(hasty)
+        restore_plan(hasty)
 
 
 def typed(*words: str) -> tuple[int, str]:

@@ -20,15 +20,15 @@ from planners.cell import Cell, Outcome, PanTiltLaser, Spot
 from planners.cell.drives import make_drive
 from planners.cell.drives._options import Stall
 from planners.cell.view._stage import capsule_mesh
-from planners.cell.view.page import MOST_PAGE, page_of, write_page
+from planners.cell.view.page import MOST_PAGE, make_page, write_page
 from planners.cell.view.show import (
     Show,
     Track,
-    executed_track,
-    show_of,
-    show_of_execution,
-    show_of_outcome,
-    track_of,
+    sample_track,
+    show_execution,
+    show_motion,
+    show_outcome,
+    thin_execution,
 )
 from tests.planners.cases import MOVE, START, paper6r
 from tests.planners.motions import planned
@@ -38,7 +38,7 @@ EVIL = "</script><script>alert('x')</script> & <b>bold</b>"
 
 @pytest.fixture(scope="module")
 def show() -> Show:
-    return show_of(planned())
+    return show_motion(planned())
 
 
 def data_of(page: str) -> Any:
@@ -66,26 +66,26 @@ def test_a_show_has_the_motion_the_path_and_the_certificate(show: Show) -> None:
     facts = dict(show.facts)
     assert facts["Certificate"] == "valid"
     assert facts["Duration"] == f"{motion.duration:.4f} s"
-    assert show_of(planned().motion).facts == show.facts
+    assert show_motion(planned().motion).facts == show.facts
 
 
 def test_what_was_executed_is_thinned_out_and_unread_instants_are_counted() -> None:
     t = np.arange(5001) * 5e-4
     q = np.column_stack([np.sin(t), np.cos(t)])
     q[[7, 9]] = np.nan
-    track, unread = executed_track(t, q, np.zeros_like(q))
+    track, unread = thin_execution(t, q, np.zeros_like(q))
     assert track is not None
     assert unread == 2
     assert len(track.t) == 2000
     assert track.t[-1] == t[-1]
     assert np.isfinite(track.q).all()
-    assert executed_track(t[:1], q[7:8], q[7:8]) == (None, 1)
+    assert thin_execution(t[:1], q[7:8], q[7:8]) == (None, 1)
 
 
 def test_a_very_long_motion_fits(show: Show) -> None:
-    slow = track_of(planned().trajectory.slowed(1000.0))
+    slow = sample_track(planned().trajectory.slowed(1000.0))
     assert len(slow.t) == 2000
-    page = page_of(replace(show, planned=slow, executed=slow))
+    page = make_page(replace(show, planned=slow, executed=slow))
     assert len(page) < 0.5 * MOST_PAGE
     data = data_of(page)
     np.testing.assert_array_equal(numbers(data["planned"]["q"]).reshape(-1, 6), slow.q)
@@ -95,7 +95,7 @@ def test_an_arm_of_many_joints_and_a_scene_of_many_objects_fit(show: Show) -> No
     rng = np.random.default_rng(3)
     spheres = [(p, 0.01) for p in rng.uniform(-3.0, 3.0, (3000, 3))]
     box = (np.eye(4), [0.1, 0.1, 0.1])
-    page = page_of(replace(show, scene=Scene(boxes=[box], spheres=spheres)))
+    page = make_page(replace(show, scene=Scene(boxes=[box], spheres=spheres)))
     assert len(page) < MOST_PAGE
     assert "the 2000 objects nearest to the path, of 3001" in page
     drawn = numbers(data_of(page)["scene"]["rounds"]).reshape(-1, 7)[:, :3]
@@ -105,15 +105,15 @@ def test_an_arm_of_many_joints_and_a_scene_of_many_objects_fit(show: Show) -> No
 
 
 def test_names_are_text_in_the_page(show: Show) -> None:
-    page = page_of(replace(show, title=EVIL, facts=((EVIL, EVIL),), robot=replace(show.robot, name=EVIL)))
+    page = make_page(replace(show, title=EVIL, facts=((EVIL, EVIL),), robot=replace(show.robot, name=EVIL)))
     assert EVIL not in page
     assert page.count("<script") == page.count("</script>") == 5
     named = replace(show.robot, joint_names=(EVIL, *show.robot.joint_names[1:]))
-    assert data_of(page_of(replace(show, robot=named)))["arm"]["joints"][0] == EVIL
+    assert data_of(make_page(replace(show, robot=named)))["arm"]["joints"][0] == EVIL
 
 
 def test_the_page_names_no_other_file(show: Show) -> None:
-    page = page_of(show)
+    page = make_page(show)
     assert "default-src 'none'" in page
     assert re.findall(r"https?://|url\(|@import|\bsrc=|fetch\(|import\(", page) == []
 
@@ -135,7 +135,7 @@ def test_what_cannot_be_written_or_does_not_fit_is_said(show: Show, tmp_path: Pa
 
 def test_a_single_instant_can_be_shown(show: Show) -> None:
     still = Track(show.planned.t[:1], show.planned.q[:1], show.planned.dq[:1])
-    assert data_of(page_of(replace(show, planned=still)))["planned"]["t"]
+    assert data_of(make_page(replace(show, planned=still)))["planned"]["t"]
 
 
 # ---------------------------------------------------------------- tasks of the cell
@@ -151,7 +151,7 @@ def task(**options: Any) -> Outcome:
 
 def test_a_task_is_shown_with_all_its_executions_and_its_beam() -> None:
     outcome = task()
-    shown = show_of_outcome(outcome)
+    shown = show_outcome(outcome)
     assert len(outcome.executions) == 2
     assert outcome.beam is not None and shown.beam is not None and shown.executed is not None
     np.testing.assert_array_equal(shown.beam.origin, BESIDE[:3, 3])
@@ -164,26 +164,26 @@ def test_a_task_is_shown_with_all_its_executions_and_its_beam() -> None:
     facts = dict(shown.facts)
     assert facts["Task"] == "arrived"
     assert facts["Error at the end"].endswith(("mm", "nm"))
-    assert "NaN" not in page_of(shown).partition('id="data"')[2].partition("</script>")[0]
+    assert "NaN" not in make_page(shown).partition('id="data"')[2].partition("</script>")[0]
 
 
 def test_a_task_that_failed_is_shown_as_far_as_it_came() -> None:
-    stalled = show_of_outcome(task(disturbances=(Stall(0, 0.2),)))
+    stalled = show_outcome(task(disturbances=(Stall(0, 0.2),)))
     assert dict(stalled.facts)["Failed step"] == "execution"
     assert stalled.executed is not None
     robot = paper6r()
     cell = Cell(robot, PanTiltLaser(BESIDE), make_drive("ideal", robot, q=START))
     with pytest.raises(NoSolution, match="nothing was executed"):
-        show_of_outcome(cell.move_to_spot(Spot(np.nan, 0.0, 1.0)))
+        show_outcome(cell.move_to_spot(Spot(np.nan, 0.0, 1.0)))
 
 
 def test_an_execution_is_shown_beside_what_was_sent() -> None:
     done = make_drive("ideal", paper6r(), encoder=2.0**14).execute(planned())
-    shown = show_of_execution(done)
+    shown = show_execution(done)
     assert shown.executed is not None and done.motion is not None
     assert shown.planned.t[-1] == done.motion.duration
     np.testing.assert_array_equal(shown.executed.q[-1], done.q[-1])
-    refused = show_of_execution(make_drive("ideal", paper6r(), q=START + 0.3).execute(planned()))
+    refused = show_execution(make_drive("ideal", paper6r(), q=START + 0.3).execute(planned()))
     assert refused.executed is None
     assert dict(refused.facts)["Execution"] == "refused"
     assert dict(refused.facts)["Reason"]

@@ -44,7 +44,7 @@ def check_plan(plan: Plan, robot: Robot) -> None:
         raise InvalidInput("plan", f"one of {plan.robot.name}", f"one of this drive's arm, {robot.name}")
 
 
-def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
+def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
     """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
 
     By default the plan's own certificate is judged.
@@ -62,7 +62,7 @@ def invalid(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> 
     return None
 
 
-def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
+def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
     """Say why a plan must not be sent to an arm that stands here, or whose set-points the drive would refuse."""
     names, start = plan.robot.joint_names, plan.trajectory(0.0)
     lost = np.flatnonzero(np.isnan(measured))
@@ -76,7 +76,7 @@ def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
             f"{away}, more than {options.start[i]:g} away",
             "a plan that begins where the arm stands (drive.measure())",
         )
-    fastest, most = plan.trajectory.extrema(1).worst, _velocity(plan.robot) * GREATEST_STEP
+    fastest, most = plan.trajectory.extrema(1).worst, _velocity_limits(plan.robot) * GREATEST_STEP
     i = int((fastest / most).argmax())
     if fastest[i] > most[i]:
         what = f"{names[i]} moves at {fastest[i]:.6g}, and the arm's own limit is {most[i]:.6g}"
@@ -84,7 +84,7 @@ def refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
     return None
 
 
-def asked(stop: StopRequest | None) -> Callable[[float], bool]:
+def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
     """Return the function that is asked at every tick whether to stop."""
     if stop is None:
         return lambda t: False
@@ -97,7 +97,7 @@ def asked(stop: StopRequest | None) -> Callable[[float], bool]:
 # ---------------------------------------------------------------- at every tick
 
 
-def reading(
+def read_encoders(
     actual: Array, options: Options, clock: float, noise: np.random.Generator, frozen: dict[int, float]
 ) -> Array:
     """Read the encoders."""
@@ -111,17 +111,17 @@ def reading(
     return read
 
 
-def arrived(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
+def judge_host(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
     """Judge what the host has sent by tick k: whether it is late, and whether its set-points are within the limits."""
     for each in options.disturbances:
         if run.stopping:
             return
         if isinstance(each, LateHost) and each.at >= since:
-            _silent(run, k, max(_tick(each.at - since, options.period), 1), each.ticks, options)
+            _judge_silence(run, k, max(_tick(each.at - since, options.period), 1), each.ticks, options)
         elif isinstance(each, WrongSetpoint):
             row = _tick(each.at - since, options.period)
             if 1 <= row <= run.last and (row == k + options.ahead or (k == 0 and row <= options.ahead)):
-                _wrong(run, row, each, robot)
+                _judge_setpoint(run, row, each, robot)
 
 
 def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
@@ -148,7 +148,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
         run.stuck = i
         run.fail(Fault(FaultKind.STALL, t, names[i], what, advice), k + options.ahead)
         return
-    moved = run.unmoved.moved(read, run.stream.q[min(k, run.last)], t) / (
+    moved = run.encoders.update(read, run.stream.q[min(k, run.last)], t) / (
         options.following + COUNTS * options.resolution
     )
     i = int(moved.argmax())
@@ -163,7 +163,7 @@ def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, r
     """Judge where the arm came to rest at the last tick k, by its encoders and by the true state of the simulated arm."""
     if run.fault is not None:
         return
-    t, false = k * options.period, false_reading(read, actual, options)
+    t, false = k * options.period, find_false_reading(read, actual, options)
     if false is not None:
         joint = robot.joint_names[false]
         what = f"the encoder of {joint} is lost" if np.isnan(read[false]) else (
@@ -180,7 +180,7 @@ def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, r
         run.fail(Fault(FaultKind.STALL, t, joint, f"{what}: it was blocked or is too weak", advice), k)
 
 
-def false_reading(read: Array, actual: Array, options: Options) -> int | None:
+def find_false_reading(read: Array, actual: Array, options: Options) -> int | None:
     """Return the index of a joint whose encoder is lost or reads a false position; None if there is no such joint."""
     lost = np.flatnonzero(np.isnan(read))
     if lost.size:
@@ -213,7 +213,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
     return False
 
 
-def ending(run: Run) -> tuple[ExecutionStatus, str, str]:
+def judge_end(run: Run) -> tuple[ExecutionStatus, str, str]:
     """Status, reason and advice of an execution that has come to rest."""
     if run.fault is not None:
         return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
@@ -231,7 +231,7 @@ def _tick(t: float, period: float) -> int:
     return ceil(t / period - 1e-9)
 
 
-def _silent(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
+def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
     """Count a tick at which nothing arrives; where the last set-point that the drive holds is due, that is a fault."""
     if not first <= k < first + ticks or k + options.ahead > run.last:
         return
@@ -242,12 +242,12 @@ def _silent(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
         run.fail(Fault(FaultKind.LATE_HOST, k * options.period, None, what, advice), k)
 
 
-def _wrong(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
+def _judge_setpoint(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
     """Refuse a set-point that is outside the limits; one that is within them is taken as it is."""
     joint, before = int(wrong.joint), run.stream.q[row - 1]
     value = run.stream.q[row, joint] + wrong.by
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
-    step, most = abs(value - before[joint]), _velocity(robot)[joint] * run.stream.period * GREATEST_STEP
+    step, most = abs(value - before[joint]), _velocity_limits(robot)[joint] * run.stream.period * GREATEST_STEP
     if low <= value <= high and step <= most:
         run.stream.q[row, joint] = value
         run.notes.append(f"the set-point {row} of {robot.joint_names[joint]} was {wrong.by:g} off, within the limits")
@@ -260,7 +260,7 @@ def _wrong(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
     run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out what the host sent, and why; then resume"), row - 1)
 
 
-def _velocity(robot: Robot) -> Array:
+def _velocity_limits(robot: Robot) -> Array:
     """The arm's own velocity limits (n,) [rad/s, m/s]; infinite where unknown."""
     known = robot.limits.velocity
     return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,))

@@ -145,7 +145,7 @@ class Options(NamedTuple):
     disturbances: tuple[Disturbance, ...]
 
 
-def options(
+def make_options(
     robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
     encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
@@ -162,7 +162,7 @@ def options(
         _by_joint(robot, following, FOLLOWING, "following"),
         _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
         _by_joint(robot, end_tolerance, END_AWAY, "end_tolerance"),
-        pace, _checked(robot, disturbances),
+        pace, _check_disturbances(robot, disturbances),
     )  # fmt: skip
 
 
@@ -196,7 +196,7 @@ def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
     return np.where(robot.prismatic, np.where(np.isfinite(array), array, 0.0), turn)
 
 
-def _checked(robot: Robot, disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
+def _check_disturbances(robot: Robot, disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
     """The disturbances, their joints by index."""
     checked: list[Disturbance] = []
     for each in disturbances:

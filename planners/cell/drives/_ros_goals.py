@@ -10,7 +10,7 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._stop import stop_from
+from planners.cell.drives._stop import plan_stop
 from planners.certificate.violation import Allow
 from planners.motion import Motion
 from planners.plan import Plan
@@ -31,7 +31,7 @@ ROOM = 1e-4
 times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
 
 
-class Stopping(NamedTuple):
+class TimedStop(NamedTuple):
     """A stop from an instant of a motion.
 
     Attributes
@@ -52,12 +52,12 @@ class Stopping(NamedTuple):
 class Stops(NamedTuple):
     """The stops of a motion, by their instants; the spacing of those [s]; and why one was not found, empty where all were."""
 
-    found: list[Stopping]
+    found: list[TimedStop]
     every: float
     reason: str
 
 
-def message_for(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple[Plan, dict[str, Any]]:
+def make_message(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tuple[Plan, dict[str, Any]]:
     """Return a plan with the certified motion after controller interpolation, and its message as plain data.
 
     Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
@@ -73,7 +73,7 @@ def motor_motion(plan: Plan) -> Motion:
     return replace(motion, enforced=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.enforced))
 
 
-def exceeded(plan: Plan) -> str:
+def describe_exceeded(plan: Plan) -> str:
     """Say which limits a motion passes that its law does not promise."""
     proof = plan.certificate
     found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.enforced}
@@ -81,28 +81,28 @@ def exceeded(plan: Plan) -> str:
     return f"beyond limits that {plan.law} does not promise: {', '.join(words)}" if words else ""
 
 
-def with_room(plan: Plan) -> Plan:
+def add_room(plan: Plan) -> Plan:
     """Slow a plan a little, so that stops have room; one with a tool speed that was asked stays as it is."""
     if plan.speed is not None:
         return plan
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
-def stop_for(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> Stopping:
+def make_stop(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> TimedStop:
     """Plan a certified stop from an instant of a motion that was sent, and make its message."""
-    found = stop_from(sent, t, 1.0 - 0.5 * ROOM, allow)
-    return Stopping(t, *message_for(replace(found, limits=sent.limits), joint_names, allow))
+    found = plan_stop(sent, t, 1.0 - 0.5 * ROOM, allow)
+    return TimedStop(t, *make_message(replace(found, limits=sent.limits), joint_names, allow))
 
 
-def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
+def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
     """Plan the stops from a grid of instants before a motion is sent; while the arm moves there is no time for it."""
-    found: list[Stopping] = []
+    found: list[TimedStop] = []
     reason, took = "", 0.0
     t = min(every, 0.5 * sent.trajectory.end)
     while t < sent.trajectory.end - 0.5 * every:
         since = perf_counter()
         try:
-            found.append(stop_for(sent, t, joint_names, allow))
+            found.append(make_stop(sent, t, joint_names, allow))
         except (NoSolution, InvalidInput) as error:
             reason = reason or f"at t = {t:.6g} s: {error}"
         last, took = took, perf_counter() - since
@@ -112,7 +112,7 @@ def stops_for(sent: Plan, every: float, joint_names: JointNames, allow: Allow = 
     return Stops(found, every, reason)
 
 
-def instant_of(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
+def find_instant(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
     """Find the instant of a motion at which it has a state."""
     low, high = max(near - WINDOW, 0.0), min(near + WINDOW, motion.end)
     if low >= high:

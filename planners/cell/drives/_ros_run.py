@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optik.types import Array
-from planners.cell.drives._ros_goals import Stops, instant_of
-from planners.cell.drives._run import Unmoved
+from planners.cell.drives._ros_goals import Stops, find_instant
+from planners.cell.drives._run import EncoderMonitor
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.cell.setpoints import Setpoints
 from planners.controller import states
 from planners.plan import Plan
-from planners.ros.replies import NANOSECONDS, Feedback, GoalState, time_of
+from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
 from planners.ros.transport import Goal
 from planners.splice import joined, start_of
 
@@ -77,7 +77,7 @@ class Run:
         self._fastest = self._give_up = 0.0
         self._trips = (np.inf, 0.0)
         """Shortest and longest total travel time of the goal and a feedback message [s]."""
-        self._still = Unmoved()
+        self._encoders = EncoderMonitor()
 
     # ------------------------------------------------------------ the loop
 
@@ -117,10 +117,10 @@ class Run:
             if self.cancelled:
                 continue
             if not self.goal.accepted and self.now > patience:
-                self._fail(FaultKind.CONNECTION, *_not_taken(patience))
+                self._fail(FaultKind.CONNECTION, *_describe_silence(patience))
                 self._cancel("it was not accepted in time")
             elif self.now > self.motion.end + grace:
-                self._fail(FaultKind.STALL, *_too_long(self.motion.end, grace))
+                self._fail(FaultKind.STALL, *_describe_delay(self.motion.end, grace))
                 self._cancel("it did not end in time")
             elif not self._stopping and asking(max(self.now, 0.0)):
                 self.requested = True
@@ -164,8 +164,8 @@ class Run:
             self._stop()
             return
         t = at - (self.begun or self.sent)
-        moved = self._still.moved(q, self.motion(min(max(t, 0.0), self.motion.end)), at)
-        frozen = np.flatnonzero((moved > self.drive.start_tolerance) & (self._still.seconds(at) > age))
+        moved = self._encoders.update(q, self.motion(min(max(t, 0.0), self.motion.end)), at)
+        frozen = np.flatnonzero((moved > self.drive.start_tolerance) & (self._encoders.seconds(at) > age))
         if frozen.size:
             name, i = names[frozen[0]], frozen[0]
             what = f"{name} reads {q[i]:.6g} for more than {age:g} s while its set-point moved by {moved[i]:.3g}"
@@ -179,7 +179,7 @@ class Run:
         if min(order) < 0:
             return
         q, dq = feedback.positions[order], np.nan_to_num(feedback.velocities[order])
-        t = instant_of(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
+        t = find_instant(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
         speed = float(np.abs(dq).max())
         if t is None or t <= 0.0 or t >= self.motion.end or speed < 0.5 * self._fastest:
             return  # near rest a small distance is a long time
@@ -214,7 +214,7 @@ class Run:
                 self._cancel("no stop from here could be certified")
             return
         stamp = self.stamp + round(stop.t * NANOSECONDS)
-        header = stop.message["header"] | {"stamp": time_of(stamp)}
+        header = stop.message["header"] | {"stamp": write_time(stamp)}
         goal = self.drive.transport.send(stop.message | {"header": header})
         if self._taken(goal, stop.t + CONFIRMED + self._trips[1]):
             self.goal, self.stop, self._stop_stamp = goal, stop.plan, stamp
@@ -346,13 +346,13 @@ class Run:
         )
 
 
-def _not_taken(patience: float) -> tuple[str, str]:
+def _describe_silence(patience: float) -> tuple[str, str]:
     """Reason and advice for a goal of which nothing was heard."""
     what = f"the controller did not say within {patience:g} s that it takes the goal; it may take it later all the same"
     return what, "see that the arm stands, and the controller's log"
 
 
-def _too_long(seconds: float, grace: float) -> tuple[str, str]:
+def _describe_delay(seconds: float, grace: float) -> tuple[str, str]:
     """Reason and advice for a goal that did not end."""
     what = f"no result came within {grace:g} s after the {seconds:.6g} s of the motion"
     return what, "see what holds the arm, and the controller's goal tolerances; then resume"

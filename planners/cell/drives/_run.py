@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array
-from planners.cell.drives._stop import ends_at_goal, stop_from
+from planners.cell.drives._stop import ends_at_goal, plan_stop
 from planners.cell.drives.base import Fault
-from planners.cell.setpoints import Setpoints, setpoints
+from planners.cell.setpoints import Setpoints, make_setpoints
 from planners.plan import Plan, PlanStatus
 from planners.splice import joined, start_of
 from planners.trajectory import Trajectory
 
 
-class Unmoved:
+class EncoderMonitor:
     """The time for which each joint's reading has been bit-identical, and how far its set-point moved since then."""
 
     def __init__(self) -> None:
         self._read = self._low = self._high = self._since = np.array(np.nan)
 
-    def moved(self, read: Array, asked: Array, t: float) -> Array:
+    def update(self, read: Array, asked: Array, t: float) -> Array:
         """Return how far each set-point moved since the reading of its joint last changed (n,) [rad, m]."""
         fresh = read != self._read  # NaN always counts as a new reading
         self._read = read.copy()
@@ -71,7 +71,7 @@ class Steps(NamedTuple):
     torque: Array | None = None
 
 
-def commands(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
+def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
     """Interpolate set-points k and k + 1 by cubics through position and velocity, or hold the first of them."""
     last, period = len(stream.t) - 1, stream.period
     u = np.linspace(0.0, 1.0, steps + 1)[:, None]
@@ -116,7 +116,7 @@ class Run:
         Late ticks.
     notes : list of str
         What the reader must know.
-    unmoved : Unmoved
+    encoders : EncoderMonitor
         Encoders whose readings do not change.
     allow : tuple of str
         Which violations of the plan and of its stop are permitted.
@@ -132,7 +132,7 @@ class Run:
     stuck: int | None = None
     late: int = 0
     notes: list[str] = field(default_factory=list)
-    unmoved: Unmoved = field(default_factory=Unmoved)
+    encoders: EncoderMonitor = field(default_factory=EncoderMonitor)
     allow: tuple[str, ...] = ()
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
@@ -164,7 +164,7 @@ class Run:
                 "the set-points that the drive held already reached the end of the plan: no stop was needed"
             )
             return
-        found = stop_from(self.plan, t, allow=self.allow)
+        found = plan_stop(self.plan, t, allow=self.allow)
         if not found:
             assert found.failure is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"
@@ -174,7 +174,7 @@ class Run:
             self.notes.append(f"{why}; it was sent all the same, because of the fault")
         self.stop = found
         self.motion = joined(start_of(self.motion, t), found.trajectory)
-        self.stream = setpoints(self.motion, self.stream.period)
+        self.stream = make_setpoints(self.motion, self.stream.period)
         if ends_at_goal(found):
             self.notes.append("the shortest stop within the limits ends at the end of the path")
 

@@ -54,11 +54,11 @@ class Gains(NamedTuple):
     filter: Array
 
 
-def gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
+def compute_gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
     """Return the gains of servos under which every joint's error decays like a mass on a spring and a damper."""
     _check_inertia(robot)
-    w = 2.0 * pi * _positive(robot, bandwidth, "bandwidth")
-    return Gains(w, 2.0 * w * _positive(robot, damping, "damping"), FILTER_SHARE / w)
+    w = 2.0 * pi * _check_positive(robot, bandwidth, "bandwidth")
+    return Gains(w, 2.0 * w * _check_positive(robot, damping, "damping"), FILTER_SHARE / w)
 
 
 def check_step(found: Gains, step: float) -> None:
@@ -82,7 +82,7 @@ def _check_inertia(robot: Robot) -> None:
         )
 
 
-def _positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
+def _check_positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
     """One number above 0 for each joint."""
     wanted = f"a finite number above 0, or {robot.n} of them"
     array = real_array(value, argument, wanted)
@@ -97,7 +97,7 @@ velocity [1], resolution of the encoder [rad, m] (0 where exact), difference of 
 [rad, m], and largest torque [N·m, N]."""
 
 
-def tuning(found: Gains, step: float, resolution: Array, following: Array, most: Array) -> Array:
+def pack_gains(found: Gains, step: float, resolution: Array, following: Array, most: Array) -> Array:
     """Put together what the compiled law takes: one array, as each costs 0.2 µs at every step."""
     share = step / (found.filter + step)
     return np.array([found.frequency**2, found.damping, share, resolution, following, most])

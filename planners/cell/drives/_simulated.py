@@ -17,11 +17,11 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._options import Stall, options
-from planners.cell.drives._run import Commands, Run, Steps, commands
-from planners.cell.drives._stop import nothing_sent, resumed
+from planners.cell.drives._options import Stall, make_options
+from planners.cell.drives._run import Commands, Run, Steps, interpolate
+from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
-from planners.cell.setpoints import setpoints, whole_periods
+from planners.cell.setpoints import fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 
@@ -64,7 +64,7 @@ class SimulatedDrive(Drive):
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], "a Robot")
         self.robot = robot
-        self.options = options(robot, **others)
+        self.options = make_options(robot, **others)
         self.period = self.options.period
         if not isinstance(step, int | float) or not 0.0 < step <= self.period:
             raise InvalidInput("step", repr(step)[:60], f"seconds above 0, at most the period, {self.period:g}")
@@ -110,27 +110,27 @@ class SimulatedDrive(Drive):
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
             raise InvalidInput("q", "none, and no plan executed yet", "where the arm stands: a configuration at rest")
-        return _checks.reading(self._actual(), self.options, self.clock, self._noise, self._frozen)
+        return _checks.read_encoders(self._actual(), self.options, self.clock, self._noise, self._frozen)
 
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
         """Take the arm along a valid plan; see `Drive.execute`."""
         _checks.check_plan(plan, self.robot)
-        refusal = _checks.invalid(plan, allow)
+        refusal = _checks.find_violation(plan, allow)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        given, plan = plan, whole_periods(plan, self.period)
-        refusal = _checks.invalid(plan, allow, plan.motion.certify() if plan is given else None)
+        given, plan = plan, fit_periods(plan, self.period)
+        refusal = _checks.find_violation(plan, allow, plan.motion.certify() if plan is given else None)
         if refusal is not None:
             return self._refused(plan, *refusal)
         if not self._placed:
             self._put(plan.trajectory(0.0))
-        refusal = _checks.refusal(plan, self.measure(), self.options)
+        refusal = _checks.find_refusal(plan, self.measure(), self.options)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        run = Run(plan, plan.trajectory, setpoints(plan, self.period), allow=check_allow(allow))
-        self._loop(run, _checks.asked(stop), watch)
+        run = Run(plan, plan.trajectory, make_setpoints(plan, self.period), allow=check_allow(allow))
+        self._loop(run, _checks.make_stop_test(stop), watch)
         return self._report(run)
 
     def resume(
@@ -141,7 +141,7 @@ class SimulatedDrive(Drive):
         After a fault that left the arm off the path, it first goes back to where it was to stop, straight in joint
         space; that execution is `Execution.before` of the result.
         """
-        return resumed(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
+        return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
     def _loop(self, run: Run, asked: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run through all ticks: read the encoders, judge, listen to a request, advance the plant by one period."""
@@ -160,13 +160,13 @@ class SimulatedDrive(Drive):
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
             if k >= run.last + self._held_ticks() and self._stands(run, k, reading):
                 break
-            _checks.arrived(run, k, since, self.options, self.robot)
+            _checks.judge_host(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
             self._stuck = run.stuck
             if not run.stopping and asked(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
-            now = commands(run.stream, k, self.steps, self.options.hold)
+            now = interpolate(run.stream, k, self.steps, self.options.hold)
             run.record(t, now.t[1:], self._advance(now, self._stalled()))
             k += 1
         run.extend(k)
@@ -176,7 +176,7 @@ class SimulatedDrive(Drive):
         """Return whether the arm is at rest when the set-points end; apply the brakes if it moves."""
         dq = run.dq[-1][-1]
         if _checks.judge_standing(
-            run, k, dq, _checks.false_reading(reading, self._actual(), self.options), self.options, self.robot
+            run, k, dq, _checks.find_false_reading(reading, self._actual(), self.options), self.options, self.robot
         ):
             return True
         self._put_brakes_on()
@@ -222,13 +222,13 @@ class SimulatedDrive(Drive):
 
     def _refused(self, plan: Plan, reason: str, advice: str) -> Execution:
         """Nothing was sent."""
-        return replace(nothing_sent(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
+        return replace(refuse(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
 
     def _report(self, run: Run) -> Execution:
         """What the arm did; after a fault the servo is set to where the arm stands, so that nothing moves later."""
         if run.fault is not None:
             self._place(self._actual())
-        status, reason, advice = _checks.ending(run)
+        status, reason, advice = _checks.judge_end(run)
         return Execution(
             self.name, self.robot, status, reason, advice, run.plan, run.stop, run.motion, run.stream,
             np.concatenate(run.t), np.concatenate(run.q), np.concatenate(run.dq),

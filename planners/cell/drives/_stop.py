@@ -10,7 +10,7 @@ import numpy as np
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
-from planners.cell.setpoints import slowed_to
+from planners.cell.setpoints import slow_to
 from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
@@ -26,7 +26,7 @@ LEAST_SHARE = 0.1
 """Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
 
 
-def relaxed(plan: Plan, allow: Allow) -> Plan:
+def relax(plan: Plan, allow: Allow) -> Plan:
     """Return a plan that can be stopped and replanned despite violations that these words permit.
 
     It has no scene if contact is permitted. Limits that may be exceeded are not enforced.
@@ -39,10 +39,10 @@ def relaxed(plan: Plan, allow: Allow) -> Plan:
     return replace(plan, _certificate=proof, scene=scene)
 
 
-def stop_from(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
+def plan_stop(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
     """Return the stop of a plan from a time of its motion, for the first jerk limit that gives a valid certificate."""
-    stops, plan = [], relaxed(running, allow)
-    for limits in limits_of(plan):
+    stops, plan = [], relax(running, allow)
+    for limits in find_stop_limits(plan):
         limits = limits if share == 1.0 else limits.scaled(share)
         found = replan(plan, t, stop=True, limits=limits, timing="optimal")
         if found:
@@ -59,7 +59,7 @@ def ends_at_goal(plan: Plan) -> bool:
     return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
 
 
-def limits_of(running: Plan) -> tuple[MotionLimits, ...]:
+def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
     """Limits of a stop and of the rest of the way, the gentlest first: those of the plan, where it promises to keep them.
 
     What the plan's law does not keep, or what is not limited, may be as large as in the plan itself. A jerk that it does
@@ -67,20 +67,20 @@ def limits_of(running: Plan) -> tuple[MotionLimits, ...]:
     is one more limit.
     """
     proof, limits = running.certificate, running.limits
-    changed: dict[str, Any] = _speed(running)
+    changed: dict[str, Any] = _speed_limit(running)
     kept, known = set(proof.enforced), limits.arrays(running.robot.n)
     loaded = limits.torque is not None and "torque" in kept
     if limits.velocity is None or "velocity" not in kept:
-        changed["velocity"] = _reached(proof.velocity.value, known["velocity"])
+        changed["velocity"] = _largest_values(proof.velocity.value, known["velocity"])
     if "acceleration" not in kept or (limits.acceleration is None and not loaded):
-        changed["acceleration"] = _reached(proof.acceleration.value, known["acceleration"])
+        changed["acceleration"] = _largest_values(proof.acceleration.value, known["acceleration"])
     if limits.jerk is not None and "jerk" in kept:
         return (replace(limits, **changed),)
-    hardest = _reached(proof.acceleration.value, known["acceleration"])
+    hardest = _largest_values(proof.acceleration.value, known["acceleration"])
     return tuple(replace(limits, **changed, jerk=hardest / onset) for onset in ONSETS)
 
 
-def _speed(running: Plan) -> dict[str, Any]:
+def _speed_limit(running: Plan) -> dict[str, Any]:
     """The constant tool speed that was asked, as a limit on the tool or on its rotation where it only turns."""
     if running.speed is None:
         return {}
@@ -90,27 +90,25 @@ def _speed(running: Plan) -> dict[str, Any]:
     return {name: most if known is None else np.minimum(known, most)}
 
 
-def _reached(reached: Array, limit: Array) -> Array:
+def _largest_values(reached: Array, limit: Array) -> Array:
     """The largest values (n,) of a motion, or a finite limit (n,) where that is higher."""
     reached = np.maximum(reached, LEAST_SHARE * reached.max()) * (1.0 + SPEED_SPARE)
     return np.maximum(reached, np.where(np.isfinite(limit), limit, 0.0))
 
 
-def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, Any]) -> Execution:
+def resume_execution(drive: Drive, execution: Execution, near: Array, options: dict[str, Any]) -> Execution:
     """Move the arm from its configuration to the goal of a stopped execution; the options are those of `execute`.
 
     The status is REFUSED if the arm is farther than `near` (n,) [rad, m] from its intended stopping point.
     """
     check_stopped(execution)
     assert execution.motion is not None
-    rest, running = execution.motion(execution.motion.end), relaxed(execution.plan, options["allow"])
+    rest, running = execution.motion(execution.motion.end), relax(execution.plan, options["allow"])
     measured = drive.measure()
     if np.isnan(measured).any():
         i = int(np.isnan(measured).argmax())
         name = drive.robot.joint_names[i]
-        return nothing_sent(
-            drive, execution.plan, f"the encoder of {name} is lost", "repair the encoder, and measure again"
-        )
+        return refuse(drive, execution.plan, f"the encoder of {name} is lost", "repair the encoder, and measure again")
     before = None
     if (np.abs(measured - rest) > near).any():
         if execution.status is ExecutionStatus.STOPPED:
@@ -118,21 +116,21 @@ def resumed(drive: Drive, execution: Execution, near: Array, options: dict[str, 
             name = drive.robot.joint_names[i]
             moved = f"{name} stands at {measured[i]:.6g}, and it was stopped at {rest[i]:.6g}"
             why = f"the arm was moved since: {moved}"
-            return nothing_sent(drive, execution.plan, why, "a new plan from where it stands")
-        back = way_back(running, measured, rest)
+            return refuse(drive, execution.plan, why, "a new plan from where it stands")
+        back = plan_way_back(running, measured, rest)
         if not back:
             assert back.failure is not None
             why = f"there is no way back to the path: {back.failure.reason}"
-            return nothing_sent(drive, execution.plan, why, back.failure.advice)
-        before = drive.execute(long_enough(back, drive.period), **options)
+            return refuse(drive, execution.plan, why, back.failure.advice)
+        before = drive.execute(fill_period(back, drive.period), **options)
         if not before or execution.stop_plan is None or ends_at_goal(execution.stop_plan):
             return before
     if execution.stop_plan is None or ends_at_goal(execution.stop_plan):
-        there = nothing_sent(drive, execution.plan, "", "")
+        there = refuse(drive, execution.plan, "", "")
         return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
-    stop = relaxed(execution.stop_plan, options["allow"])
-    onward = long_enough(
-        replan(stop, stop.trajectory.end, limits=limits_of(running)[0], timing="optimal"), drive.period
+    stop = relax(execution.stop_plan, options["allow"])
+    onward = fill_period(
+        replan(stop, stop.trajectory.end, limits=find_stop_limits(running)[0], timing="optimal"), drive.period
     )
     onward = replace(onward, scene=execution.plan.scene)
     return replace(drive.execute(onward, **options), before=before)
@@ -148,9 +146,9 @@ def check_stopped(execution: Execution) -> None:
         )
 
 
-def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
+def plan_way_back(running: Plan, measured: Array, rest: Array) -> Plan:
     """Plan the straight way in joint space from where the arm stands back to where it was to stop."""
-    limits = limits_of(running)[0]
+    limits = find_stop_limits(running)[0]
     joints = MotionLimits(limits.velocity, limits.acceleration, limits.jerk, torque=limits.torque)
     return plan(
         running.robot,
@@ -161,12 +159,12 @@ def way_back(running: Plan, measured: Array, rest: Array) -> Plan:
     )
 
 
-def long_enough(found: Plan, period: float) -> Plan:
+def fill_period(found: Plan, period: float) -> Plan:
     """Slow a plan that is shorter than the servo's period to it: what is left of a way may be some micrometres."""
-    return slowed_to(found, period) if found and found.trajectory.end < period else found
+    return slow_to(found, period) if found and found.trajectory.end < period else found
 
 
-def nothing_sent(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
+def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
     """Return the record of an execution for which nothing was sent: REFUSED."""
     at = drive.measure() if placed else np.full(drive.robot.n, np.nan)
     return Execution(

@@ -233,12 +233,12 @@ class Drive(ABC):
         InvalidInput
             Another arm.
         """
-        if _empty(robot) != _empty(self.robot):
+        if _unload(robot) != _unload(self.robot):
             raise InvalidInput("robot", f"{robot.name!r}, another arm", f"{self.robot.name!r}, carrying something else")
         self.robot = robot
 
 
-def _empty(robot: Robot) -> Robot:
+def _unload(robot: Robot) -> Robot:
     """The arm without what it carries."""
     return robot.with_payload(None).with_tool(np.eye(4)).with_shapes(None)
 

@@ -16,10 +16,10 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives._options import LostEncoder
 from planners.cell.drives._run import Commands, Run, Steps
-from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, gains, servo, tuning
+from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, compute_gains, pack_gains, servo
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
-from planners.cell.mjcf import PLANT_STEP, import_mujoco, mujoco_model, with_masses
+from planners.cell.mjcf import PLANT_STEP, assume_masses, import_mujoco, mujoco_model
 
 CREEP = 1e-5
 """Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at
@@ -118,7 +118,7 @@ class MujocoDrive(SimulatedDrive):
         """
         before = self.robot
         super().carry(robot)
-        plant = None if self._given is None else _carrying(self._given, before, robot)
+        plant = None if self._given is None else _with_load_of(self._given, before, robot)
         here = self._actual() if self._placed else None
         self._build(robot, plant)
         if here is not None:
@@ -128,12 +128,12 @@ class MujocoDrive(SimulatedDrive):
 
     def _build(self, robot: Robot, plant: Robot | None) -> None:
         """The model that the servos know, and the plant."""
-        heavy, self._assumed = with_masses(robot)
+        heavy, self._assumed = assume_masses(robot)
         self._given = plant
-        self.plant = _checked_plant(heavy, plant, known=not self._assumed)
-        model = _of_one_mass(heavy, middle=True)
+        self.plant = _check_plant(heavy, plant, known=not self._assumed)
+        model = _with_one_mass(heavy, middle=True)
         assert model.inertia is not None and self.plant.inertia is not None
-        self.gains = gains(model, *self._wishes)
+        self.gains = compute_gains(model, *self._wishes)
         self.settling = SETTLED / float(self.gains.frequency.min())
         self._chain, self._load = model.chain, model.loads[0]
         self._M = np.empty((1, robot.n, robot.n))
@@ -141,7 +141,7 @@ class MujocoDrive(SimulatedDrive):
         self._most = np.minimum(_torque_limits(model), _torque_limits(self.plant))
         self._step = self.period / self.steps
         check_step(self.gains, self._step)
-        self._tuned = tuning(self.gains, self._step, self.options.resolution, self.options.following, self._most)
+        self._tuned = pack_gains(self.gains, self._step, self.options.resolution, self.options.following, self._most)
         self._stood = False  # whether the friction of a joint is that of a brake or a block
         self._model = mujoco_model(self.plant, step=self._step)
         self._data = self._mujoco.MjData(self._model)
@@ -245,17 +245,17 @@ class MujocoDrive(SimulatedDrive):
 # ---------------------------------------------------------------- arms
 
 
-def _checked_plant(robot: Robot, plant: Robot | None, *, known: bool) -> Robot:
+def _check_plant(robot: Robot, plant: Robot | None, *, known: bool) -> Robot:
     """The arm that is simulated, with masses and one payload; where those of the robot are unknown, so may be the plant's."""
     if plant is None:
-        return _of_one_mass(robot, middle=False)
+        return _with_one_mass(robot, middle=False)
     wanted = f"a Robot with masses and the joints of {robot.name!r}, whose masses, friction or payload differ"
     if not isinstance(plant, Robot) or (known and plant.inertia is None):
         raise InvalidInput("plant", repr(plant)[:60], wanted)
     same = plant.n == robot.n and np.array_equal(plant.fixed, robot.fixed)
     if not same or not np.array_equal(plant.prismatic, robot.prismatic):
         raise InvalidInput("plant", f"{plant.name!r}, whose joints are others", wanted)
-    return _of_one_mass(with_masses(plant)[0], middle=False)
+    return _with_one_mass(assume_masses(plant)[0], middle=False)
 
 
 def _torque_limits(robot: Robot) -> Array:
@@ -264,7 +264,7 @@ def _torque_limits(robot: Robot) -> Array:
     return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,)).astype(float)
 
 
-def _of_one_mass(robot: Robot, *, middle: bool) -> Robot:
+def _with_one_mass(robot: Robot, *, middle: bool) -> Robot:
     """The arm with the middle or the heaviest payload, where its mass is an interval."""
     payload = robot.payload
     if payload is None or len(payload.masses) == 1:
@@ -273,7 +273,7 @@ def _of_one_mass(robot: Robot, *, middle: bool) -> Robot:
     return replace(robot, payload=Payload(mass, payload.com, payload.inertia * (mass / payload.masses[-1])))
 
 
-def _carrying(plant: Robot, before: Robot, now: Robot) -> Robot:
+def _with_load_of(plant: Robot, before: Robot, now: Robot) -> Robot:
     """A plant that carries what the robot carries now, heavier or lighter by as much as its payload was."""
     old, new = before.payload, now.payload
     factor = plant.payload.masses[-1] / old.masses[-1] if plant.payload and old else 1.0

@@ -12,17 +12,17 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners.cell.drives._checks import asked, check_plan, invalid
-from planners.cell.drives._ros_goals import Stops, exceeded, message_for, motor_motion, stops_for, with_room
+from planners.cell.drives._checks import check_plan, find_violation, make_stop_test
+from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
 from planners.cell.drives._ros_run import Run
-from planners.cell.drives._stop import relaxed
+from planners.cell.drives._stop import relax
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.certificate.violation import Allow
 from planners.following.place import place_on
 from planners.plan import Plan
 from planners.replan import replan
-from planners.ros.export import JointNames, columns_of
+from planners.ros.export import JointNames, find_columns
 from planners.ros.transport import Transport
 
 STATE_AGE = 0.5
@@ -73,7 +73,7 @@ class Timing(NamedTuple):
     stops_every: float
 
 
-class Measured(NamedTuple):
+class Measurement(NamedTuple):
     """Joint states of all joints: positions (n,) [rad, m], velocities (n,) [rad/s, m/s], and the oldest joint's times.
 
     The stamp is by the robot's clock [ns], the arrival by `time.monotonic` [s].
@@ -134,7 +134,7 @@ class RosDrive(Drive):
                 raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
         self.robot, self.transport, self.period = robot, transport, PERIOD
         self.sends = check_flag(execute, "execute")
-        self.joint_names, self.columns = joint_names, columns_of(robot, joint_names)
+        self.joint_names, self.columns = joint_names, find_columns(robot, joint_names)
         self.start_tolerance = check_number(start_tolerance, "start_tolerance", "rad or m, above 0", above=0.0)
         given = {"state_age": state_age, "patience": patience, "grace": grace, "latency": latency}
         given["stops_every"] = stops_every
@@ -146,7 +146,7 @@ class RosDrive(Drive):
         """Return the joints of the latest joint states (n,) [rad, m]; NaN for one that is unknown or not fresh."""
         return self.measured().q
 
-    def measured(self) -> Measured:
+    def measured(self) -> Measurement:
         """Return the latest joint states.
 
         Returns
@@ -162,7 +162,7 @@ class RosDrive(Drive):
             if reading is not None and reading.fresh and reading.at >= oldest:
                 q[i], dq[i] = reading.position, reading.velocity
                 stamp, at = (reading.stamp, reading.at) if reading.at <= at else (stamp, at)
-        return Measured(q, dq, stamp, at)
+        return Measurement(q, dq, stamp, at)
 
     def unmeasured(self) -> tuple[str, str]:
         """Say why the joints are not known to stand still now, after waiting for that for a while.
@@ -230,24 +230,24 @@ class RosDrive(Drive):
     ) -> Execution:
         """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`."""
         check_plan(plan, self.robot)
-        asking = asked(stop)
-        refusal = invalid(plan, allow) or invalid(plan, allow, motor_motion(plan).certify())
+        asking = make_stop_test(stop)
+        refusal = find_violation(plan, allow) or find_violation(plan, allow, motor_motion(plan).certify())
         if refusal is not None:
             return self._unsent(plan, ExecutionStatus.REFUSED, *refusal)
         try:
-            sent, message = message_for(with_room(plan), self.joint_names, allow)
+            sent, message = make_message(add_room(plan), self.joint_names, allow)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
             return self._unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
-        notes = tuple(filter(None, (_slower(plan, sent), exceeded(sent))))
+        notes = tuple(filter(None, (_describe_slowing(plan, sent), describe_exceeded(sent))))
         stops, (reason, advice) = Stops([], 0.0, ""), self._not_at_start(sent)
         if self.sends and not reason:
-            stops = stops_for(sent, self.timing.stops_every, self.joint_names, allow)
+            stops = make_stops(sent, self.timing.stops_every, self.joint_names, allow)
             reason, advice = self._not_at_start(sent)  # measured anew: the stops took a while
         if reason:
             return self._unsent(sent, ExecutionStatus.REFUSED, reason, advice)
         if not self.sends:
-            dry = self._unsent(sent, ExecutionStatus.DRY_RUN, *_would_send(sent, message, self.transport.place))
+            dry = self._unsent(sent, ExecutionStatus.DRY_RUN, *_describe_message(sent, message, self.transport.place))
             return replace(dry, notes=notes)
         said = (*SAID, *notes, self._stopping(stops))
         return Run(self, sent, self.transport.send(message), stops, said).follow(asking, watch)
@@ -268,7 +268,7 @@ class RosDrive(Drive):
         if reason:
             return self._unsent(plan, ExecutionStatus.REFUSED, reason, advice)
         q, joints = self.measure(), plan.joint_path
-        s = place_on(joints, q, _where(execution))
+        s = place_on(joints, q, _find_position(execution))
         off = np.abs(joints(s) - q)
         i = int(off.argmax())
         if off[i] > self.start_tolerance:
@@ -278,7 +278,7 @@ class RosDrive(Drive):
             what = "the arm stands at the end of the path already"
             return self._unsent(plan, ExecutionStatus.REFUSED, what, "nothing: the goal is reached")
         still = np.zeros(self.robot.n)
-        onward = replan(relaxed(plan, allow), (joints(s), still, still))
+        onward = replan(relax(plan, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
         return self.execute(onward, stop=stop, watch=watch, allow=allow)
 
@@ -314,7 +314,7 @@ class RosDrive(Drive):
         )  # fmt: skip
 
 
-def _where(execution: Execution) -> float:
+def _find_position(execution: Execution) -> float:
     """About where on the path an execution ended [m, or rad]."""
     if execution.stop_plan is not None and execution.stop_plan.span is not None:
         return execution.stop_plan.span[1]
@@ -322,13 +322,13 @@ def _where(execution: Execution) -> float:
     return float(np.interp(execution.t[-1], binding.t, binding.s))
 
 
-def _slower(plan: Plan, sent: Plan) -> str:
+def _describe_slowing(plan: Plan, sent: Plan) -> str:
     """A note on a motion that is sent slower than it was planned; empty for one that is not."""
     factor = sent.trajectory.end / plan.trajectory.end
     return f"slowed by {factor:.6g}, so that the controller keeps its limits" if factor > 1.0 + SAID_FROM else ""
 
 
-def _would_send(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
+def _describe_message(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
     """What would be sent, and how to send it."""
     first, last = (", ".join(f"{x:.6g}" for x in message["points"][i]["positions"]) for i in (0, -1))
     what = (

@@ -2,6 +2,6 @@
 
 from planners.cell.view.live import Viewer
 from planners.cell.view.page import write_page
-from planners.cell.view.show import Beam, Show, Track, show_of, show_of_execution, show_of_outcome
+from planners.cell.view.show import Beam, Show, Track, show_execution, show_motion, show_outcome
 
-__all__ = ["Beam", "Show", "Track", "Viewer", "show_of", "show_of_execution", "show_of_outcome", "write_page"]
+__all__ = ["Beam", "Show", "Track", "Viewer", "show_execution", "show_motion", "show_outcome", "write_page"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
-from planners.cell.view.page import upward
+from planners.cell.view.page import find_up
 from planners.cell.view.show import Show, Track
 
 ARM_COLOURS = ((217, 138, 61), (143, 153, 166))
@@ -27,7 +27,7 @@ class Stage:
     def __init__(self, server: Any, show: Show) -> None:
         self.server, self.show = server, show
         self.reach = _reach(show)
-        up = upward(show.robot)
+        up = find_up(show.robot)
         with server.atomic():
             server.scene.reset()
             server.scene.set_up_direction(tuple(up))

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput, MissingDependency, OptikError
 from optik.types import Array
 from planners.cell.drives.base import Drive, Execution, Moment
 from planners.cell.view._stage import Stage
-from planners.cell.view.show import Show, show_of_execution
+from planners.cell.view.show import Show, show_execution
 from planners.plan import Plan
 
 VIEW_PORT = 8080
@@ -59,7 +59,7 @@ class Viewer:
             raise InvalidInput("drive", "one that moves a real arm", "a simulated drive")
         check_address(host, port)
         self.show, self.plan, self.drive = show, plan, drive
-        self.server = _server(host, port)
+        self.server = _make_server(host, port)
         self.thread: Thread | None = None
         self.stopped, self.playing = Event(), False
         self.moment: Moment | None = None
@@ -166,10 +166,10 @@ class Viewer:
         scale, signs = unit_factors(robot), unit_names(robot)
         rows = []
         for i, name in enumerate(robot.joint_names):
-            words = f"{_fixed(scale[i] * q[i])}{signs[i]}"
-            rows.append((name, words if dq is None else f"{words}, {_fixed(scale[i] * dq[i])}{signs[i]}/s"))
+            words = f"{_format(scale[i] * q[i])}{signs[i]}"
+            rows.append((name, words if dq is None else f"{words}, {_format(scale[i] * dq[i])}{signs[i]}/s"))
         if np.isfinite(q).all():
-            rows.append(("tool", f"{', '.join(_fixed(1e3 * x) for x in robot.fk(q)[:3, 3])} mm"))
+            rows.append(("tool", f"{', '.join(_format(1e3 * x) for x in robot.fk(q)[:3, 3])} mm"))
             if dq is not None:
                 rows.append(("tool speed", f"{1e3 * np.linalg.norm((robot.jacobian(q) @ dq)[:3]):.1f} mm/s"))
         self.numbers.content = _table(tuple(rows))
@@ -212,10 +212,10 @@ class Viewer:
         self.thread = None
         self._starter.disabled, self._stopper.disabled = False, True
         if isinstance(self.result, Execution):
-            self._present(show_of_execution(self.result))
+            self._present(show_execution(self.result))
             self.time.value = self.show.duration
             self._draw()
-            self.state.content = _paragraph(_ended(self.result))
+            self.state.content = _paragraph(_describe_end(self.result))
         else:
             self.state.content = _paragraph(str(self.result))
 
@@ -233,7 +233,7 @@ def check_address(host: str, port: int) -> None:
         raise InvalidInput("address", f"{host}:{port} ({reason})", expected) from None
 
 
-def _server(host: str, port: int) -> Any:
+def _make_server(host: str, port: int) -> Any:
     """A viser server that never opens a tunnel to share what it shows."""
     try:
         import viser
@@ -249,13 +249,13 @@ def _server(host: str, port: int) -> Any:
     return server
 
 
-def _ended(execution: Execution) -> str:
+def _describe_end(execution: Execution) -> str:
     """How an execution ended, in words."""
     words = f"{execution.drive}: {str(execution.status).replace('_', ' ')}"
     return "; ".join(filter(None, (words, execution.reason, execution.advice)))
 
 
-def _fixed(value: float) -> str:
+def _format(value: float) -> str:
     """A number with two digits after the point, without a sign where it is 0."""
     return f"{value:z.2f}".replace("-", "−")
 

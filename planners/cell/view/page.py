@@ -40,7 +40,7 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     show : Show
-        What is drawn: see `show_of`.
+        What is drawn: see `show_motion`.
     file : str or path
         Its name ends in .html.
 
@@ -52,14 +52,14 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
         The file cannot be written.
     """
     check_suffix(file, PAGE_SUFFIXES)
-    content = page_of(show).encode()
+    content = make_page(show).encode()
     if len(content) > MOST_PAGE:
         got = f"a page of {len(content) / 1e6:.1f} MB"
         raise InvalidInput("show", got, f"what fits in {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
     write_atomically(file, lambda part: part.write_bytes(content))
 
 
-def page_of(show: Show) -> str:
+def make_page(show: Show) -> str:
     """Return the page."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -111,7 +111,7 @@ def _data(show: Show, scene: dict[str, str]) -> dict[str, Any]:
     shapes = show.robot.shapes
     return {
         "arm": _arm(show.robot),
-        "up": upward(show.robot).tolist(),
+        "up": find_up(show.robot).tolist(),
         "capsules": None if shapes is None else _numbers(np.column_stack(shapes.capsules)),
         "planned": _track(show.planned),
         "executed": None if show.executed is None else _track(show.executed),
@@ -133,7 +133,7 @@ def _arm(robot: Robot) -> dict[str, Any]:
     }
 
 
-def upward(robot: Robot) -> Array:
+def find_up(robot: Robot) -> Array:
     """Return the direction against gravity, in which a viewer stands upright."""
     return np.asarray(-robot.gravity / np.linalg.norm(robot.gravity), dtype=np.float64)
 

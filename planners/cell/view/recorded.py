@@ -14,7 +14,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.types import Array
 from planners.cell.view._facts import certificate_facts, drive_words, motion_facts, unread_facts
-from planners.cell.view.show import Show, Track, executed_track, path_points, track_of
+from planners.cell.view.show import Show, Track, sample_path, sample_track, thin_execution
 from planners.files.base import from_plain
 from planners.paths import path_of
 from planners.plan import Plan
@@ -32,7 +32,7 @@ SHOWN_SPEED = 0.5
 def failed_plan_data(plan: Plan) -> dict[str, Any]:
     """Return a failed plan as plain data: why it failed, the configurations before the failure, and the nearest pair there."""
     assert plan.failure is not None
-    failure, t, q = plan.failure, *_before_failure(plan)
+    failure, t, q = plan.failure, *_sample_before_failure(plan)
     data: dict[str, Any] = {
         "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
         "reason": failure.reason, "advice": failure.advice, "ik": plan.ik, "law": plan.law, "robot": plan.robot.to_dict(),
@@ -41,15 +41,15 @@ def failed_plan_data(plan: Plan) -> dict[str, Any]:
     if plan.scene is not None:
         data["scene"] = plan.scene.to_dict()
         if len(q):
-            near = find_contact(plan.robot, plan.scene, _nearest(plan.robot, plan.scene, q))
+            near = find_contact(plan.robot, plan.scene, _find_nearest(plan.robot, plan.scene, q))
             data["nearest"] = {"pair": list(near.pair), "distance": near.distance}
     return data
 
 
-def _before_failure(plan: Plan) -> tuple[Array, Array]:
+def _sample_before_failure(plan: Plan) -> tuple[Array, Array]:
     """Return times (k,) [s] and configurations (k, n) [rad, m] of the invalid motion, or of the path before the failure."""
     try:
-        track = track_of(plan.trajectory)
+        track = sample_track(plan.trajectory)
         return track.t, track.q
     except NoSolution:
         pass
@@ -61,37 +61,37 @@ def _before_failure(plan: Plan) -> tuple[Array, Array]:
     return np.concatenate([[0.0], np.cumsum(steps) / SHOWN_SPEED]), q
 
 
-def _nearest(robot: Robot, scene: Scene, q: Array) -> Array:
+def _find_nearest(robot: Robot, scene: Scene, q: Array) -> Array:
     """Return the configuration, out of (k, n), with the least distance between two shapes."""
     return np.asarray(q[int(np.argmin(find_nearest_pairs(robot, scene, q)[0]))])
 
 
-def show_of_recorded(data: Mapping[str, Any]) -> Show:
+def show_recorded(data: Mapping[str, Any]) -> Show:
     """Show the content of a file of an execution or of a failed plan."""
-    return _execution(data) if data.get("format") == EXECUTION else _failed_plan(data)
+    return _show_execution(data) if data.get("format") == EXECUTION else _show_failed_plan(data)
 
 
-def _execution(data: Mapping[str, Any]) -> Show:
+def _show_execution(data: Mapping[str, Any]) -> Show:
     if "plan" not in data or "setpoints" not in data:
         expected = "one of a motion that was sent, written by `optik drive --out`"
         raise InvalidInput("PLAN", "an execution without a motion", expected)
     motion = from_plain(data["plan"])
     n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints")
-    t, q = _table(sent["t"], sent["q"], n, "setpoints")
-    done, did = _table(data.get("t"), data.get("q"), n, "q")
-    executed, unread = executed_track(done, did, _table(data.get("t"), data.get("dq"), n, "dq")[1])
+    t, q = _check_table(sent["t"], sent["q"], n, "setpoints")
+    done, did = _check_table(data.get("t"), data.get("q"), n, "q")
+    executed, unread = thin_execution(done, did, _check_table(data.get("t"), data.get("dq"), n, "dq")[1])
     drive = read_word(data.get("drive", ""), "drive")
     status = read_word(data.get("status", ""), "status").replace("_", " ")
     rows = [("Drive", drive_words(drive)), ("Execution", status)]
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     return Show(
-        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", _played(t, q),
-        path_points(motion.path), executed, motion.scene,
+        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", _make_track(t, q),
+        sample_path(motion.path), executed, motion.scene,
         facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
     )  # fmt: skip
 
 
-def _failed_plan(data: Mapping[str, Any]) -> Show:
+def _show_failed_plan(data: Mapping[str, Any]) -> Show:
     missing = [key for key in ("robot", "path", "status", "reason", "advice", "t", "q") if key not in data]
     if missing:
         raise InvalidInput("PLAN", f"no {missing[0]}", "a failed plan, written by `optik plan … --out-failed`")
@@ -100,7 +100,7 @@ def _failed_plan(data: Mapping[str, Any]) -> Show:
     status, reason, advice = (read_word(data[key], key) for key in ("status", "reason", "advice"))
     if not data["t"]:
         raise NoSolution(f"the plan failed at the start of its path: {reason}", advice=advice)
-    t, q = _table(data["t"], data["q"], robot.n, "q")
+    t, q = _check_table(data["t"], data["q"], robot.n, "q")
     rows = [("Plan", f"FAILED: {status.replace('_', ' ')}"), ("Reason", reason), ("Advice", advice)]
     if isinstance(data.get("s"), float | int):
         rows.append(("Failed at", f"s = {data['s']:.4g} of {path.end:.4g} {path.unit}"))
@@ -112,15 +112,15 @@ def _failed_plan(data: Mapping[str, Any]) -> Show:
     return Show(
         robot,
         f"{robot.name}: plan FAILED, {status.replace('_', ' ')}",
-        _played(t, q),
-        path_points(path),
+        _make_track(t, q),
+        sample_path(path),
         None,
         scene,
         facts=tuple(rows),
     )
 
 
-def _table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
+def _check_table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
     """Return increasing times (k,) and rows (k, n); None stands for a missing value."""
     try:
         times, rows = np.array(t, dtype=np.float64), np.array(q, dtype=np.float64)
@@ -133,7 +133,7 @@ def _table(t: Any, q: Any, n: int, name: str) -> tuple[Array, Array]:
     return times, rows
 
 
-def _played(t: Array, q: Array) -> Track:
+def _make_track(t: Array, q: Array) -> Track:
     """Return a track of configurations, with velocities from finite differences."""
     if not np.isfinite(q).all():
         raise InvalidInput("q", "numbers that are not finite", "finite set-points")

@@ -123,7 +123,7 @@ class Show:
         return float(max(ends))
 
 
-def show_of(motion: Motion | HasMotion) -> Show:
+def show_motion(motion: Motion | HasMotion) -> Show:
     """Show a motion.
 
     Parameters
@@ -148,12 +148,12 @@ def show_of(motion: Motion | HasMotion) -> Show:
     if not isinstance(proof, Certificate):
         proof = found.certify()
     return Show(
-        found.robot, f"{found.robot.name}: {found.law or 'a motion'}", track_of(found.trajectory),
-        path_points(found.path), scene=found.scene, facts=(*motion_facts(found), *certificate_facts(proof)),
+        found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
+        sample_path(found.path), scene=found.scene, facts=(*motion_facts(found), *certificate_facts(proof)),
     )  # fmt: skip
 
 
-def show_of_execution(execution: Execution) -> Show:
+def show_execution(execution: Execution) -> Show:
     """Show what a drive did beside what was sent to it.
 
     Parameters
@@ -175,15 +175,15 @@ def show_of_execution(execution: Execution) -> Show:
     planned, executed, unread = plan.trajectory, None, 0
     if execution.motion is not None:
         planned = execution.motion
-        executed, unread = executed_track(execution.t, execution.q, execution.dq)
+        executed, unread = thin_execution(execution.t, execution.q, execution.dq)
     title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
     facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
     return Show(
-        execution.robot, title, track_of(planned), path_points(plan.path), executed, plan.scene, facts=facts
+        execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene, facts=facts
     )  # fmt: skip
 
 
-def show_of_outcome(outcome: Outcome) -> Show:
+def show_outcome(outcome: Outcome) -> Show:
     """Show what came of a task of the cell: all its executions, one after another, with the laser beam.
 
     Parameters
@@ -202,81 +202,83 @@ def show_of_outcome(outcome: Outcome) -> Show:
     NoSolution
         The task failed before there was a joint path, so that the arm's configuration is not known.
     """
-    planned, executed, paths, unread = _followed_up(outcome)
+    planned, executed, paths, unread = _collect_executions(outcome)
     if not planned:
-        paths = [outcome.robot.fk(track.q)[:, :3, 3] for track in _unexecuted(outcome)]
-        planned = [(0.0, track) for track in _unexecuted(outcome)]
+        paths = [outcome.robot.fk(track.q)[:, :3, 3] for track in _find_unexecuted(outcome)]
+        planned = [(0.0, track) for track in _find_unexecuted(outcome)]
     gaps = [part for points in paths for part in (np.full((1, 3), np.nan), points)][1:]
     beam = None if outcome.beam is None else Beam(*outcome.beam)
     motions = [*certificate_facts(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
     facts = (*outcome_facts(outcome), *unread_facts(unread), *motions)
     return Show(
-        outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _joined(planned),
-        np.vstack(gaps), _joined(executed) if executed else None, outcome.scene, beam, facts,
+        outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _join(planned),
+        np.vstack(gaps), _join(executed) if executed else None, outcome.scene, beam, facts,
     )  # fmt: skip
 
 
 # ---------------------------------------------------------------- motions at instants
 
 
-def track_of(trajectory: Trajectory) -> Track:
+def sample_track(trajectory: Trajectory) -> Track:
     """Sample a motion for a viewer."""
     count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
     return Track(t, trajectory(t), trajectory(t, 1))
 
 
-def executed_track(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
+def thin_execution(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
     """Thin out what an arm did for a viewer."""
     read = np.isfinite(q).all(axis=1) & np.isfinite(dq).all(axis=1)
     t, q, dq = t[read], q[read], dq[read]
     unread = int(read.size - read.sum())
     if not t.size:
         return None, unread
-    return _thinned(t, q, dq), unread
+    return _thin(t, q, dq), unread
 
 
-def path_points(path: Path) -> Array:
+def sample_path(path: Path) -> Array:
     """Points of a path to draw."""
     s = np.union1d(np.linspace(0.0, path.end, PATH_POINTS), path.breaks)
     return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
 
 
-def _followed_up(outcome: Outcome) -> tuple[list[tuple[float, Track]], list[tuple[float, Track]], list[Array], int]:
+def _collect_executions(
+    outcome: Outcome,
+) -> tuple[list[tuple[float, Track]], list[tuple[float, Track]], list[Array], int]:
     """Motions that were sent, what the arm did, each with the time at which it began, the paths, and unread instants."""
     planned, executed, paths, began, missing = [], [], [], 0.0, 0
     for execution in outcome.executions:
         if execution.motion is None:
             continue
-        did, unread = executed_track(execution.t, execution.q, execution.dq)
-        planned.append((began, track_of(execution.motion)))
+        did, unread = thin_execution(execution.t, execution.q, execution.dq)
+        planned.append((began, sample_track(execution.motion)))
         ends = [execution.motion.duration]
         if did is not None:
             executed.append((began, did))
             ends.append(float(did.t[-1]))
-        paths.append(path_points(execution.plan.path))
+        paths.append(sample_path(execution.plan.path))
         began, missing = began + max(ends), missing + unread
     return planned, executed, paths, missing
 
 
-def _unexecuted(outcome: Outcome) -> list[Track]:
+def _find_unexecuted(outcome: Outcome) -> list[Track]:
     """The last motion that a task planned and did not execute, or the joint path's start, at which the arm stands."""
     for step in reversed(outcome.steps):
         if isinstance(step.result, Trajectory):
-            return [track_of(step.result)]
+            return [sample_track(step.result)]
         if isinstance(step.result, JointPath):
             q = step.result(np.zeros(1))
             return [Track(np.zeros(1), q, np.zeros_like(q))]
     raise NoSolution(f"nothing was executed: {outcome.reason}", advice=outcome.advice)
 
 
-def _joined(tracks: list[tuple[float, Track]]) -> Track:
+def _join(tracks: list[tuple[float, Track]]) -> Track:
     """Several motions as one, each from the time at which it begins; the arm rests between them."""
-    t, q, dq = (np.concatenate(parts) for parts in zip(*_rested(tracks), strict=True))
-    return _thinned(t, q, dq)
+    t, q, dq = (np.concatenate(parts) for parts in zip(*_add_rests(tracks), strict=True))
+    return _thin(t, q, dq)
 
 
-def _rested(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, Array]]:
+def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, Array]]:
     """Instants of every motion, and before the next one begins the last of them once more, at rest."""
     for k, (began, track) in enumerate(tracks):
         yield began + track.t, track.q, track.dq
@@ -284,7 +286,7 @@ def _rested(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, A
             yield np.array([tracks[k + 1][0]]), track.q[-1:], np.zeros_like(track.dq[-1:])
 
 
-def _thinned(t: Array, q: Array, dq: Array) -> Track:
+def _thin(t: Array, q: Array, dq: Array) -> Track:
     """At most 2000 of the instants, both ends included."""
     kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
     return Track(t[kept], q[kept], dq[kept])
