@@ -62,7 +62,7 @@ class Plan:
         The arguments of the plan.
     status : PlanStatus
         How planning ended.
-    ik, law : str
+    solver, law : str
         The IK method and the time law.
     prefix : JointPath or None
         The joint path, or on failure its valid part.
@@ -90,7 +90,7 @@ class Plan:
     path: Path
     limits: MotionLimits
     status: PlanStatus
-    ik: str
+    solver: str
     law: str
     prefix: JointPath | None
     failure: PlanFailure | None
@@ -149,11 +149,11 @@ class Plan:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files and programs: the trajectory at its knots, the certificate, or why there is none."""
         out: dict[str, Any] = {
-            "format": "optik-plan/1",
+            "format": "optik-plan/2",
             "robot": self.robot.name,
             "robot_fingerprint": self.robot.fingerprint,
             "status": str(self.status),
-            "ik": self.ik,
+            "solver": self.solver,
             "law": self.law,
             "limits": self.limits.to_dict(self.robot.n),
             "path": self.path.to_dict(),
@@ -225,7 +225,7 @@ def plan(
     path: Path | ArrayLike,
     q_start: ArrayLike | None = None,
     *,
-    ik: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
+    solver: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
     duration: float | None = None, strict: bool = False,
     tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
@@ -241,7 +241,7 @@ def plan(
         What the tool follows. For a pose, the straight line from the start; for joints [rad, m], the one in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
-    ik, timing : str, or IKSolver and TimeLaw
+    solver, timing : str, or IKSolver and TimeLaw
         Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
     limits : MotionLimits, optional
         By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
@@ -273,7 +273,7 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    solver, request = _build_request(robot, path, q_start, ik, timing, limits, (tolerance, rate, scene, allow))
+    solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
     _check_options(duration, strict)
     allowed = Tolerance(*(FOLLOWED * x for x in request.tolerance))
     started = perf_counter()
@@ -288,21 +288,21 @@ def _clocked(started: float, followed: float, found: Plan) -> Plan:
 
 
 def _build_request(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, ik: str | os.PathLike[str] | IKSolver,
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
     judged: tuple[tuple[float, float], float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
-    solver = solver_for(robot, ik) if isinstance(ik, str | os.PathLike) else ik
+    solver = solver_for(robot, solver) if isinstance(solver, str | os.PathLike) else solver
     law = law_for(timing)
     limits = MotionLimits.of(robot) if limits is None else limits
-    for argument, value, kind in (("ik", solver, IKSolver), ("limits", limits, MotionLimits)):
+    for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     path = path if isinstance(path, Path) else path_to(robot, path, q_start)
     if solver.robot != robot:
         other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
-        raise InvalidInput("ik", other, f"one built for this {robot.name}")
+        raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
     tolerance, rate, scene, allow = judged
@@ -343,7 +343,7 @@ class PlanRequest:
     robot: Robot
     path: Path
     limits: MotionLimits
-    ik: str
+    solver: str
     law: TimeLaw
     tolerance: tuple[float, float]
     rate: float
@@ -371,7 +371,7 @@ class PlanRequest:
         seconds = PlanSeconds(certificate=perf_counter() - started)
         status, failure = verdict(proof, self.law.list_enforced(self.limits))
         return Plan(
-            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, failure, trajectory, proof, slowed,
+            self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
         )  # fmt: skip
 
@@ -384,7 +384,8 @@ class PlanRequest:
     def _failed(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
         """A plan without a motion; the joint path goes as far as it could be followed."""
         return Plan(
-            self.robot, self.path, self.limits, status, self.ik, self.law.name, joints, failure, None, None, scene=self.scene,
+            self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, None, None,
+            scene=self.scene,
         )  # fmt: skip
 
     def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:

@@ -452,9 +452,9 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
     data = {"start": arm.fk(START).tolist(), "radius": 0.02, "turns": 1.0, "rise": 0.02}
     path = planners.make_path(spiral, arm, **data)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
-    plan = planners.plan(arm, path, START, ik=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
+    plan = planners.plan(arm, path, START, solver=EXAMPLES / "jt.py", timing=EXAMPLES / "law.py", limits=limits)
     assert plan, plan.failure
-    assert (plan.ik, plan.law) == ("jt", "law")
+    assert (plan.solver, plan.law) == ("jt", "law")
     file = tmp_path / "spiral.tsv"
     plan.save(file, format=tsv)
     again = planners.load_motion(file, format=tsv)
@@ -518,7 +518,7 @@ def invoked(*arguments: str) -> Any:
 def test_the_command_line_takes_files_wherever_it_takes_names(tmp_path: Path) -> None:
     done = invoked(
         "plan", "path", "spiral.py", "--set", "radius=0.02", "--set", "turns=0.5", "--set", "rise=0.01",
-        "--ik", "jt.py", "--timing", "law.py", "--velocity", "2", "--acceleration", "10", "--jerk", "100",
+        "--solver", "jt.py", "--timing", "law.py", "--velocity", "2", "--acceleration", "10", "--jerk", "100",
         "--out", str(tmp_path / "x.tsv"), "--format", "tsv.py",
     )  # fmt: skip
     assert done.exit_code == 0, done.output

@@ -66,7 +66,7 @@ Miscalibration = Annotated[
 Timing = Annotated[
     str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
 ]
-Ik = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")]
+Solver = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")]
 Out = Annotated[Path, typer.Option(help="Page to write, FILE.html; the data goes to FILE.json.")]
 
 
@@ -88,7 +88,7 @@ def cell(
     ] = None,
     jerk: Annotated[float | None, typer.Option(help="Jerk limit of every joint [rad/s³, sliding m/s³].")] = None,
     timing: Timing = "optimal",
-    ik: Ik = "lm",
+    solver: Solver = "lm",
     out: Out = Path("optik-cell.html"),
     as_json: AsJson = False,
 ) -> None:
@@ -114,7 +114,7 @@ def cell(
     there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
         there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
-        timing=law, ik=ik,
+        timing=law, solver=solver,
     )  # fmt: skip
     print_start(words)
     report(outcome, chosen, why, out, as_json)

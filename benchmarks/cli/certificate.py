@@ -75,7 +75,7 @@ def print_certificate(planned: Any) -> None:
     way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
     table = Table(
         "", "peak / limit", "joint", "time, s", "enforced",
-        title=f"{planned.ik} + {planned.law}: {way} in {proof.duration:.4f} s",
+        title=f"{planned.solver} + {planned.law}: {way} in {proof.duration:.4f} s",
     )  # fmt: skip
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)

@@ -55,7 +55,7 @@ def drive(
     execute: Annotated[bool, typer.Option("--execute", help="Send the motion; with --on ros, THE ARM MOVES.")] = False,
     stop: Annotated[float | None, typer.Option(help="Time at which to stop on the path [s].")] = None,
     allow: Allowed = None,
-    ik: Annotated[str, typer.Option(help="IK method with which the motion was planned.")] = "lm",
+    solver: Annotated[str, typer.Option(help="IK method with which the motion was planned.")] = "lm",
     out: Annotated[Path | None, typer.Option(help="File for the execution, FILE.json.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -78,7 +78,7 @@ def drive(
     if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
         raise InvalidInput("--stop", stop, "a time of at least 0 s")
     options: dict[str, Any] = {"stop": stop, "allow": allowed_words(allow)}
-    planned = restore_plan(stored(plan), ik=ik, allow=options["allow"])
+    planned = restore_plan(stored(plan), solver=solver, allow=options["allow"])
     run = partial(_through_ros, reached=reached) if on == "ros" else partial(_simulated, on=on)
     executed = run(planned, execute=execute, options=options)
     _say(executed, out, as_json)

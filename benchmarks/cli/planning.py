@@ -64,7 +64,7 @@ class Wish:
     tip: Tip = None
     base: Base = None
     package_dir: PackageDir = None
-    ik: Annotated[
+    solver: Annotated[
         str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")
     ] = "lm"
     timing: Annotated[
@@ -179,7 +179,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
     allow = allowed_words(wish.allow)
     law = planners.make_law(wish.timing)
     plan = planners.plan(
-        arm, path, q, ik=wish.ik, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
+        arm, path, q, solver=wish.solver, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
         branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
         allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip

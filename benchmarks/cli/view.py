@@ -145,7 +145,7 @@ def stored(file: Path) -> Motion:
             raise InvalidInput(
                 "PLAN", f"{file}, an execution", f"{STORED_MOTION}; `optik view` shows this file"
             ) from None
-        if data.get("format") not in ("optik-plan/1", FAILED_PLAN):
+        if data.get("format") not in ("optik-plan/2", FAILED_PLAN):
             raise error
         if data.get("reason"):
             words = f"{file} is a failed plan: {data['reason']}"

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput, OutputError
 from optik.file_io import write_atomically
 from optik.plugins.usage import check_same_plugins
 
-FORMAT = "optik-run/1"
+FORMAT = "optik-run/2"
 """Name and version of the format of run folders, in ``run.json``."""
 MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "provenance", "continued", "complete"}
 """Keys that ``run.json`` must have."""

@@ -64,7 +64,7 @@ class TaskSettings:
     """What was asked of a task; see `Cell.move_to_spot`."""
 
     law: TimeLaw
-    ik: str | os.PathLike[str] | IKSolver
+    solver: str | os.PathLike[str] | IKSolver
     stop: StopRequest | None
     watch: Watcher | None
     orientation: Array | None = None
@@ -91,7 +91,9 @@ class Task:
 
     def __init__(self, cell: CellParts, settings: TaskSettings) -> None:
         self.cell, self.settings = cell, settings
-        self.solver = settings.ik if isinstance(settings.ik, IKSolver) else solver_for(cell.robot, settings.ik)
+        self.solver = (
+            settings.solver if isinstance(settings.solver, IKSolver) else solver_for(cell.robot, settings.solver)
+        )
         self.steps: list[Step] = []
         self.rounds: list[Round] = []
         self.along: list[PathSplit] = []
@@ -236,7 +238,7 @@ class Task:
     def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
         cell, settings = self.cell, self.settings
         return plan(
-            cell.robot, line, q, ik=self.solver, timing=law, limits=cell.limits, samples=settings.samples,
+            cell.robot, line, q, solver=self.solver, timing=law, limits=cell.limits, samples=settings.samples,
             duration=duration, scene=cell.scene,
         )  # fmt: skip
 
@@ -245,7 +247,7 @@ class Task:
         failed = None if found else FAILED_STEPS.get(found.status, "joints")
         if found.status is PlanStatus.CONTACT and found._trajectory is not None:
             failed = "certificate"
-        made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.ik}", found.prefix)}
+        made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.solver}", found.prefix)}
         if failed != "joints":
             made["timing"] = (found.law, found._trajectory)
         if failed not in ("joints", "timing"):

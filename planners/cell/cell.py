@@ -127,7 +127,7 @@ class Cell(CellParts):
         self,
         spot: Spot, orientation: ArrayLike | None = None,
         *, corrections: int = 0, readings: int = 1, timing: str | os.PathLike[str] | TimeLaw = "optimal",
-        ik: str | os.PathLike[str] | IKSolver = "lm", samples: int = 151, plane: Plane | None = None,
+        solver: str | os.PathLike[str] | IKSolver = "lm", samples: int = 151, plane: Plane | None = None,
         true_spot: ArrayLike | None = None, follow: Follow | None = None, moved: float = 0.005, most_replans: int = 10,
         look: Look | None = None, stop: StopRequest | None = None, watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
@@ -143,7 +143,7 @@ class Cell(CellParts):
             How often the rest is measured by the laser unit and corrected.
         readings : int
             How often the tool is read for each; the mean counts.
-        timing, ik, samples
+        timing, solver, samples
             Law, IK method and samples of the line, as for `planners.plan`.
         plane : Plane, optional
             On which the spot is. Ranges are then not used: spot and tool are where the beam meets the plane, and
@@ -177,14 +177,14 @@ class Cell(CellParts):
             raise InvalidInput("spot", format_value(spot), "a planners.cell.Spot(pan, tilt, range)")
         settings = make_settings(
             timing, orientation=None if orientation is None else _rotation(orientation), corrections=corrections,
-            readings=readings, ik=ik, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
+            readings=readings, solver=solver, samples=samples, plane=plane, follow=follow, look=look, stop=stop, watch=watch,
             true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
         return Task(self, settings).run(spot)
 
     def resume(
-        self, outcome: Outcome, *, ik: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
+        self, outcome: Outcome, *, solver: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
         watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
         """Go on with a task that was stopped on request or by a fault while the arm moved, along the same path.
@@ -196,7 +196,7 @@ class Cell(CellParts):
         ----------
         outcome : Outcome
             Of `move_to_spot` or `resume`, failed at the step "execution".
-        ik : str, path or IKSolver, optional
+        solver : str, path or IKSolver, optional
             Method whose answers the error split judges; by default that of the plan.
         stop, watch : optional
             As for `Drive.resume`.
@@ -216,7 +216,7 @@ class Cell(CellParts):
             came = str(getattr(outcome, "status", format_value(outcome)))
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
         plan = outcome.executions[-1].plan
-        settings = make_settings("optimal", ik=plan.ik if ik is None else ik, stop=stop, watch=watch)
+        settings = make_settings("optimal", solver=plan.solver if solver is None else solver, stop=stop, watch=watch)
         return Task(self, settings).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:

@@ -18,14 +18,14 @@ SAME_WAY = 1e-4
 arm that goes another way is farther off at once."""
 
 
-def restore_plan(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
+def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Plan:
     """Return a plan with a motion from a file. Its joint path is followed again, and the motion is certified again.
 
     Parameters
     ----------
     motion : Motion
         As `planners.load_motion` reads it.
-    ik : str
+    solver : str
         The IK method that it was planned with. It matters only for a redundant arm, where each method finds its own joint path.
     allow : str or several
         Violations to permit, as for `planners.save`.
@@ -53,24 +53,24 @@ def restore_plan(motion: Motion, *, ik: str = "lm", allow: Allow = ()) -> Plan:
         raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
     proof = motion.certify()
     check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
-    joints, (t, s) = _follow_path(motion, ik), proof.binding[:2]
+    joints, (t, s) = _follow_path(motion, solver), proof.binding[:2]
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
-        what = f"{ik} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
+        what = f"{solver} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
         raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
     status, failure = verdict(proof)
     return Plan(
-        motion.robot, motion.path, motion.limits, status, ik, motion.law, joints, failure,
+        motion.robot, motion.path, motion.limits, status, solver, motion.law, joints, failure,
         motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene,
     )  # fmt: skip
 
 
-def _follow_path(motion: Motion, ik: str) -> JointPath:
+def _follow_path(motion: Motion, solver: str) -> JointPath:
     """The joint path from the motion's start."""
     tolerance = motion.tolerance or UNSTORED
     allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
-    found = follow(solver_for(motion.robot, ik), motion.path, motion.trajectory(0.0), tolerance=allowed)
+    found = follow(solver_for(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
     if found.failure is not None:
         failure = found.failure
         raise NoSolution(

@@ -17,7 +17,7 @@ MOST_LIMITS = 7
 def plan_summary(plan: Plan, proof: Certificate | None) -> str:
     """Return a summary of a plan: its status, where and why planning failed, and its certificate if there is a motion."""
     path = plan.path
-    what = f"{plan.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {plan.ik} + {plan.law}"
+    what = f"{plan.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {plan.solver} + {plan.law}"
     lines = [f"{plan.status}: {what}"]
     if plan.failure is not None:
         share = f" ({100.0 * plan.failure.s / path.end:.3g} % of the path)" if path.end > 0.0 else ""

@@ -57,7 +57,7 @@ def build_request(
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)
-    return PlanRequest(plan.robot, plan.path, limits, plan.ik, law, tolerance, rate, scene=scene, allow=allow)
+    return PlanRequest(plan.robot, plan.path, limits, plan.solver, law, tolerance, rate, scene=scene, allow=allow)
 
 
 def _own_law(plan: Plan) -> TimeLaw:

@@ -46,7 +46,7 @@ SMALL: dict[str, Any] = {
         "robot": "paper6r",
         "start_deg": START,
         "move_m": [-0.12, 0.0, 0.20],
-        "ik": ["dls"],
+        "solvers": ["dls"],
         "laws": ["quintic", "ruckig", "toppra"],
         "samples": 31,
     },

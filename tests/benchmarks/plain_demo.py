@@ -128,7 +128,7 @@ def durations(run: Path) -> dict[str, tuple[float, bool]]:
     """Duration of every law by the first IK method, and whether it keeps every limit."""
     plans = json.loads((run / "line" / "plans.json").read_text())
     out = {}
-    for p in (p for p in plans if p["ik"] == plans[0]["ik"] and p["status"] == "solved"):
+    for p in (p for p in plans if p["solver"] == plans[0]["solver"] and p["status"] == "solved"):
         c = p["certificate"]
         keeps = min(c["position_margin"]) >= -1e-9
         for field in ("velocity", "acceleration", "jerk"):

@@ -286,7 +286,7 @@ def test_sections_without_data_are_left_out(small_run: RunFolder, tmp_path: Path
 
 def test_a_plan_that_failed_has_its_reason_in_the_table(copied: RunFolder) -> None:
     plans = copied.read_json("line/plans.json")
-    keep = ("law", "ik", "name", "seconds", "limits", "path", "robot")
+    keep = ("law", "solver", "name", "seconds", "limits", "path", "robot")
     why = {"status": "no_ik", "s": 0.1, "joint": 2, "reason": "out <of> reach", "advice": ""}
     failed = {k: plans[-1][k] for k in keep} | why
     copied.write_json("line/plans.json", [*plans[:-1], failed])

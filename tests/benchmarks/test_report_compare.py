@@ -130,7 +130,7 @@ def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, tmp
     longer.write_json("line/plans.json", plans)
     found = compare_runs(Run(small_run), Run(longer))
     changed = [d for d in found.differences if d.verdict != "within noise"]
-    assert [(d.label, d.measure) for d in changed] == [(f"{plans[0]['law']} with {plans[0]['ik']}", "duration")]
+    assert [(d.label, d.measure) for d in changed] == [(f"{plans[0]['law']} with {plans[0]['solver']}", "duration")]
     assert changed[0].loss == pytest.approx(0.1)
     assert not any("does not say what to compare" in words for words in found.left_out)
     assert of(found.differences, changed[0].block, "all plans", "time of a whole plan").pairs == len(plans)

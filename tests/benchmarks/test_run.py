@@ -181,7 +181,7 @@ def test_ik_rows_without_their_problems_are_said(small_run: RunFolder, tmp_path:
 
 
 def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text('{"format": "optik-run/1"}')
+    (tmp_path / "run.json").write_text('{"format": "optik-run/2"}')
     with pytest.raises(InvalidInput, match="run"):
         RunFolder(tmp_path).manifest()
 

@@ -44,7 +44,7 @@ def _in_place(old: Any, value: str) -> Any:
     return [*old, value] if isinstance(old, list) else value
 
 
-@pytest.mark.parametrize("key", ["robot", "set", "solver", "ik", "laws", "a kind of block"])
+@pytest.mark.parametrize("key", ["robot", "set", "solver", "solvers", "laws", "a kind of block"])
 def test_reports_and_comparisons_run_no_file_that_a_run_folder_names(
     small_run: RunFolder, tmp_path: Path, key: str
 ) -> None:

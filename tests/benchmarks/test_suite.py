@@ -25,7 +25,7 @@ def test_every_suite_that_comes_along_loads(name: str) -> None:
 def test_a_suite_is_read_from_a_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(
-        '[line]\nrobot = "paper6r"\nstart_deg = [0,0,0,0,0,0]\nmove_m = [0,0,1]\nik = ["dls"]\nlaws = ["ruckig"]\n'
+        '[line]\nrobot = "paper6r"\nstart_deg = [0,0,0,0,0,0]\nmove_m = [0,0,1]\nsolvers = ["dls"]\nlaws = ["ruckig"]\n'
     )
     suite = load_suite(str(file))
     assert suite.name == "mine"
@@ -59,7 +59,7 @@ def _changed(path: list[Any], value: Any, settings: dict[str, Any] = SMALL) -> d
         (["blocks", 0, "budgets"], 5, InvalidInput, "budgets"),
         (["blocks", 0, "budgets"], [], InvalidInput, "budgets"),
         (["line", "move_m"], [0.1, 0.0], InvalidInput, "move_m"),
-        (["line", "ik"], "dls", InvalidInput, "ik"),
+        (["line", "solvers"], "dls", InvalidInput, "solvers"),
         (["blocks", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
         (["blocks", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
         (["blocks", 1, "id"], "workspace", InvalidInput, "id"),
@@ -161,7 +161,7 @@ TIMING: dict[str, Any] = {
         (["timing", 0, "peers", 0, "max_lines"], 0, InvalidInput, "max_lines"),
         (["timing", 0, "reference", "law"], "best", UnknownName, "optimal"),
         (["timing", 0, "plan"], "toppra spline", InvalidInput, "ruckig, toppra"),
-        (["timing", 0, "ik"], "lmm", UnknownName, "lm"),
+        (["timing", 0, "solver"], "lmm", UnknownName, "lm"),
         (["timing", 0, "rounds"], 0, InvalidInput, "rounds"),
         (["timing", 0, "example"], {"limits": "(1, 2)"}, InvalidInput, "2.0, 10.0, 100.0"),
         (["timing", 0, "targets", 0, "measure"], "median_us", InvalidInput, "median_ms"),

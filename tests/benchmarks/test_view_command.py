@@ -63,13 +63,13 @@ def test_a_page_of_a_simulated_execution(typed: Any, motion: Path, tmp_path: Pat
 
 def failed(folder: Path, motion: Path) -> Path:
     file = folder / "failed.json"
-    file.write_text('{"format": "optik-plan/1", "reason": "joint5 comes to its end", "s": 0.5, "advice": "turn back"}')
+    file.write_text('{"format": "optik-plan/2", "reason": "joint5 comes to its end", "s": 0.5, "advice": "turn back"}')
     return file
 
 
 def printed(folder: Path, motion: Path) -> Path:
     file = folder / "printed.json"
-    file.write_text('{"format": "optik-plan/1", "status": "solved"}')
+    file.write_text('{"format": "optik-plan/2", "status": "solved"}')
     return file
 
 

@@ -125,7 +125,7 @@ def problem(seed: int) -> Problem:
         "limits": limits_of(robot, rng),
         "branch": branch,
         "samples": int(rng.choice([2, 21, 151, 151, 151])),
-        "ik": str(rng.choice(["lm", "lm", "lm", "lm", "dls"])),
+        "solver": str(rng.choice(["lm", "lm", "lm", "lm", "dls"])),
         "allow": ("limits", "jerk"),  # a plan is judged here by what its law enforces
     }
     return Problem(robot, path, start, options)
@@ -172,7 +172,7 @@ def untrue(one: Problem, result: Plan, seed: int) -> list[str]:
     elif result.status is PlanStatus.BRANCH_JUMP:  # of the method, near a singularity and nowhere else
         if failure.s == 0.0 or not failure.singular_value < 0.1:
             words.append(f"jumps at a singular value of {failure.singular_value:.3g}")
-    elif result.status is PlanStatus.LIMITS_EXCEEDED or one.options["ik"] == "lm":
+    elif result.status is PlanStatus.LIMITS_EXCEEDED or one.options["solver"] == "lm":
         words.append("not to be expected")
     words += bad_advice(one, result)
     return words
@@ -204,7 +204,7 @@ def bad_advice(one: Problem, result: Plan) -> list[str]:
         shorter = Problem(one.robot, Line(path.start, path.pose(0.98 * failure.s)), one.q_start, one.options)
         again = shorter.planned()
         if not goes(again) and not (
-            one.options["ik"] == "dls" and again.status is PlanStatus.NO_IK
+            one.options["solver"] == "dls" and again.status is PlanStatus.NO_IK
         ):  # that is dls's own limit
             words.append(f"a line to 0.98 s does not work: {again.status}, {again.failure}")
     return words

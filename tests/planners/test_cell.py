@@ -295,7 +295,7 @@ def test_the_split_along_the_path_names_each_part() -> None:
     v, w = sides(1)
     cell = cell_of(unit=EXACT.with_pose(turned(BESIDE, v, w)), drive=ideal(encoder=np.inf))
     solver = optik.ik.make_solver(ARM, "dls", tolerance=optik.ik.Tolerance(1e-4, 1e-4))
-    outcome = cell.move_to_spot(cell.read(SPOT), ik=solver)
+    outcome = cell.move_to_spot(cell.read(SPOT), solver=solver)
     along = outcome.path_split
     assert outcome and along.t.size > 100
     whole = sum(along.error[:4])

@@ -104,7 +104,7 @@ KEYS = ("format", "robot", "path", "limits", "law", "enforced", "knots", "coeffi
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     **{f"no {key}": (lambda d, key=key: d.pop(key), key) for key in KEYS},
     "a key too many": (set_to("colour", value=1), "colour unknown"),
-    "another format": (set_to("format", value="optik-plan/1"), "expected 'optik-motion/2'; got 'optik-plan/1'"),
+    "another format": (set_to("format", value="optik-plan/2"), "expected 'optik-motion/2'; got 'optik-plan/2'"),
     "a later format": (set_to("format", value="optik-motion/3"), "optik-motion/2"),
     "no robot": (set_to("robot", value=None), "robot"),
     "a robot without a tool": (lambda d: d["robot"].pop("tool"), "tool missing"),

@@ -37,7 +37,7 @@ LIMITS = MotionLimits(2.0, 10.0, 100.0)
 
 
 def planned(**options: Any) -> Plan:
-    return plan(ROBOT, default_line(), START, **{"timing": "quintic", "samples": 31, "ik": "dls"} | options)
+    return plan(ROBOT, default_line(), START, **{"timing": "quintic", "samples": 31, "solver": "dls"} | options)
 
 
 def too_far() -> Plan:
@@ -64,7 +64,7 @@ def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> N
     result = planned(timing=law, samples=151, limits=LIMITS, allow=("limits", "jerk"))
     assert result
     assert result.status is PlanStatus.SOLVED
-    assert (result.ik, result.law, result.failure) == ("dls", law, None)
+    assert (result.solver, result.law, result.failure) == ("dls", law, None)
     np.testing.assert_allclose(result.joint_path.q, default_joint_path().q, rtol=0.0, atol=1e-13)
     assert result.prefix is result.joint_path
     again = make_law(law).run(default_joint_path(), LIMITS)
@@ -79,8 +79,8 @@ def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> N
 
 def test_methods_and_laws_are_taken_by_name_or_built() -> None:
     solver, law = make_solver(ROBOT, "ipopt"), make_law("quintic", duration=1.0)
-    result = planned(ik=solver, timing=law)
-    assert (result.ik, result.law, result.trajectory.duration) == ("ipopt", "quintic", 1.0)
+    result = planned(solver=solver, timing=law)
+    assert (result.solver, result.law, result.trajectory.duration) == ("ipopt", "quintic", 1.0)
 
 
 def test_the_robots_own_limits_are_the_default() -> None:
@@ -155,7 +155,7 @@ def test_a_singular_start_is_the_plans_status() -> None:
 
 
 def test_few_samples_are_filled_in_where_the_path_needs_more() -> None:
-    few = planned(samples=2, timing="optimal", ik="lm")
+    few = planned(samples=2, timing="optimal", solver="lm")
     assert few
     assert len(few.joint_path.nodes) > 2
     assert few.certificate.path_error.distance <= 1e-5
@@ -189,12 +189,12 @@ def test_what_never_can_be_meant_is_an_error_and_not_a_status() -> None:
 
 def test_a_solver_built_for_another_arm_is_refused() -> None:
     with pytest.raises(InvalidInput) as info:
-        planned(ik=make_solver(load("ur5e")))
-    assert info.value.argument == "ik"
+        planned(solver=make_solver(load("ur5e")))
+    assert info.value.argument == "solver"
     assert "ur5e" in info.value.got
 
 
-@pytest.mark.parametrize("argument", ["ik", "timing", "limits", "path"])
+@pytest.mark.parametrize("argument", ["solver", "timing", "limits", "path"])
 def test_arguments_of_another_kind_are_refused_by_name(argument: str) -> None:
     given: dict[str, Any] = {"path": default_line(), "timing": "quintic"} | {argument: 5}
     with pytest.raises(InvalidInput):
@@ -206,7 +206,12 @@ def test_arguments_of_another_kind_are_refused_by_name(argument: str) -> None:
 
 @pytest.mark.parametrize(
     ("argument", "name", "nearest"),
-    [("ik", "dsl", "dls"), ("ik", "ipot", "ipopt"), ("timing", "rucki", "ruckig"), ("timing", "quintik", "quintic")],
+    [
+        ("solver", "dsl", "dls"),
+        ("solver", "ipot", "ipopt"),
+        ("timing", "rucki", "ruckig"),
+        ("timing", "quintik", "quintic"),
+    ],
 )
 def test_an_unknown_name_is_answered_with_the_nearest(argument: str, name: str, nearest: str) -> None:
     with pytest.raises(UnknownName) as info:
@@ -284,7 +289,7 @@ def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -
 def test_plain_data_of_a_plan_are_strict_json_from_which_the_motion_can_be_rebuilt(law: str) -> None:
     result = planned(timing=law, limits=LIMITS, allow=("limits", "jerk"))
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    assert (data["format"], data["status"], data["ik"], data["law"]) == ("optik-plan/1", "solved", "dls", law)
+    assert (data["format"], data["status"], data["solver"], data["law"]) == ("optik-plan/2", "solved", "dls", law)
     assert (data["robot"], data["robot_fingerprint"]) == (ROBOT.name, ROBOT.fingerprint)
     x, c = np.array(data["knots"]["t"]), np.array(data["coefficients"])
     trajectory = result.trajectory
@@ -566,5 +571,5 @@ def test_robots_of_the_same_name_are_told_apart_by_what_differs():
     path = JointLine(robot, START, START + 0.1)
     with pytest.raises(InvalidInput, match="which differs in payload"):
         plan(loaded, path, START)
-    with pytest.raises(InvalidInput, match=r"ik: .*which differs in payload"):
-        plan(loaded, loaded.fk(START + 0.1), START, ik=make_solver(robot, "lm"))
+    with pytest.raises(InvalidInput, match=r"solver: .*which differs in payload"):
+        plan(loaded, loaded.fk(START + 0.1), START, solver=make_solver(robot, "lm"))

@@ -228,7 +228,7 @@ class _Shown:
     def _line(self, method: Entry) -> dict[str, Any]:
         solver = make_solver(self.robot, method.name, **method.options)
         cell = Cell(self.robot, self.laser, self._drive(), unit=self.unit)
-        out = cell.move_to_spot(self.reading, true_spot=self.spot, timing=self.work.block.law, ik=solver)
+        out = cell.move_to_spot(self.reading, true_spot=self.spot, timing=self.work.block.law, solver=solver)
         if out.error is None or not out.executions:
             step = "" if out.failed is None else f"{out.failed.name}: "
             return failure(self.work.drive, str(out.status), f"{step}{out.reason}")

@@ -39,13 +39,13 @@ def write_example(
 ) -> None:
     """Write the motions of all laws, their active constraints, and last the curves over s, which mark the end."""
     limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
-    solver = make_solver(line.robot, block.ik)
+    solver = make_solver(line.robot, block.solver)
     motions, bindings = [], []
     for entry in (one for one in block.laws if one.label not in journal.crashed):
         with journal.at_work(entry.label):
             law, within = make_law(entry.name, **entry.options), told(limits, entry)
             planned = plan(
-                line.robot, line.path, line.q_start, ik=solver, timing=law, limits=within, samples=block.samples,
+                line.robot, line.path, line.q_start, solver=solver, timing=law, limits=within, samples=block.samples,
                 allow=LIMIT_WORDS,
             )  # fmt: skip
         if planned:

@@ -172,7 +172,7 @@ def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
     """Rows of one line."""
-    solver = make_solver(line.robot, block.ik)
+    solver = make_solver(line.robot, block.solver)
 
     def follow_it() -> Followed:
         return follow(solver, line.path, line.q_start, samples=block.samples)
@@ -302,7 +302,7 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
     def plan_it() -> Plan:
         assert c.law is not None
         return plan(
-            line.robot, line.path, line.q_start, ik=solver, timing=c.law, limits=c.told, samples=block.samples,
+            line.robot, line.path, line.q_start, solver=solver, timing=c.law, limits=c.told, samples=block.samples,
             allow=LIMIT_WORDS,
         )  # fmt: skip
 

@@ -65,7 +65,7 @@ class LawBlock(Block):
         The law whose duration is taken as the optimum T*, unless another motion that keeps every limit is shorter.
     plan : str
         Label of the law with which whole plans are timed, the first where none is named.
-    ik : str
+    solver : str
         The IK method that follows the paths.
     samples : int
         Samples of each path at which the IK method solves.
@@ -81,7 +81,7 @@ class LawBlock(Block):
     peers: tuple[Entry, ...]
     reference: Entry | None
     plan: str
-    ik: str
+    solver: str
     samples: int
     rounds: int
     example: Example
@@ -111,7 +111,7 @@ def read_block(data: Any) -> LawBlock:
     """Check the settings of a block of timed lines and return it."""
     where = named(data, "timing block")
     keys = {
-        "id", "title", "lines", "limits", "laws", "peers", "reference", "plan", "ik", "samples", "rounds", "example",
+        "id", "title", "lines", "limits", "laws", "peers", "reference", "plan", "solver", "samples", "rounds", "example",
         "targets",
     }  # fmt: skip
     check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
@@ -125,7 +125,7 @@ def read_block(data: Any) -> LawBlock:
     plan = data.get("plan", laws[0].label)
     if plan not in [law.label for law in laws]:
         raise InvalidInput(f"{where}: plan", repr(plan), f"a label of its laws: {', '.join(x.label for x in laws)}")
-    method = check_known(data.get("ik", "lm"), "optik.ik", "IK method")
+    method = check_known(data.get("solver", "lm"), "optik.ik", "IK method")
     check_count(data.get("samples", 151), f"{where}: samples", 2)
     check_count(data.get("rounds", 3), f"{where}: rounds", 1)
     groups = [*dict.fromkeys([x.label for x in lines] + [x.arm for x in lines] + [x.label for x in limits])]
@@ -142,7 +142,7 @@ def read_block(data: Any) -> LawBlock:
         peers=peers,
         reference=read_law(data["reference"], f"{where}: reference", "reference") if "reference" in data else None,
         plan=plan,
-        ik=method,
+        solver=method,
         samples=data.get("samples", 151),
         rounds=data.get("rounds", 3),
         example=_example(data.get("example", {}), where, lines, limits),

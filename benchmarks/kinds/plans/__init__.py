@@ -55,7 +55,7 @@ class _Plans(Kind):
     def rows(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
         plans = folder.read_json(PLANS)
         return (
-            pl.DataFrame([{key: p[key] for key in ("ik", "law", "status", "seconds")} for p in plans])
+            pl.DataFrame([{key: p[key] for key in ("solver", "law", "status", "seconds")} for p in plans])
             if plans
             else None
         )

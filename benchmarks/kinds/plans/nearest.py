@@ -34,7 +34,8 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
             )
         columns[name] = [float(value) if np.isfinite(value) else None for value in distance]
     return pl.DataFrame(
-        {"ik": planned.ik, "law": planned.law, "t": t, **columns}, schema_overrides=dict.fromkeys(columns, pl.Float64)
+        {"solver": planned.solver, "law": planned.law, "t": t, **columns},
+        schema_overrides=dict.fromkeys(columns, pl.Float64),
     )
 
 

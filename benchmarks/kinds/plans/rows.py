@@ -26,9 +26,9 @@ class LinePlans(BlockRows):
         return [p for p in self.plans if p["status"] == "solved"]
 
     @cached_property
-    def ik(self) -> str:
+    def solver(self) -> str:
         """The first IK method with a trajectory; the first of all where none has one."""
-        return str((self.solved or self.plans)[0]["ik"])
+        return str((self.solved or self.plans)[0]["solver"])
 
     @cached_property
     def laws(self) -> list[str]:
@@ -38,7 +38,7 @@ class LinePlans(BlockRows):
 
 def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
     """Plans as two runs are compared on them."""
-    names = [f"{p['law']} with {p['ik']}" for p in plans]
+    names = [f"{p['law']} with {p['solver']}" for p in plans]
     found = {
         "label": [*names, *("all plans" for _ in plans)],
         "problem": [*("the line" for _ in plans), *names],

@@ -71,7 +71,15 @@ def plan_once(task: LineTask) -> None:
     """Plan the line once by every law and with the first IK method, which compiles what planning takes."""
     robot, q, path = check_line(task)
     for law in task.laws:
-        plan(robot, path, q, ik=make_solver(robot, task.ik[0]), timing=law, samples=task.samples, **_around(task))
+        plan(
+            robot,
+            path,
+            q,
+            solver=make_solver(robot, task.solvers[0]),
+            timing=law,
+            samples=task.samples,
+            **_around(task),
+        )
 
 
 def run_line(task: LineTask, folder: RunFolder) -> None:
@@ -80,22 +88,22 @@ def run_line(task: LineTask, folder: RunFolder) -> None:
     plans: dict[tuple[str, str], Plan] = {}
     summaries: list[dict[str, Any]] = []
     seconds: list[float] = []
-    for ik in task.ik:
-        solver = make_solver(robot, ik)
+    for name in task.solvers:
+        solver = make_solver(robot, name)
         for law in task.laws:
             seconds.clear()
             for _ in range(PLAN_REPEATS):
                 begin = time.perf_counter()
-                planned = plan(robot, path, q, ik=solver, timing=law, samples=task.samples, **_around(task))
+                planned = plan(robot, path, q, solver=solver, timing=law, samples=task.samples, **_around(task))
                 seconds.append(time.perf_counter() - begin)
-            plans[ik, law] = planned
+            plans[name, law] = planned
             summaries.append(_summary(planned, float(np.median(seconds))))
     good = {k: p for k, p in plans.items() if p}
     if good:
         shown = list({p.law: p for p in reversed(good.values())}.values())[::-1]  # by the first IK method of each law
         folder.write("line/motion.parquet", pl.concat([_motion(p) for p in shown]))
         folder.write("line/tool.parquet", pl.concat([_tool(p) for p in shown]))
-        first = {p.ik: p for p in reversed(good.values())}
+        first = {p.solver: p for p in reversed(good.values())}
         folder.write("line/samples.parquet", pl.concat([_samples(p) for p in first.values()]))
         folder.write("line/frames.parquet", pl.concat([_frames(p) for p in shown]))
         if task.scene:
@@ -110,7 +118,7 @@ def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
     out.pop("knots", None)
     out.pop("coefficients", None)
     out["seconds"] = seconds
-    out["name"] = f"{planned.ik} + {planned.law}"
+    out["name"] = f"{planned.solver} + {planned.law}"
     out["length"] = planned.path.end
     if planned:
         joints = planned.joint_path
@@ -143,7 +151,7 @@ def _motion(planned: Plan) -> pl.DataFrame:
     joints = planned.robot.joint_names
     return pl.DataFrame(
         {
-            "ik": planned.ik,
+            "solver": planned.solver,
             "law": planned.law,
             "t": np.repeat(t, len(joints)),
             "joint": list(joints) * MOTION_INSTANTS,
@@ -171,7 +179,7 @@ def _tool(planned: Plan) -> pl.DataFrame:
     e = se3.error(pose, planned.path.pose(s))
     return pl.DataFrame(
         {
-            "ik": planned.ik,
+            "solver": planned.solver,
             "law": planned.law,
             "t": t,
             "s": s,
@@ -189,7 +197,7 @@ def _samples(planned: Plan) -> pl.DataFrame:
     joints = planned.joint_path
     return pl.DataFrame(
         {
-            "ik": planned.ik,
+            "solver": planned.solver,
             "s": joints.knots,
             "position_error": joints.ik.position_error,
             "rotation_error": joints.ik.rotation_error,

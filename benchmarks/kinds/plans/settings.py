@@ -25,7 +25,7 @@ class LineTask(Block):
         Where it starts [degrees, mm].
     move_m : tuple of three floats
         From the start of the line to its end, in the base frame [m].
-    ik, laws : tuple of str
+    solvers, laws : tuple of str
         Names of the IK methods and of the time laws.
     samples : int
         Of the path.
@@ -40,7 +40,7 @@ class LineTask(Block):
     robot: str
     start_deg: tuple[float, ...]
     move_m: tuple[float, float, float]
-    ik: tuple[str, ...]
+    solvers: tuple[str, ...]
     laws: tuple[str, ...]
     samples: int
     payload: float | tuple[float, float] | None = None
@@ -55,10 +55,12 @@ class LineTask(Block):
 
 def read_task(data: Any) -> LineTask:
     """Check the settings of the line and return it."""
-    keys = {"robot", "start_deg", "move_m", "ik", "laws"}
+    keys = {"robot", "start_deg", "move_m", "solvers", "laws"}
     check_keys(data, keys | {"samples", "payload", "scene", "margin"}, "the line", need=keys)
     robot = check_known(data["robot"], "optik.robots", "robot")
-    methods = tuple(check_known(name, "optik.ik", "IK method") for name in check_list(data["ik"], "the line: ik"))
+    methods = tuple(
+        check_known(name, "optik.ik", "IK method") for name in check_list(data["solvers"], "the line: solvers")
+    )
     laws = tuple(
         check_known(name, "planners.timing", "time law") for name in check_list(data["laws"], "the line: laws")
     )
@@ -72,7 +74,7 @@ def read_task(data: Any) -> LineTask:
         robot=robot,
         start_deg=tuple(data["start_deg"]),
         move_m=tuple(data["move_m"]),
-        ik=methods,
+        solvers=methods,
         laws=laws,
         samples=int(data.get("samples", 151)),
         payload=read_payload(data.get("payload"), "the line: payload"),

@@ -21,7 +21,7 @@ from planners.plan import Plan
 
 EXECUTION = "optik-execution/1"
 """Value of the key ``format`` in the file of an execution; a change of the keys needs another number."""
-FAILED_PLAN = "optik-failed-plan/1"
+FAILED_PLAN = "optik-failed-plan/2"
 """Value of the key ``format`` in the file of a failed plan; no reader of motions accepts it."""
 JOINT_PATH_SAMPLES = 400
 """Number of configurations that are written for the part of a path before the failure."""
@@ -35,8 +35,8 @@ def failed_plan_data(plan: Plan) -> dict[str, Any]:
     failure, t, q = plan.failure, *_sample_before_failure(plan)
     data: dict[str, Any] = {
         "format": FAILED_PLAN, "failed": True, "status": str(plan.status), "s": failure.s, "joint": failure.joint,
-        "reason": failure.reason, "advice": failure.advice, "ik": plan.ik, "law": plan.law, "robot": plan.robot.to_dict(),
-        "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
+        "reason": failure.reason, "advice": failure.advice, "solver": plan.solver, "law": plan.law,
+        "robot": plan.robot.to_dict(), "path": plan.path.to_dict(), "t": t.tolist(), "q": q.tolist(),
     }  # fmt: skip
     if plan.scene is not None:
         data["scene"] = plan.scene.to_dict()

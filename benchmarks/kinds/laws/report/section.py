@@ -60,7 +60,8 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
     block, tables = b.block, law_tables(b)
     alone = len(block.kinds)
     return {
-        "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds, "ik": short_name(block.ik),
+        "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds,
+        "solver": short_name(block.solver),
         "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
         "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
         "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],

@@ -15,7 +15,7 @@ def winners(run: Run) -> list[Winner]:
     found = line_plans(run)
     if found is None:
         return []
-    solved = [p for p in found.solved if p["ik"] == found.ik]
+    solved = [p for p in found.solved if p["solver"] == found.solver]
     within = [p for p in solved if not broken_limits(p["certificate"])]
     if not within:
         return []

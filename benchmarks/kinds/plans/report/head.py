@@ -21,7 +21,7 @@ def summary(run: Run) -> dict[str, Any] | None:
         "length": number(1e3 * float(np.linalg.norm(task.move_m))),
         "move": ", ".join(number(1e3 * x) for x in task.move_m),
         "start": ", ".join(f"{x:g}".replace("-", "−") for x in task.start_deg),
-        "samples": task.samples, "ik": task.ik, "laws": task.laws,
+        "samples": task.samples, "solvers": task.solvers, "laws": task.laws,
     }  # fmt: skip
 
 
@@ -30,14 +30,14 @@ def findings(run: Run) -> list[str]:
     line = line_plans(run)
     if line is None or not line.solved:
         return []
-    ik = line.solved[0]["ik"]
+    solver = line.solved[0]["solver"]
     words = []
     for p in line.solved:
-        if p["ik"] == ik:
+        if p["solver"] == solver:
             breaks = broken_limits(p["certificate"])
             kept = f"exceeds limits: {', '.join(breaks)}" if breaks else "within every limit"
             words.append(f"{p['law']} {p['duration']:.3f} s ({kept})")
-    return [f"Line of {number(1e3 * line.solved[0]['length'])} mm with {ik}: " + "; ".join(words) + "."]
+    return [f"Line of {number(1e3 * line.solved[0]['length'])} mm with {solver}: " + "; ".join(words) + "."]
 
 
 def limitations(run: Run) -> list[str]:

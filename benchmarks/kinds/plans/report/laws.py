@@ -134,13 +134,13 @@ def laws(run: Run) -> dict[str, Any] | None:
 
 def law_table(found: LinePlans) -> Table:
     """The time laws side by side, planned with the first IK method that solved the line."""
-    ik = found.ik
-    plans = [p for p in found.plans if p["ik"] == ik]
+    solver = found.solver
+    plans = [p for p in found.plans if p["solver"] == solver]
     within = [p for p in plans if p["status"] == "solved" and not broken_limits(p["certificate"])]
     ranks = {p["law"]: str(k) for k, p in enumerate(sorted(within, key=lambda p: p["duration"]), start=1)}
     first = found.solved[0] if found.solved else None
     note = (
-        f"Line of {number(1e3 * first['length'])} mm, inverse kinematics by {ik}. Limits: {_limit_words(first['limits'])}. "
+        f"Line of {number(1e3 * first['length'])} mm, inverse kinematics by {solver}. Limits: {_limit_words(first['limits'])}. "
         "Ratios to the limits are exact, also between samples; ∞: the acceleration is discontinuous. A motion that exceeds a "
         "limit is not ranked. The path deviation is a proved bound. Planning time includes the certificate, "
         f"median of {PLAN_REPEATS}. Sampled jerk: differences of the accelerations at a controller's rate."
@@ -185,14 +185,16 @@ def ik_matters(found: LinePlans) -> str:
     several = {law: plans for law, plans in by_law.items() if len(plans) > 1}
     if not several:
         return ""
-    others = ", ".join(dict.fromkeys(p["ik"] for plans in several.values() for p in plans if p["ik"] != found.ik))
+    others = ", ".join(
+        dict.fromkeys(p["solver"] for plans in several.values() for p in plans if p["solver"] != found.solver)
+    )
     spread = {law: max(p["duration"] for p in ps) / min(p["duration"] for p in ps) - 1.0 for law, ps in several.items()}
     law = max(spread, key=lambda name: spread[name])
     off = max(abs(p["certificate"]["path_error"]["distance"] - q["certificate"]["path_error"]["distance"])
               for ps in several.values() for p in ps for q in ps)  # fmt: skip
     much = f"by at most {number(100 * spread[law], 2)} % ({law})" if spread[law] > SAME_DURATION else "not at all"
     return (
-        f"With {others} in place of {found.ik}, durations change {much}, and path deviations by at most "
+        f"With {others} in place of {found.solver}, durations change {much}, and path deviations by at most "
         f"{_small(1e6 * off)} µm: Newton polishing refines every sample after the IK method."
     )
 

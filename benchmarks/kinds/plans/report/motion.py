@@ -58,11 +58,11 @@ def motion(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
         return None
-    rows = rows.filter(pl.col("ik") == pl.col("ik").first().over("law"))
+    rows = rows.filter(pl.col("solver") == pl.col("solver").first().over("law"))
     boards = [_joint_board(found, rows, run), _active_board(found)]
     tool = run.folder.read("line/tool.parquet")
     if tool is not None:
-        tool = tool.filter(pl.col("ik") == pl.col("ik").first().over("law"))
+        tool = tool.filter(pl.col("solver") == pl.col("solver").first().over("law"))
         boards.append(_tool_board(found, tool, run))
     return {"boards": boards, "beyond": _beyond(found)}
 
