@@ -81,7 +81,7 @@ class JacobianTranspose(IKSolver):
         # of one component of the errors, whose norms are at most √3 times as large
         self._tolerance = 0.5 * self.tolerance.position, 0.5 * self.tolerance.rotation
 
-    def attempt(self, target, start, trace, seconds):
+    def attempt(self, target, start, trace, time_limit):
         """Try once from the start (n,) [rad, m]; the answer is judged by `IKSolver.solve`."""
         q = self.robot.limits.clip(start)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver, Tolerance, solver_for
+from optik.ik import IKSolver, Tolerance, get_solver
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify, check_tolerance
 from planners.certificate.statics import check_statics
@@ -293,7 +293,7 @@ def _build_request(
     judged: tuple[tuple[float, float], float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
-    solver = solver_for(robot, solver) if isinstance(solver, str | os.PathLike) else solver
+    solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
     law = law_for(timing)
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):

@@ -41,7 +41,7 @@ from optik.ik.base import Attempt, IKSolver, IKStatus
 class Stay(IKSolver):
     """Answers its start."""
 
-    def attempt(self, target, start, trace, seconds):
+    def attempt(self, target, start, trace, time_limit):
         return Attempt(start.copy(), IKStatus.STALLED, 0, None, "{said}")
 
 METHOD = Stay
@@ -109,8 +109,8 @@ def test_a_file_is_a_method_that_reports_call_by_its_stem(tmp_path: Path, monkey
     assert (solver.name, registry.short_name("./stay_1.py")) == ("stay_1", "stay_1")
     assert type(optik.ik.make_solver(paper6r(), file)) is type(solver)
     assert optik.solve_ik(paper6r(), paper6r().fk(START), np.zeros(6), "stay_1.py").message == "here"
-    kept = optik.ik.solver_for(paper6r(), "./stay_1.py")
-    assert optik.ik.solver_for(paper6r(), str(file)).__class__ is kept.__class__
+    kept = optik.ik.get_solver(paper6r(), "./stay_1.py")
+    assert optik.ik.get_solver(paper6r(), str(file)).__class__ is kept.__class__
     assert registry.find_loaded("optik.ik", "stay_1") is type(solver)
 
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics: one file a method; `solve_ik` for one call, the classes for many."""
+"""Inverse kinematics: one module per method, `solve_ik` for single calls, and the solver classes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.content import content
 from optik.errors import InvalidInput
-from optik.ik._free import solve_free
+from optik.ik._collision_free import solve_collision_free
 from optik.ik.base import IKBatch, IKResult, IKSolver, IKStatus, Tolerance
 from optik.plugins.files import is_path
 from optik.registry import build_method, load_method, names, own_names
@@ -44,12 +44,12 @@ __all__ = [
 
 
 def solvers() -> tuple[str, ...]:
-    """Names of all IK methods, ours and those of installed packages; a file is a method by its path."""
+    """Return the names of all IK methods: ours and those of installed packages."""
     return names("optik.ik")
 
 
 def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: Any) -> IKSolver:
-    """Build a method for a robot, by its name or from a file that is given as a path.
+    """Build a solver for a robot from the name of a method or the path of a Python file.
 
     Parameters
     ----------
@@ -58,26 +58,26 @@ def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: 
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     **options
-        Those of the method.
+        Options of the method.
 
     Returns
     -------
     IKSolver
-        Built for this robot.
+        The solver of this robot.
 
     Raises
     ------
     UnknownName
-        No such method; the nearest names are offered.
+        No such method; the error lists similar names.
     InvalidInput
-        An option that the method does not have, or out of range; a file that is no method.
+        An unknown or invalid option, or a file that defines no method.
     """
     built: IKSolver = build_method("optik.ik", solver, "IK method", robot, **options)
     return built
 
 
 class _Options:
-    """Options of a solver as a key: two are one where their contents are, arrays and mappings among them."""
+    """Options of a solver as a dictionary key, compared by the contents of arrays and mappings."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         self.given = options
@@ -92,22 +92,22 @@ class _Options:
 
 
 _NO_OPTIONS = _Options({})
-"""The usual case, whose key need not be made anew in every call."""
+"""Key of a call without options, the most frequent one."""
 
 
-class _FromFile(Exception):
-    """A method was named by a path, which may mean another file in the next call: it is not kept by its name."""
+class _MethodFile(Exception):
+    """A method given as a path. The path may mean another file in the next call, so it is no key."""
 
 
 @lru_cache(maxsize=64)
-def _kept(robot: Robot, solver: Any, options: _Options) -> IKSolver:
+def _get_cached(robot: Robot, solver: Any, options: _Options) -> IKSolver:
     if is_path(solver):
-        raise _FromFile
+        raise _MethodFile
     return make_solver(robot, solver, **options.given)
 
 
 @lru_cache(maxsize=64)
-def _kept_from_file(robot: Robot, method: type[IKSolver], solver: Any, options: _Options) -> IKSolver:
+def _get_cached_from_file(robot: Robot, method: type[IKSolver], solver: Any, options: _Options) -> IKSolver:
     return make_solver(robot, solver, **options.given)
 
 
@@ -115,7 +115,7 @@ def solve_ik(
     robot: Robot, target: ArrayLike, q0: ArrayLike, solver: str | os.PathLike[str] = "lm",
     *, scene: Scene | None = None, **options: Any,
 ) -> IKResult:  # fmt: skip
-    """Find a configuration whose tool pose is the target; the solver is kept per robot and options.
+    """Find a configuration whose tool pose is the target; the solver is cached per robot and options.
 
     Parameters
     ----------
@@ -124,33 +124,34 @@ def solve_ik(
     target : (4, 4) array
         T_base_tool [m].
     q0 : (n,) array
-        Start, inside the limits [rad, m].
+        Initial guess inside the limits [rad, m].
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     scene : Scene, optional
-        Obstacles for an arm with shapes, and the margin to them; its links are checked too. Up to 100 other seeds are tried;
-        the status is IN_CONTACT if every solution found is in contact.
+        Obstacles, and the least distance between the arm and them. The solution is collision-free, self-collisions included;
+        the arm must have shapes. At least 100 more initial guesses are tried. If every solution found collides, the status
+        is IN_CONTACT.
     **options
         ``trace=True``, ``closest=True``, and the options of the method.
 
     Returns
     -------
     IKResult
-        ``bool(result)`` is success, rechecked by our own forward kinematics and the limits.
+        ``bool(result)`` is success, verified by our own forward kinematics and the limits.
 
     Raises
     ------
     InvalidInput
         An invalid argument; a scene with an arm without shapes, or with ``closest``.
     UnknownName
-        No such method; the nearest names are offered.
+        No such method; the error lists similar names.
     """
     trace, closest = options.pop("trace", False), options.pop("closest", False)
     if scene is not None:
         if closest:
-            raise InvalidInput("closest", "True, with a scene", "one of the two: the nearest pose may touch")
-        return solve_free(solver_for(robot, solver, options), target, q0, scene, trace)
-    return solver_for(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
+            raise InvalidInput("closest", "True with a scene", "one of the two: the nearest pose may collide")
+        return solve_collision_free(get_solver(robot, solver, options), target, q0, scene, trace)
+    return get_solver(robot, solver, options).solve(target, q0, trace=trace, closest=closest)
 
 
 def solve_ik_batch(
@@ -162,10 +163,10 @@ def solve_ik_batch(
     threads: int | None = None,
     **options: Any,
 ) -> IKBatch:
-    """Find configurations for many targets; the same answers as of `solve_ik`, field by field.
+    """Find configurations for many targets, with the same results as `solve_ik`.
 
-    With ``lm`` and whole poses, on all cores and many side by side; other methods solve one after the other. Beyond the
-    arrays given and returned it takes a constant amount of memory, where targets and starts are contiguous float64.
+    ``lm`` with complete poses uses all cores and vector instructions; other methods solve one target after another. If
+    targets and starts are contiguous float64, the memory besides arguments and results is constant.
 
     Parameters
     ----------
@@ -174,39 +175,39 @@ def solve_ik_batch(
     targets : (N, 4, 4) array
         T_base_tool [m].
     starts : (N, n) or (n,) array
-        Starts, inside the limits [rad, m].
+        Initial guesses inside the limits [rad, m].
     solver : str or path
         A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     threads : int, optional
-        At most so many; by default all cores. The answers are the same for any number.
+        Largest number of threads, by default the number of cores. The results do not depend on it.
     **options
-        Those of the method.
+        Options of the method.
 
     Returns
     -------
     IKBatch
-        ``batch.solved`` says which succeeded.
+        ``batch.solved`` marks the successes.
 
     Raises
     ------
     InvalidInput
-        An invalid argument; of targets and starts the index of the first invalid one.
+        An invalid argument, with the index of the first invalid target or initial guess.
     UnknownName
-        No such method; the nearest names are offered.
+        No such method; the error lists similar names.
     """
-    return solver_for(robot, solver, options).solve_batch(targets, starts, threads=threads)
+    return get_solver(robot, solver, options).solve_batch(targets, starts, threads=threads)
 
 
-def solver_for(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dict[str, Any] | None = None) -> IKSolver:
-    """Return the solver that `solve_ik` keeps for a robot and options; built where it is not there yet."""
+def get_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dict[str, Any] | None = None) -> IKSolver:
+    """Return the solver that `solve_ik` caches for a robot and options; build it on the first call."""
     name: Any = solver
     options = options or {}
     try:
         key = _Options(options) if options else _NO_OPTIONS
         try:
-            return _kept(robot, name, key)
-        except _FromFile:
-            return _kept_from_file(robot, load_method("optik.ik", solver, "IK method"), name, key)
+            return _get_cached(robot, name, key)
+        except _MethodFile:
+            return _get_cached_from_file(robot, load_method("optik.ik", solver, "IK method"), name, key)
     except TypeError as error:
         if "unhashable" not in str(error):
             raise
@@ -214,14 +215,14 @@ def solver_for(robot: Robot, solver: str | os.PathLike[str] = "lm", options: dic
 
 
 def __getattr__(name: str) -> Any:
-    """Import a method's class (``optik.ik.DLS``), or its module (``optik.ik.dls``), when it is first asked for."""
+    """Import a method's class (``optik.ik.DLS``) or module (``optik.ik.dls``) on first access."""
     if name.startswith("_"):
         raise AttributeError(name)
     for method in own_names("optik.ik"):
         if method.replace("_", "") == name.lower():
-            found = load_method("optik.ik", method)
+            loaded = load_method("optik.ik", method)
             if name == method:
                 return sys.modules[f"optik.ik.{method}"]
-            if name == found.__name__:
-                return found
+            if name == loaded.__name__:
+                return loaded
     raise AttributeError(f"module 'optik.ik' has no attribute {name!r}; methods: {', '.join(solvers())}")

@@ -1,4 +1,4 @@
-"""Motion that a task leaves free: a preference along it with its gradient, and the descent to its minimum."""
+"""Null-space motion: the cost of a preference with its gradient, and the descent to its minimum along the task."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from optik.linear import cholesky_solve, copy_vector, damped_step
 from optik.task import Goal, goal_error, task_error, task_rows
 from optik.types import Array, Indices
 
-Wish = tuple[Array, Array]
-"""What kernels minimise: weights (3,) of posture, limits and manipulability [1], and the posture (n,) [rad, m]."""
+Objective = tuple[Array, Array]
+"""Secondary objective: weights (3,) of posture, limits and manipulability [1], and the posture (n,) [rad, m]."""
 
 RANK_FLOOR = 1e-12
-"""Added to the diagonal of J Jᵀ [m², 1], so that its determinant is above 0 at a singular configuration: far above the
-rounding of the products, and a millionth of a singular value of 1e-3, squared."""
+"""Added to the diagonal of J Jᵀ [m², 1], so that its determinant is positive at a singular configuration. It is far above
+the rounding errors of the products, and a millionth of the square of a singular value of 1e-3."""
 
 LOST_RANK = -1e3
-"""Log √det(J Jᵀ) [1] where even that cannot be factorised: below every value that can (6 log √1e-12 = −83)."""
+"""Log √det(J Jᵀ) [1] if the factorisation fails nevertheless, below all other values (6 log √1e-12 = −83)."""
 
 PROJECTION_DAMPING = 1e-12
-"""Damping λ² [m², rad²] of projections and corrections: it keeps them finite at a singular configuration."""
+"""Damping λ² [m², rad²] of projections and corrections, which keeps them finite at a singular configuration."""
 
-MOST_CORRECTIONS, SHARE_OF_TOLERANCE = 8, 0.1
-"""Newton steps back onto the task at most, and how far inside the tolerance they end [1]: the next one starts met."""
+MOST_CORRECTIONS, FRACTION_OF_TOLERANCE = 8, 0.1
+"""Largest number of Newton steps that correct the task error, and the fraction of the tolerance at which they end [1]."""
 
 MOST_DESCENTS, LONGEST_DESCENT = 200, 0.5
-"""Steps of the descent at most, and the longest [rad, m]: the correction after it must stay on the same branch."""
+"""Largest number and length [rad, m] of the descent's steps. The correction after a step must stay on the same branch."""
 
-LEVEL, SHORTEST_DESCENT = 1e-7, 1e-8
-"""Slope along the free motion that counts as a minimum, and the shortest step that is tried [rad, m]."""
+LEAST_SLOPE, SHORTEST_DESCENT = 1e-7, 1e-8
+"""Projected gradient that counts as zero, and the shortest step that is tried [rad, m]."""
 
 SUFFICIENT = 1e-4
-"""Share of the decrease that the slope predicts that a step must bring [1] (Armijo; Nocedal and Wright 2006, §3.1)."""
+"""Least decrease as a fraction of the one that the slope predicts [1] (Armijo; Nocedal and Wright 2006, §3.1)."""
 
 
 @inlined
-def normalised(x: float, low: float, high: float) -> tuple[float, float]:
-    """Position of a joint relative to its range, as `JointLimits.normalise` has it.
+def normalise(x: float, low: float, high: float) -> tuple[float, float]:
+    """Return a joint's position relative to its range, −1 to 1, and half the range; 0 and 1 without a finite range.
 
-    Shapes and units: x [rad, m], low, high [rad, m]. Returns offset  [1], half  [rad, m].
+    Shapes and units: x [rad, m], low, high [rad, m]. Returns [1] and [rad, m].
     """
     if not -np.inf < low < high < np.inf:
         return 0.0, 1.0
@@ -51,19 +51,19 @@ def normalised(x: float, low: float, high: float) -> tuple[float, float]:
 
 
 @compiled
-def cost(limits: Range, wish: Wish, q: Array, J: Array, flags: Array, g: Array) -> float:
-    """What is preferred, and its gradient.
+def cost(limits: Range, objective: Objective, q: Array, J: Array, flags: Array, g: Array) -> float:
+    """Return the cost of the objective at q, and write its gradient into g.
 
     Shapes and units: q (n,) [rad, m], J (6, n) [m/rad, 1], flags (13,) [1, m, rad], g (n,) [1/rad, 1/m] (overwritten). Returns
     [1].
     """
-    (lower, upper), (weights, posture) = limits, wish
+    (lower, upper), (weights, posture) = limits, objective
     value = 0.0
     for k in range(q.shape[0]):
         d = q[k] - posture[k]
         value += 0.5 * weights[0] * d * d
         g[k] = weights[0] * d
-        x, half = normalised(q[k], lower[k], upper[k])
+        x, half = normalise(q[k], lower[k], upper[k])
         value += 0.5 * weights[1] * x * x
         g[k] += weights[1] * x / half
     if weights[2] > 0.0:
@@ -73,7 +73,7 @@ def cost(limits: Range, wish: Wish, q: Array, J: Array, flags: Array, g: Array) 
 
 @compiled
 def _pseudo_inverse(J: Array, rows: Indices, m: int, pseudo: Array) -> float:
-    """J⁺ = Jᵀ (J Jᵀ)⁻¹ of the first m of `rows` into pseudo (n, 6), row by row; returns log √det(J Jᵀ)."""
+    """Write J⁺ = Jᵀ (J Jᵀ)⁻¹ of the first m of `rows` into pseudo (n, 6), and return log √det(J Jᵀ)."""
     n = J.shape[1]
     A, L, y = np.empty((m, m)), np.empty((m, m)), np.empty(m)
     for a in range(m):
@@ -98,7 +98,7 @@ def _pseudo_inverse(J: Array, rows: Indices, m: int, pseudo: Array) -> float:
 
 @compiled
 def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float:
-    """Log √det(J Jᵀ) over the task's rows, and −weight times its gradient added to g.
+    """Return log √det(J Jᵀ) of the task's rows, and add −weight times its gradient to g.
 
     The gradient is the trace of J⁺ ∂J/∂q_k; ∂J_i/∂q_k = (ω_k × v_i, ω_k × ω_i) for k ≤ i, and (ω_i × v_k, 0) for k > i.
 
@@ -132,8 +132,8 @@ def log_manipulability(J: Array, flags: Array, weight: float, g: Array) -> float
 
 
 @compiled
-def along_task(target: Array, flags: Array, J: Array, K: Array) -> None:
-    """Geometric Jacobian along the axes of the task's frame.
+def rotate_to_task(target: Array, flags: Array, J: Array, K: Array) -> None:
+    """Write the geometric Jacobian along the axes of the task's frame into K.
 
     Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], J (6, n) [m/rad, 1], K (6, n) [m/rad, 1] (overwritten).
     """
@@ -146,31 +146,31 @@ def along_task(target: Array, flags: Array, J: Array, K: Array) -> None:
 
 
 @compiled
-def _preferred(limits: Range, goal: Goal, wish: Wish, q: Array, J: Array, g: Array) -> float:
-    """`cost` and its gradient at q, of the geometric Jacobian J (6, n) in the base frame."""
+def _cost_in_task_frame(limits: Range, goal: Goal, objective: Objective, q: Array, J: Array, g: Array) -> float:
+    """Return `cost` at q from the geometric Jacobian J (6, n) in the base frame, and write its gradient into g."""
     flags, target = goal
     K = np.empty_like(J)
-    along_task(target, flags, J, K)
-    return cost(limits, wish, q, K, flags, g)
+    rotate_to_task(target, flags, J, K)
+    return cost(limits, objective, q, K, flags, g)
 
 
 @compiled
-def value_at(chain: Chain, limits: Range, goal: Goal, wish: Wish, q: Array) -> float:
-    """What is preferred, at one configuration.
+def compute_cost(chain: Chain, limits: Range, goal: Goal, objective: Objective, q: Array) -> float:
+    """Return the cost of the objective at one configuration.
 
     Shapes and units: q (n,) [rad, m]. Returns [1].
     """
     frame, T, J = workspace(q.shape[0])
     forward(chain, q, frame, T)
     jacobian_from(chain, frame, T, J)
-    return _preferred(limits, goal, wish, q, J, np.empty(q.shape[0]))
+    return _cost_in_task_frame(limits, goal, objective, q, J, np.empty(q.shape[0]))
 
 
 @compiled
-def free_direction(J: Array, g: Array, limits: Range, q: Array, d: Array) -> float:
-    """Steepest descent that keeps the task to first order: −g projected onto the null space of J.
+def project_gradient(J: Array, g: Array, limits: Range, q: Array, d: Array) -> float:
+    """Write −g projected onto the null space of J into d, and return its norm.
 
-    A joint at a limit that the direction pushes further out is held, and the projection is done again.
+    A joint at a limit that the direction would move outwards is fixed, and the projection is repeated.
 
     Shapes and units: J (6, n) [m/rad, 1], g (n,) [1/rad, 1/m], q (n,) [rad, m], d (n,) [1/rad, 1/m] (overwritten).
     """
@@ -201,7 +201,7 @@ def free_direction(J: Array, g: Array, limits: Range, q: Array, d: Array) -> flo
 def correct(
     chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], q: Array, frame: Array, T: Array, J: Array
 ) -> bool:
-    """Bring a configuration back onto the task, inside the limits, by a few Newton steps.
+    """Correct the task error by Newton steps clamped to the limits; return whether it is a fraction of the tolerance.
 
     Shapes and units: tolerance (float, float) [m, rad], q (n,) [rad, m] (overwritten), frame (n, 4, 4) [1, m] (overwritten), T
     (4, 4) [1, m] (overwritten), J (6, n) [m/rad, 1] (overwritten).
@@ -211,7 +211,7 @@ def correct(
     for _ in range(MOST_CORRECTIONS):
         p2, r2 = goal_error(chain, flags, target, q, frame, T, e, w)
         jacobian_from(chain, frame, T, J)
-        if p2 <= (SHARE_OF_TOLERANCE * tolerance[0]) ** 2 and r2 <= (SHARE_OF_TOLERANCE * tolerance[1]) ** 2:
+        if p2 <= (FRACTION_OF_TOLERANCE * tolerance[0]) ** 2 and r2 <= (FRACTION_OF_TOLERANCE * tolerance[1]) ** 2:
             return True
         for r in range(6):
             for k in range(n):
@@ -226,9 +226,9 @@ def correct(
 
 @compiled
 def descend(
-    chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], wish: Wish, q: Array
+    chain: Chain, limits: Range, goal: Goal, tolerance: tuple[float, float], objective: Objective, q: Array
 ) -> None:  # fmt: skip
-    """Projected gradient descent on what is preferred, along the motion that the task leaves free.
+    """Minimise the objective by projected gradient descent in the null space of the task.
 
     Shapes and units: tolerance (float, float) [m, rad], q (n,) [rad, m] (overwritten).
     """
@@ -238,12 +238,12 @@ def descend(
     if not correct(chain, limits, goal, tolerance, trial, frame, T, J):
         return
     copy_vector(trial, q)
-    value, step = _preferred(limits, goal, wish, q, J, g), 1.0
+    value, step = _cost_in_task_frame(limits, goal, objective, q, J, g), 1.0
     for _ in range(MOST_DESCENTS):
         task_error(T, target, flags, e, w)
         task_rows(target, flags, w, J)
-        size = free_direction(J, g, limits, q, d)
-        if size < LEVEL:
+        size = project_gradient(J, g, limits, q, d)
+        if size < LEAST_SLOPE:
             return
         better = False
         while not better and step * size > SHORTEST_DESCENT:
@@ -251,7 +251,7 @@ def descend(
             for k in range(n):
                 trial[k] = min(max(q[k] + reach * d[k], lower[k]), upper[k])
             if correct(chain, limits, goal, tolerance, trial, frame, T, J):
-                tried = _preferred(limits, goal, wish, trial, J, g)
+                tried = _cost_in_task_frame(limits, goal, objective, trial, J, g)
                 better = tried < value - SUFFICIENT * reach * size * size
             if not better:
                 step = 0.5 * reach

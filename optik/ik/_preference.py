@@ -1,9 +1,9 @@
-"""Redundancy resolution: a preference among the configurations that meet a task, and the descent to its minimum.
+"""Redundancy resolution: a secondary objective among the configurations that meet a task.
 
-`Preference` is what the options ``prefer`` and ``posture`` mean to every method that has them: the same weights and the
-same function of q. Methods differ in how they minimise it, from the configuration that met the target: `lm` by the
-projected gradient descent of `optik.ik._null_space`, `sqp` and `ipopt` by a programme of their own, for which
-`optik.ik._casadi.symbolic` has the function in symbols. All find a local minimum along the motion that is free.
+`Preference` holds the options ``prefer`` and ``posture`` of every method that supports them. All methods minimise the same
+function of q, from a configuration that meets the target to a local minimum in the null space: `lm` by the projected
+gradient descent of `optik.ik._null_space`, `sqp` and `ipopt` by a second programme with the symbolic function of
+`optik.ik._casadi.symbolic`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.ik._null_space import Wish, descend, value_at
+from optik.ik._null_space import Objective, compute_cost, descend
 from optik.task import Task
 from optik.types import Array
 
@@ -27,12 +27,12 @@ PREFERENCES: Mapping[str, str] = {
     "limits": "½ Σ ((q − middle) / half range)² over joints with two finite limits (Liégeois 1977)",
     "manipulability": "−log sqrt(det(J Jᵀ)), J the task's rows in metres and radians (Yoshikawa 1985)",
 }
-"""What can be preferred, and what is minimised for it."""
+"""Objectives by name, and the functions that are minimised."""
 
 
 @dataclass(frozen=True, eq=False)
 class Preference:
-    """What to minimise along the motion that a task leaves free; false where there is nothing to prefer.
+    """Secondary objective in the null space of a task; false if it is empty.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Preference:
     weights : mapping of str to float
         Weights above 0 [1], by the names of `PREFERENCES`.
     posture : (n,) array or None
-        Posture to come near to [rad, m]; None for the start of each solve.
+        Desired posture [rad, m]; None for the initial guess of each solve.
     """
 
     robot: Robot
@@ -49,7 +49,7 @@ class Preference:
     posture: Array | None
 
     @classmethod
-    def of(cls, robot: Robot, prefer: object, posture: ArrayLike | None) -> Preference:
+    def from_options(cls, robot: Robot, prefer: object, posture: ArrayLike | None) -> Preference:
         """Read the options ``prefer`` and ``posture``."""
         expected = f"one or more of {', '.join(PREFERENCES)}, alone or as a mapping from these to weights"
         named = {} if prefer is None else {prefer: 1.0} if isinstance(prefer, str) else prefer
@@ -61,7 +61,7 @@ class Preference:
         weights = {k: check_number(v, f"prefer[{k!r}]", "a weight ≥ 0", least=0.0) for k, v in named.items()}
         weights = {k: weight for k, weight in weights.items() if weight > 0.0}
         if posture is not None and "posture" not in weights:
-            raise InvalidInput("posture", "a posture", 'prefer="posture" beside it')
+            raise InvalidInput("posture", "a posture", 'prefer="posture" together with it')
         return cls(robot, weights, None if posture is None else robot.configuration(posture, "posture").copy())
 
     def __bool__(self) -> bool:
@@ -69,30 +69,30 @@ class Preference:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The two options, as they would be given again."""
+        """Values of the options ``prefer`` and ``posture``."""
         posture = None if self.posture is None else tuple(self.posture.tolist())
         return {"prefer": dict(self.weights) or None, "posture": posture}
 
-    def note(self, task: Task, moving: int | None = None) -> str:
-        """Message that a preference changes nothing, where a task leaves the joints no free motion; else empty."""
+    def explain(self, task: Task, moving: int | None = None) -> str:
+        """Return the message that the preference has no effect if the arm is not redundant for the task, else ""."""
         limits = self.robot.limits
         moving = int((limits.lower < limits.upper).sum()) if moving is None else moving
         if not self or task.exact < moving:
             return ""
-        return f"prefer changes nothing: {moving} joints that move, {task.exact} components to be met exactly"
+        return f"prefer has no effect: {moving} joints move, and {task.exact} components of the task are exact"
 
-    def wish(self, start: Array) -> Wish:
-        """Arguments of the kernels for one solve."""
+    def objective(self, start: Array) -> Objective:
+        """Return the objective of one solve as the kernels take it."""
         weights = np.array([self.weights.get(name, 0.0) for name in PREFERENCES])
         return weights, start if self.posture is None else self.posture
 
     def value(self, task: Task, target: Array, start: Array, q: Array) -> float:
-        """Return what is minimised, at one configuration."""
+        """Return the cost at one configuration."""
         limits, goal = (self.robot.limits.lower, self.robot.limits.upper), (task.flags, target)
-        return float(value_at(self.robot.chain, limits, goal, self.wish(start), q))
+        return float(compute_cost(self.robot.chain, limits, goal, self.objective(start), q))
 
     def improve(self, task: Task, tolerance: tuple[float, float], target: Array, start: Array, q: Array) -> Array:
-        """Return the local minimum along the free motion that is found from a configuration."""
+        """Return the local minimum of the cost in the null space that is found from a configuration."""
         limits, out = (self.robot.limits.lower, self.robot.limits.upper), q.copy()
-        descend(self.robot.chain, limits, (task.flags, target), tolerance, self.wish(start), out)
+        descend(self.robot.chain, limits, (task.flags, target), tolerance, self.objective(start), out)
         return out

@@ -1,4 +1,4 @@
-"""Targets and starts: their checks, and the starts of restarts."""
+"""Checks of targets and initial guesses, and the initial guesses of restarts."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from optik.types import Array
 
 
 def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:
-    """Check a target and a start.
-
-    Plain arrays that are valid, the usual case, are checked by compiled code, in a tenth of the time.
-    """
+    """Check a target and an initial guess; valid plain arrays are checked by compiled code, in a tenth of the time."""
     if type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == np.float64:
         plain = target.shape == (4, 4) and q0.shape == (robot.n,) and target.flags.carray and q0.flags.carray
         limits = robot.limits
-        if plain and first_wrong(target[None], q0[None], (limits.lower, limits.upper), LIMIT_TOLERANCE) == (-1, -1):
+        if plain and find_first_invalid(target[None], q0[None], (limits.lower, limits.upper), LIMIT_TOLERANCE) == (
+            -1,
+            -1,
+        ):
             return target, q0
     return check_pose(target, "target"), check_start(robot, q0)
 
 
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
-    """Check a start configuration."""
+    """Check that an initial guess is a configuration inside the limits, and return it as an array."""
     q = robot.configuration(q0, argument)
     if not robot.limits.contains(q):
         lower, upper = robot.limits.lower, robot.limits.upper
@@ -45,7 +45,7 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
 
 
 def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Array, Array]:
-    """Check the targets and starts of a batch."""
+    """Check the targets and initial guesses of a batch, and return them as writeable contiguous arrays."""
     poses = np.ascontiguousarray(real_array(targets, "targets", "poses (N, 4, 4)"))
     if poses.shape == (0,):
         poses = poses.reshape(0, 4, 4)
@@ -58,25 +58,25 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
         wanted = f"shape ({len(poses)}, {robot.n}) or ({robot.n},) for {robot.name}"
         raise InvalidInput("starts", f"shape {q.shape}", wanted)
     limits = robot.limits.lower, robot.limits.upper
-    wrong = first_wrong(poses, np.atleast_2d(q), limits, LIMIT_TOLERANCE)
+    wrong = find_first_invalid(poses, np.atleast_2d(q), limits, LIMIT_TOLERANCE)
     if wrong[0] >= 0:
         check_pose(poses[wrong[0]], f"targets[{wrong[0]}]")
     if wrong[1] >= 0:
         one = q if q.ndim == 1 else q[wrong[1]]
         check_start(robot, one, "starts" if q.ndim == 1 else f"starts[{wrong[1]}]")
-    return _own(poses), _own(q) if q.ndim == 2 else np.tile(q, (len(poses), 1))
+    return _copy_if_needed(poses), _copy_if_needed(q) if q.ndim == 2 else np.tile(q, (len(poses), 1))
 
 
-def _own(array: Array) -> Array:
-    """Return the array itself where compiled code can take it, else a copy."""
+def _copy_if_needed(array: Array) -> Array:
+    """Return the array itself if compiled code can take it, else a contiguous copy."""
     return array if array.flags.c_contiguous and array.flags.writeable else np.array(array, order="C")
 
 
 @compiled
-def first_wrong(poses: Array, q: Array, limits: Range, slack: float) -> tuple[int, int]:
-    """Indices of the first target and of the first start that are not valid.
+def find_first_invalid(poses: Array, q: Array, limits: Range, slack: float) -> tuple[int, int]:
+    """Return the indices of the first invalid target (N, 4, 4) and initial guess (k, n), −1 if all are valid.
 
-    Shapes and units: poses (N, 4, 4) [1, m], q (k, n) [rad, m], slack [rad, m].
+    Shapes and units: poses [1, m], q [rad, m], slack [rad, m].
     """
     lower, upper = limits
     bad_pose, bad_start = -1, -1
@@ -95,8 +95,8 @@ def first_wrong(poses: Array, q: Array, limits: Range, slack: float) -> tuple[in
     return bad_pose, bad_start
 
 
-def restart_configuration(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
-    """Draw the start of one restart, uniform inside the limits, keyed by the problem: the same in every run."""
+def sample_restart(robot: Robot, target: Array, q0: Array, restart: int) -> Array:
+    """Sample the initial guess of a restart uniformly inside the limits; the problem is the random seed."""
     problem = np.round(np.concatenate([target.ravel(), q0]), 12) + 0.0  # −0 becomes 0: the same number, the same key
     rng = np.random.default_rng((zlib.crc32(problem.tobytes()), restart))
     return np.asarray(robot.limits.sample(rng, 1)[0])

@@ -1,4 +1,4 @@
-"""What a solve is asked for and gives back: the tolerance, the result of one solve, and the results of a batch."""
+"""Tolerance of a solve, result of one solve, and results of a batch."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from optik.types import Array, Flags
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What counts as solved: both error norms at most this, by our own forward kinematics.
+    """Largest position and rotation error of a solution, by our own forward kinematics.
 
     Parameters
     ----------
     position : float
-        Largest distance [m].
+        Distance [m].
     rotation : float
-        Largest angle [rad].
+        Angle [rad].
     """
 
     position: float = 1e-6
@@ -34,30 +34,30 @@ class Tolerance:
             check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
 
 
-SOLVED_WITHIN = Tolerance()
-"""What counts as solved unless the caller says otherwise: a micrometre, and what turns 1 m by a micrometre."""
+IK_TOLERANCE = Tolerance()
+"""Tolerance of IK methods by default: 1 µm, and the angle that moves a point at 1 m by 1 µm."""
 
 
 class IKResult(NamedTuple):
-    """The answer of one solve. ``bool(result)`` is success.
+    """Result of one solve; ``bool(result)`` is success.
 
     Attributes
     ----------
     q : (n,) array
-        The configuration [rad, m]; on failure the best found, inside the limits.
+        Configuration [rad, m]; on failure the best one found inside the limits.
     status : IKStatus
-        How it ended; ``status.advice`` says what to try.
+        Outcome; ``status.advice`` says what to try next.
     iterations : int
-        Of the method, over all attempts.
+        Number of iterations of all attempts.
     restarts : int
-        Attempts after the first.
+        Number of attempts after the first.
     position_error, rotation_error : float
-        At q, by our own forward kinematics [m, rad].
+        Errors at q by our own forward kinematics [m, rad].
     trace : (k + 1, 6) array or None
-        On request, the error twist (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad] before the first and after each of
+        On request, the error twists (p_t − p, log(R_t Rᵀ)) in the base frame [m, rad] before the first and after each of
         the k iterations of the attempt that found q.
     message : str
-        How the method itself says that it ended.
+        The method's own description of the outcome.
     """
 
     q: Array
@@ -91,18 +91,18 @@ class IKResult(NamedTuple):
 
 
 class IKBatch(NamedTuple):
-    """The answers of a batch of N solves, field by field as in `IKResult`.
+    """Results of a batch of N solves, with the fields of `IKResult`.
 
     Attributes
     ----------
     q : (N, n) array
-        Configurations [rad, m]; on failure the best found, inside the limits.
+        Configurations [rad, m]; on failure the best ones found inside the limits.
     status : (N,) array of uint8
-        Index into ``tuple(IKStatus)``; 0 is solved.
+        Indices into ``tuple(IKStatus)``; 0 is solved.
     iterations, restarts : (N,) array of int32
-        As in `IKResult`.
+        Numbers of iterations and of attempts after the first.
     position_error, rotation_error : (N,) array
-        At q, by our own forward kinematics [m, rad].
+        Errors at q by our own forward kinematics [m, rad].
     """
 
     q: Array
@@ -123,7 +123,7 @@ class IKBatch(NamedTuple):
         return np.asarray(self.status == SOLVED)
 
     def result(self, i: int) -> IKResult:
-        """Result of one solve.
+        """Return the result of one solve.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class IKBatch(NamedTuple):
         Returns
         -------
         IKResult
-            Its answer; q is a view.
+            Its result; q is a view.
         """
         return IKResult(
             self.q[i], STATUS_OF_CODE[self.status[i]], int(self.iterations[i]), int(self.restarts[i]),
@@ -142,7 +142,7 @@ class IKBatch(NamedTuple):
 
     @classmethod
     def empty(cls, N: int, n: int) -> IKBatch:
-        """Arrays for the answers of N solves, not yet written.
+        """Allocate the arrays for the results of N solves.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class IKBatch(NamedTuple):
         Returns
         -------
         IKBatch
-            The arrays.
+            Uninitialised arrays.
         """
         count = (np.empty(N, np.int32), np.empty(N, np.int32))
         return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))

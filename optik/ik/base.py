@@ -1,4 +1,4 @@
-"""What every IK method shares: its options, the checks, the restarts, and the check of what it claims."""
+"""Base class of IK methods: options, argument checks, restarts, and verification of the result."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
-from optik.ik._closest import nearest
-from optik.ik._problem import check_batch, check_problem, restart_configuration
-from optik.ik._result import SOLVED_WITHIN
+from optik.ik._nearest_pose import find_nearest_pose
+from optik.ik._problem import check_batch, check_problem, sample_restart
+from optik.ik._result import IK_TOLERANCE
 from optik.ik._result import IKBatch as IKBatch
 from optik.ik._result import IKResult as IKResult
 from optik.ik._result import Tolerance as Tolerance
@@ -25,28 +25,28 @@ from optik.ik._status import IKStatus as IKStatus
 from optik.task import Task, as_task, judge
 from optik.types import Array
 
-MOST_TRIES = 1_000_000_000
-"""Largest number of iterations of an attempt, and of restarts: more would take days, and overflow the int32 of a batch."""
+MAX_ATTEMPTS = 1_000_000_000
+"""Largest max_iterations and max_restarts: more would take days and overflow the int32 of a batch."""
 
 MOST_TRACED = 1_000_000
-"""Largest number of iterations whose errors are kept: an error takes 48 bytes, so these take 48 MB."""
+"""Largest max_iterations with a trace. Each iteration takes 48 bytes, so a trace takes at most 48 MB."""
 
 
 class Attempt(NamedTuple):
-    """What a method reports of one attempt from one start; `IKSolver.solve` checks it by our own forward kinematics.
+    """Outcome of one attempt as reported by the method; `IKSolver.solve` verifies it by our own forward kinematics.
 
     Attributes
     ----------
     q : (n,) array
-        Its configuration [rad, m].
+        Last or best configuration [rad, m].
     status : IKStatus
-        How it ended, by the method.
+        Status by the method's own criteria.
     iterations : int
-        As the method counts them.
+        Number of iterations as the method counts them.
     trace : (k + 1, 6) array or None
-        On request, the error twists of its iterates in the base frame [m, rad].
+        On request, the error twists of the iterates in the base frame [m, rad].
     message : str
-        More, in words.
+        Description in words.
     """
 
     q: Array
@@ -57,30 +57,32 @@ class Attempt(NamedTuple):
 
 
 class IKSolver(ABC):
-    """A method built for one robot; building may compile, solving does not. Pickles as its robot and options.
+    """Base class of IK solvers, each built for one robot. Building may compile, solving does not.
 
-    A method is a subclass in a file of its own that implements `attempt` and names itself ``METHOD``.
+    A method is a subclass in its own module that implements `attempt`; the module assigns it to ``METHOD``. A solver is
+    pickled as its robot and options.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     tolerance : Tolerance
-        What counts as solved.
+        Largest errors of a solution.
     max_iterations : int
-        Iterations of one attempt at most.
+        Largest number of iterations of one attempt.
     max_restarts : int
-        Attempts after the first at most, from initial guesses drawn inside the limits: the same for the same problem.
+        Largest number of attempts after the first. Their initial guesses are random configurations inside the limits,
+        the same for the same problem.
     time_limit : float, optional
-        Wall-clock time for one solve [s], checked between attempts and, where the method can, within one.
+        Wall-clock time limit of one solve [s], checked between attempts and, if the method supports it, within them.
     task : Task or str
-        What of the target must be met: ``"pose"`` (all of it), ``"position"``, ``"axis_z"`` (position and direction of
-        the tool's z), or a `Task` with any mask.
+        Constrained components of the target: ``"pose"`` (all), ``"position"``, ``"axis_z"`` (position and direction of
+        the tool's z axis), or a `Task` with any mask.
 
     Raises
     ------
     InvalidInput
-        An option out of range, or a task that the method cannot take.
+        An option out of range, or a task that the method does not support.
     """
 
     name: ClassVar[str]
@@ -92,7 +94,7 @@ class IKSolver(ABC):
         self,
         robot: Robot,
         *,
-        tolerance: Tolerance = SOLVED_WITHIN,
+        tolerance: Tolerance = IK_TOLERANCE,
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,
@@ -100,8 +102,8 @@ class IKSolver(ABC):
     ) -> None:
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", type(robot).__name__, "a Robot (optik.load(name), Robot.from_mdh, ...)")
-        check_count(max_iterations, "max_iterations", 0, MOST_TRIES)
-        check_count(max_restarts, "max_restarts", 0, MOST_TRIES)
+        check_count(max_iterations, "max_iterations", 0, MAX_ATTEMPTS)
+        check_count(max_restarts, "max_restarts", 0, MAX_ATTEMPTS)
         if time_limit is not None:
             check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
         if not isinstance(tolerance, Tolerance):
@@ -118,7 +120,7 @@ class IKSolver(ABC):
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options, as they would be given again; a method adds its own."""
+        """All options of the constructor with their values; a method adds its own."""
         return {
             "tolerance": self.tolerance,
             "max_iterations": self.max_iterations,
@@ -128,7 +130,7 @@ class IKSolver(ABC):
         }
 
     def with_options(self, **changes: Any) -> Self:
-        """Return the same method for the same robot with some options changed.
+        """Return a solver of the same method and robot with some options changed.
 
         Parameters
         ----------
@@ -143,32 +145,32 @@ class IKSolver(ABC):
         Raises
         ------
         InvalidInput
-            An option that the method does not have, or out of range.
+            An unknown or invalid option.
         """
         return type(self)(self.robot, **{**self.options, **changes})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _built, (type(self), self.robot, self.options)
+        return _rebuild, (type(self), self.robot, self.options)
 
     @abstractmethod
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Try once from one start.
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
+        """Run one attempt from one initial guess.
 
         Parameters
         ----------
         target : (4, 4) array
-            Target pose in the base frame [1, m], checked.
+            Valid target pose in the base frame [1, m].
         start : (n,) array
-            Initial guess inside the limits [rad, m], checked.
+            Initial guess inside the limits [rad, m].
         trace : bool
-            Whether to keep the error of every iteration.
-        seconds : float or None
-            Time left, where the method can stop within an attempt [s].
+            Whether to record the error of every iteration.
+        time_limit : float or None
+            Remaining time [s], for methods that can stop within an attempt.
 
         Returns
         -------
         Attempt
-            What the method reports; `solve` judges it.
+            The method's report; `solve` verifies it.
         """
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
@@ -179,52 +181,52 @@ class IKSolver(ABC):
         target : (4, 4) array
             T_base_tool [1, m].
         q0 : (n,) array
-            Start, inside the limits [rad, m].
+            Initial guess inside the limits [rad, m].
         trace : bool
-            Whether to keep the error of every iteration.
+            Whether to record the error of every iteration.
         closest : bool
-            Where there is no solution, whether to go on to the configuration inside the limits whose pose is nearest to
-            the target: the least sum of squared errors found, 1 m counted as 1 rad. The result is still a failure.
+            Whether to search for the nearest pose if there is no solution: the configuration inside the limits with the
+            least sum of squared errors, 1 m counted as 1 rad. The result is still a failure.
 
         Returns
         -------
         IKResult
-            Success is rechecked by our own forward kinematics and the limits.
+            Success is verified by our own forward kinematics and the limits.
 
         Raises
         ------
         InvalidInput
-            The target is not a pose, numbers are NaN, a shape is wrong, or the start is outside the limits; a trace of
-            too many iterations.
+            The target is not a pose, a value is NaN, a shape is wrong, the initial guess is outside the limits, or a
+            trace has too many iterations.
         """
         trace, closest = check_flag(trace, "trace"), check_flag(closest, "closest")
         if trace and self.max_iterations > MOST_TRACED:
-            raise InvalidInput("trace", f"one of {self.max_iterations} iterations", f"at most {MOST_TRACED:,} to keep")
+            raise InvalidInput("trace", f"max_iterations={self.max_iterations}", f"at most {MOST_TRACED:,} iterations")
         target, q0 = check_problem(self.robot, target, q0)
         result = self._solve(target, q0, trace)
-        return self._closest(result, target, q0) if closest and not result else result
+        return self._find_closest(result, target, q0) if closest and not result else result
 
     def solve_batch(self, targets: ArrayLike, starts: ArrayLike, *, threads: int | None = None) -> IKBatch:
-        """Solve many targets, one after the other unless the method can do better.
+        """Solve many targets.
 
         Parameters
         ----------
         targets : (N, 4, 4) array
             T_base_tool [1, m].
         starts : (N, n) or (n,) array
-            Starts, inside the limits [rad, m].
+            Initial guesses inside the limits [rad, m].
         threads : int, optional
-            Most threads; by default one for each core. The answers are the same for any number.
+            Largest number of threads, by default the number of cores. The results do not depend on it.
 
         Returns
         -------
         IKBatch
-            The same answers as of single calls.
+            The results of single calls.
 
         Raises
         ------
         InvalidInput
-            As `solve`, with the index of the first wrong problem.
+            As `solve`, with the index of the first invalid problem.
         """
         poses, first = check_batch(self.robot, targets, starts)
         if threads is not None:
@@ -241,56 +243,56 @@ class IKSolver(ABC):
             batch.iterations[i], batch.restarts[i], batch.position_error[i], batch.rotation_error[i] = numbers
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
-        """Attempts from the start and then from others, each judged, until one succeeds or none is left."""
+        """Run attempts from `q0` and then from random initial guesses until one succeeds; return the best result."""
         end = None if self.time_limit is None else time.perf_counter() + self.time_limit
         out = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         best, outcome, iterations = None, None, 0
         for restart in range(1 if out >= 0.0 else self.max_restarts + 1):
-            left = None if end is None else end - time.perf_counter()
-            if restart and left is not None and left <= 0.0 and best is not None:
+            remaining = None if end is None else end - time.perf_counter()
+            if restart and remaining is not None and remaining <= 0.0 and best is not None:
                 return best._replace(status=IKStatus.TIME_LIMIT)
-            outcome = self._attempt(restart, target, q0, trace, left, outcome)
+            outcome = self._attempt(restart, target, q0, trace, remaining, outcome)
             iterations += outcome.iterations
             result = self._judge(outcome, target)
             if result and restart == 0:
                 return result
-            if best is None or result or _merit(result, self.tolerance) < _merit(best, self.tolerance):
+            if best is None or result or _error_ratio(result, self.tolerance) < _error_ratio(best, self.tolerance):
                 best = result
             best = best._replace(iterations=iterations, restarts=restart)
             if best:
                 break
         assert best is not None  # the loop runs at least once
-        return self._proved(best, target) if out >= 0.0 and not best else best
+        return self._mark_unreachable(best, target) if out >= 0.0 and not best else best
 
     def _attempt(
-        self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None, last: Attempt | None
+        self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
     ) -> Attempt:  # fmt: skip
-        """Attempt from the given start, then from others; `last` is the previous attempt."""
-        start = q0 if restart == 0 else restart_configuration(self.robot, target, q0, restart)
-        return self.attempt(target, start, trace, seconds)
+        """Run attempt number `restart`; `last` is the previous attempt."""
+        start = q0 if restart == 0 else sample_restart(self.robot, target, q0, restart)
+        return self.attempt(target, start, trace, time_limit)
 
-    def _proved(self, result: IKResult, target: Array) -> IKResult:
-        """Return the result as unreachable, with the bound that proves it."""
+    def _mark_unreachable(self, result: IKResult, target: Array) -> IKResult:
+        """Return the result with the status UNREACHABLE and the bound that proves it in the message."""
         distance = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         A, least, most = self._reach[:3] + 0.0, self._reach[6], self._reach[7]
         side = f"at most {most:.6g}" if distance > most else f"at least {least:.6g}"
         message = (
-            f"the target asks for {distance:.6g} m between the base's point ({A[0]:.4g}, {A[1]:.4g}, {A[2]:.4g}) and the "
-            f"last joint's axis or the tool; the links between them allow {side} m"
+            f"the target requires {distance:.6g} m between the point ({A[0]:.4g}, {A[1]:.4g}, {A[2]:.4g}) of the base and "
+            f"the last joint axis or the tool; the links between them allow {side} m"
         )
         return result._replace(status=IKStatus.UNREACHABLE, message=message)
 
-    def _closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
-        """Replace the configuration of a failure by that of the nearest pose found, from it, the start and restarts."""
-        starts = [result.q, q0, *(restart_configuration(self.robot, target, q0, r) for r in range(1, 9))]
-        q = nearest(self.robot, self.task, target, np.array(starts))
+    def _find_closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
+        """Return a failure with the configuration of the nearest pose, searched from it, from `q0` and from restarts."""
+        starts = [result.q, q0, *(sample_restart(self.robot, target, q0, r) for r in range(1, 9))]
+        q = find_nearest_pose(self.robot, self.task, target, np.array(starts))
         position, rotation, _ = self._measure(q, target)
         if position <= self.tolerance.position and rotation <= self.tolerance.rotation:
             return IKResult(q, IKStatus.SOLVED, result.iterations, result.restarts, position, rotation, result.trace)
         return result._replace(q=q, position_error=position, rotation_error=rotation)
 
     def _judge(self, outcome: Attempt, target: Array) -> IKResult:
-        """Measure the outcome with our own forward kinematics and limits, and set the status accordingly."""
+        """Return the result of an attempt, with errors and status by our own forward kinematics and the limits."""
         q, status = outcome.q, outcome.status
         position, rotation, inside = self._measure(q, target)  # NaN fails every comparison below
         solves = position <= self.tolerance.position and rotation <= self.tolerance.rotation
@@ -306,18 +308,19 @@ class IKSolver(ABC):
         return IKResult(q, status, outcome.iterations, 0, position, rotation, outcome.trace, outcome.message)
 
     def _measure(self, q: Array, target: Array) -> tuple[float, float, bool]:
+        """Return the position and rotation error at q [m, rad], and whether q is inside the limits."""
         robot = self.robot
         limits = robot.limits.lower, robot.limits.upper
         return judge(robot.chain, limits, (self.task.flags, target), LIMIT_TOLERANCE, q)
 
 
-def _merit(result: IKResult, tolerance: Tolerance) -> float:
+def _error_ratio(result: IKResult, tolerance: Tolerance) -> float:
     return max(result.position_error / tolerance.position, result.rotation_error / tolerance.rotation)
 
 
-def _built(kind: type[IKSolver], robot: Robot, options: dict[str, Any]) -> IKSolver:
+def _rebuild(kind: type[IKSolver], robot: Robot, options: dict[str, Any]) -> IKSolver:
     return kind(robot, **options)
 
 
 METHOD_BASE = IKSolver
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module of this package and of every plug-in."""

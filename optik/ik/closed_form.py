@@ -1,4 +1,4 @@
-"""All branches by closed forms (EAIK, ssik), each checked; where neither solves the arm, by a numerical enumeration."""
+"""All branches by closed forms (EAIK, ssik), or by numerical enumeration for arms that neither package solves."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
 from optik.content import content, have_equal_content
 from optik.errors import InvalidInput
-from optik.ik._closed import branches
-from optik.ik._closed import roots as roots_of
-from optik.ik._closed.backends import Refused, choose
+from optik.ik._closed_form import branches
+from optik.ik._closed_form import roots as roots_of
+from optik.ik._closed_form.backends import BackendError, build_backend
 from optik.ik._problem import check_start
 from optik.ik.base import Attempt, IKSolver, IKStatus
 from optik.se3 import check_pose, exp_so3, pose
@@ -23,44 +23,45 @@ BACKENDS = ("auto", "ssik", "eaik", "enumeration")
 """Values of the option ``backend``."""
 
 ENUMERATION = "enumeration (numerical, may be incomplete)"
-"""What results and messages call an enumeration."""
+"""Name of an enumeration in results and messages."""
 
-ENUMERATION_STARTS = 1024
-"""Starts of an enumeration at most; IDLE_STARTS ends most of them before."""
+ENUMERATION_SEEDS = 1024
+"""Largest number of seeds of an enumeration; most end earlier by IDLE_SEEDS."""
 
-IDLE_STARTS = 60
-"""An enumeration ends when so many starts in a row found no new root. A branch that a share p of the starts leads to is
-then missed with probability (1 − p)^60: 5 % for p = 0.05, 0.2 % for p = 0.1."""
+IDLE_SEEDS = 60
+"""An enumeration ends after this number of consecutive seeds without a new root. It misses a branch that a fraction p of the
+seeds leads to with probability (1 − p)^60: 5 % for p = 0.05, 0.2 % for p = 0.1."""
 
 ENOUGH_ROOTS = 32
-"""Roots of a redundant arm, which has infinitely many, that end an enumeration."""
+"""Number of roots that ends an enumeration: a redundant arm has infinitely many."""
 
 MOST_ROOTS = 8
-"""Roots that a 6R arm with a closed form has at most. Where there are fewer, some may be lost, not complex: the search
-asks beside the target too, and iterates from the start. (EAIK lost the straight wrist of a stretched UR5e.)"""
+"""Largest number of roots of a 6R arm with a closed form. If there are fewer, some may be lost instead of complex: the search
+then also solves for perturbed targets and iterates from `q0`. (EAIK lost the straight wrist of a stretched UR5e.)"""
 
-BESIDE = 1e-3
-"""How far targets are moved to ask a closed form beside a singularity [m, rad]."""
+PERTURBATION = 1e-3
+"""Size of the perturbations of targets near a singularity [m, rad]."""
 
 
 class Branches(NamedTuple):
-    """All configurations of an arm that meet one target.
+    """Configurations of an arm that meet one target.
 
     Attributes
     ----------
     q : (k, n) array
-        Inside the limits, every winding; nearest to q0 first where there was one, else in lexicographic order.
+        Configurations inside the limits, with all 2π-multiples; nearest to q0 first, or in lexicographic order without q0.
     position_error, rotation_error : (k,) array
-        By our own forward kinematics [m, rad].
+        Errors by our own forward kinematics [m, rad].
     free : (k,) array of bool
-        Whether the branch is one point of a curve of solutions (a singular wrist, a redundant arm): the nearest to q0
-        of its piece inside the limits, for a redundant arm a sample.
+        Whether the branch is one point of a curve of solutions (a singular wrist, a redundant arm): the point nearest to
+        q0 of each piece inside the limits, or a sample for a redundant arm.
     backend : str
-        What found them.
+        Name of the backend that found them.
     complete : bool
-        Whether these are all: true for a closed form away from singularities. It is not proved; every branch is checked.
+        Whether these are all branches: true for a closed form away from singularities. Every branch is verified, but
+        completeness is not proved.
     message : str
-        What was done, in words.
+        Description of the search in words.
     """
 
     q: Array
@@ -81,8 +82,8 @@ class Branches(NamedTuple):
         return hash(content(self))
 
 
-class _Found(NamedTuple):
-    """Roots (k, n) and branches (m, n) of a target, which branches are points of curves, and how they were found."""
+class _BranchSearch(NamedTuple):
+    """Roots (k, n) and branches (m, n) of a target; `free` marks branches that are points of curves."""
 
     roots: Array
     rows: Array
@@ -94,31 +95,33 @@ class _Found(NamedTuple):
 
 
 class ClosedForm(IKSolver):
-    """The branch nearest to the start, of all that a closed form gives; at singular configurations too.
+    """Inverse kinematics by closed forms: the branch nearest to `q0`, or all branches.
 
-    Every candidate is polished by our own kinematics and checked, near misses included; whole turns are added wherever
-    limits allow. Where the Jacobian has lost rank, the closed form is asked beside the target as well, and a curve of
-    solutions is followed to its point nearest to the start. Where no branch is found, restarts follow.
+    Our own Newton iteration polishes every candidate of the closed form, near misses included, and our own kinematics
+    verify it. Multiples of 2π are added within the limits. At a singular configuration the closed form also solves for
+    perturbed targets, and a curve of solutions is followed to its point nearest to `q0`. If there is no branch, restarts
+    follow.
 
-    A redundant arm has infinitely many: samples of them are tried, and the nearest is brought nearer along the curve.
+    A redundant arm has infinitely many solutions: samples are compared, and the nearest ones slide along their curves
+    towards `q0`.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     backend : {"auto", "ssik", "eaik", "enumeration"}
-        ``"eaik"`` solves 6R arms and smaller ones by subproblems, ``"ssik"`` 6R and 7R; ``"enumeration"`` searches from
-        many starts, for any arm, and cannot know when it has all. ``"auto"`` takes the first of these that is installed
-        and solves this arm. Tried on building.
+        ``"eaik"`` solves arms of up to 6 revolute joints by subproblems, ``"ssik"`` 6R and 7R arms. ``"enumeration"``
+        searches from many seeds, for any arm, and may miss branches. ``"auto"`` is the first of these that is installed
+        and solves some poses of this arm.
     **options
-        Those of `IKSolver`. ``max_iterations`` counts for one start of an enumeration. The only task is ``"pose"``.
+        Options of `IKSolver`. ``max_iterations`` limits one seed of an enumeration. The only task is ``"pose"``.
 
     Raises
     ------
     MissingDependency
         A named backend is not installed; the extra ``closed-form`` installs both.
     InvalidInput
-        A named backend cannot do this arm; an option out of range.
+        A named backend does not support this arm, or an option is out of range.
     """
 
     name: ClassVar[str] = "closed_form"
@@ -135,21 +138,21 @@ class ClosedForm(IKSolver):
         self._limits = lower, upper
         self._free = np.where(moving, -np.inf, lower), np.where(moving, np.inf, upper)
         for bound in self._free:
-            bound.flags.writeable = False  # as limits are
+            bound.flags.writeable = False  # as those of the limits: kernels are compiled once
         self._errors = self.tolerance.position, self.tolerance.rotation
         self._tight = min(self._errors[0], branches.ROOT_ERROR), min(self._errors[1], branches.ROOT_ERROR)
         self._redundant = int(moving.sum()) > 6
-        self._too_many = branches.too_many(robot)
-        self._closed = choose(backend, robot)
-        self._label = self._closed.name if self._closed else ENUMERATION
-        self._starts = robot.limits.sample(np.random.default_rng(1), ENUMERATION_STARTS)
-        twists = np.random.default_rng(3).uniform(-BESIDE, BESIDE, (3, 6))
+        self._too_many = branches.has_too_many_windings(robot)
+        self._backend = build_backend(backend, robot)
+        self._label = self._backend.name if self._backend else ENUMERATION
+        self._starts = robot.limits.sample(np.random.default_rng(1), ENUMERATION_SEEDS)
+        twists = np.random.default_rng(3).uniform(-PERTURBATION, PERTURBATION, (3, 6))
         self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
 
         self._load()
 
     def _load(self) -> None:
-        """Compile or load all that a solve may need, at a pose of the arm's own."""
+        """Compile or load all kernels of a solve."""
         q = self._starts[0]
         target = self.robot.fk(q)
         self.attempt(target, q, False, None)
@@ -158,12 +161,12 @@ class ClosedForm(IKSolver):
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options, as they would be given again."""
+        """All options of the constructor with their values."""
         return {**super().options, "backend": self.backend}
 
     @property
     def label(self) -> str:
-        """What answers: ``"eaik"``, ``"ssik"``, or that it is a numerical enumeration."""
+        """Name of the backend: ``"eaik"``, ``"ssik"``, or that of a numerical enumeration."""
         return self._label
 
     def branches(self, target: ArrayLike, q0: ArrayLike | None = None) -> Branches:
@@ -174,22 +177,22 @@ class ClosedForm(IKSolver):
         target : (4, 4) array
             T_base_tool [1, m].
         q0 : (n,) array, optional
-            Configuration inside the limits [rad, m], by default the middle of the limits. The order, the point of a curve of
-            solutions, and the winding of a joint without limits are those nearest to it.
+            Configuration inside the limits [rad, m], by default the middle of the limits. It determines the order, the
+            points on curves of solutions, and the 2π-multiple of a joint without limits.
 
         Returns
         -------
         Branches
-            Empty where there is none.
+            Empty if there is no branch.
 
         Raises
         ------
         InvalidInput
-            The target is not a pose, or the start is outside the limits.
+            The target is not a pose, or q0 is outside the limits.
         """
         T = np.array(check_pose(target, "target"), order="C")
         near = self.robot.limits.middle if q0 is None else check_start(self.robot, q0)
-        found = self._all(T, near, self._ask(T), few=False)
+        found = self._find_all(T, near, self._find_candidates(T), few=False)
         q = np.array(found.rows)
         if q0 is None:
             order = np.lexsort(np.round(q, 6).T[::-1])
@@ -200,31 +203,33 @@ class ClosedForm(IKSolver):
         position, rotation = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
         return Branches(q, position, rotation, found.free[order], found.backend, found.complete, found.message)
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Take the branch nearest to the start."""
-        # of one type whatever the caller has: kernels are compiled once
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
+        """Return the branch nearest to the initial guess."""
+        # contiguous and writeable: kernels are compiled once
         target, start = np.ascontiguousarray(target), np.array(start)
-        if self._closed is None or self._redundant:
-            return self._nearest(target, start, self._all(target, start, self._ask(target), few=True))
-        candidates, q = self._ask(target), np.empty(self.robot.n)
+        if self._backend is None or self._redundant:
+            return self._choose_nearest(
+                target, start, self._find_all(target, start, self._find_candidates(target), few=True)
+            )
+        candidates, q = self._find_candidates(target), np.empty(self.robot.n)
         problem = self._chain, self._free, self._limits, target, self._tight
-        count, solved, doubt = roots_of.regular_answer(*problem, candidates, start, q)
+        count, solved, doubt = roots_of.find_nearest_branch(*problem, candidates, start, q)
         if 0 < count < MOST_ROOTS and not doubt:
-            candidates = np.vstack([candidates, start, *self._beside(target, 2)])
-            count, solved, doubt = roots_of.regular_answer(*problem, candidates, start, q)
+            candidates = np.vstack([candidates, start, *self._find_candidates_beside(target, 2)])
+            count, solved, doubt = roots_of.find_nearest_branch(*problem, candidates, start, q)
         if count == 0 or doubt or (count < MOST_ROOTS and not solved):
-            return self._nearest(target, start, self._all(target, start, candidates, few=True))
+            return self._choose_nearest(target, start, self._find_all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
-        return Attempt(q, status, 0, None, f"{self._label}: {count} branches, limits aside")
+        return Attempt(q, status, 0, None, f"{self._label}: {count} branches without limits")
 
-    def _nearest(self, target: Array, start: Array, found: _Found) -> Attempt:
-        """Choose of all that was found."""
+    def _choose_nearest(self, target: Array, start: Array, found: _BranchSearch) -> Attempt:
+        """Return the branch nearest to the initial guess, or the best configuration if there is none."""
         if len(found.rows):
             q = found.rows[np.linalg.norm(found.rows - start, axis=1).argmin()]
             return Attempt(q.copy(), IKStatus.SOLVED, found.steps, None, found.message)
         q = start.copy()
         if len(found.roots):
-            roots_of.nearest(self._chain, self._limits, found.roots, start, q)
+            roots_of.choose_nearest(self._chain, self._limits, found.roots, start, q)
             return Attempt(q, IKStatus.OUTSIDE_LIMITS, found.steps, None, found.message)
         q = self.robot.limits.clip(q)
         roots_of.refine(self._chain, self._limits, target, self.max_iterations, q)
@@ -232,41 +237,41 @@ class ClosedForm(IKSolver):
 
     # ------------------------------------------------------------ roots
 
-    def _ask(self, target: Array) -> Array:
-        """Ask the closed form for candidates (k, n); a backend that raises yields none."""
+    def _find_candidates(self, target: Array) -> Array:
+        """Return the candidates (k, n) of the closed form, or none if the backend raises."""
         none = np.empty((0, self.robot.n))
-        if self._closed is None:
+        if self._backend is None:
             return none
         try:
-            return self._closed.candidates(target)
-        except Refused:
+            return self._backend.candidates(target)
+        except BackendError:
             return none
 
-    def _distinct(
+    def _find_distinct(
         self, target: Array, candidates: Array, tolerances: tuple[tuple[float, float], ...] = ()
     ) -> tuple[Array, Flags]:
-        """Roots (k, n) among candidates (m, n), each once, and which of them are singular."""
-        # where none meets the target to rounding (a target just out of reach), those within the tolerance
+        """Return the distinct roots (k, n) among candidates (m, n), and which of them are singular."""
+        # if none meets the target to rounding (a target just out of reach), those within the tolerance
         roots, singular = np.empty_like(candidates), np.empty(len(candidates), np.bool_)
         for errors in tolerances or (self._tight, self._errors):
-            count = roots_of.distinct(self._chain, self._free, target, errors, candidates, roots, singular)
+            count = roots_of.find_distinct(self._chain, self._free, target, errors, candidates, roots, singular)
             if count:
                 break
         return roots[:count], singular[:count]
 
-    def _beside(self, target: Array, times: int) -> list[Array]:
-        """Candidates for targets a little beside this one: near its solutions, away from its singularity."""
-        return [self._ask(target @ nudge) for nudge in self._nudges[:times]]
+    def _find_candidates_beside(self, target: Array, times: int) -> list[Array]:
+        """Return candidates for perturbed targets, which are near the solutions and away from the singularity."""
+        return [self._find_candidates(target @ nudge) for nudge in self._nudges[:times]]
 
     def _enumerate(self, target: Array, near: Array, clamped: bool) -> tuple[Array, int]:
-        """Roots (k, n) by search from many starts, free of the limits or kept inside them, and the steps it took."""
+        """Return the roots (k, n) found from many seeds, with or without the limits, and the number of steps."""
         starts = np.vstack([near, self._starts])
         roots = np.empty((ENOUGH_ROOTS, self.robot.n))
         bounds = self._limits if clamped else self._free
         steps = 0
         for errors in (self._tight, self._errors):
             count, taken = roots_of.enumerate_roots(
-                self._chain, bounds, target, errors, starts, self.max_iterations, roots, IDLE_STARTS
+                self._chain, bounds, target, errors, starts, self.max_iterations, roots, IDLE_SEEDS
             )
             steps += taken
             if count:
@@ -275,84 +280,88 @@ class ClosedForm(IKSolver):
 
     # ------------------------------------------------------------ branches
 
-    def _all(self, target: Array, near: Array, candidates: Array, *, few: bool) -> _Found:
-        """Find all roots and branches of a target: by the closed form, beside the target, and by search; or a few branches."""
-        roots, singular = self._distinct(target, candidates)
-        told, exact = [self._label], self._closed is not None and not self._redundant
+    def _find_all(self, target: Array, near: Array, candidates: Array, *, few: bool) -> _BranchSearch:
+        """Find the roots and branches of a target by the closed form, by perturbed targets, and by enumeration.
+
+        With `few` only some of the branches are returned. `candidates` (k, n) are those of the closed form.
+        """
+        roots, singular = self._find_distinct(target, candidates)
+        told, exact = [self._label], self._backend is not None and not self._redundant
         trusted, (wide, flat) = exact and bool(len(roots) and not singular.any()), (roots, singular)
         if exact and (len(roots) < MOST_ROOTS or singular.any()):
-            beside = self._beside(target, len(self._nudges))
-            roots, singular = self._distinct(target, np.vstack([roots, *beside]))
+            beside = self._find_candidates_beside(target, len(self._nudges))
+            roots, singular = self._find_distinct(target, np.vstack([roots, *beside]))
             if len(roots):
-                roots, singular = self._distinct(target, np.vstack([roots, near]))
-            # near a singularity a closed form may have an error above rounding but within the tolerance
-            wide, flat = self._distinct(target, np.vstack([roots, candidates]), (self._errors,))
+                roots, singular = self._find_distinct(target, np.vstack([roots, near]))
+            # near a singularity a closed form may have errors above rounding but within the tolerance
+            wide, flat = self._find_distinct(target, np.vstack([roots, candidates]), (self._errors,))
             trusted = trusted and not (singular.any() or flat.any())
-            told += [] if trusted else ["asked beside the target too"]
+            told += [] if trusted else ["perturbed targets"]
         rows, free = self._expand(target, near, roots, singular, few, self._tight)
         if exact and not (trusted or len(rows)):
             rows, free = self._expand(target, near, wide, flat, few, self._errors)
             roots = roots if len(roots) else wide
-        steps, searched = 0, trusted or self._out_of_reach(target)
+        steps, searched = 0, trusted or self._is_out_of_reach(target)
         for clamped in () if searched else (False, True):
-            enough = self._closed is not None or (few if self._redundant else clamped)
+            enough = self._backend is not None or (few if self._redundant else clamped)
             if (len(rows) and enough) or (self._redundant and not clamped):
                 continue
             more, taken = self._enumerate(target, near, clamped)
             steps += taken
             told += [ENUMERATION] if ENUMERATION not in told else []
-            roots, singular = self._distinct(target, np.vstack([roots, more]))
+            roots, singular = self._find_distinct(target, np.vstack([roots, more]))
             rows, free = self._expand(target, near, roots, singular, few, self._tight)
             if not (
                 len(rows) or self._redundant
             ):  # a search inside the limits may end within the tolerance, above rounding
-                wide, flat = self._distinct(target, more, (self._errors,))
+                wide, flat = self._find_distinct(target, more, (self._errors,))
                 rows, free = self._expand(target, near, wide, flat, few, self._errors)
         if self._redundant:
             told.append("samples of infinitely many")
         elif free.any():
             told.append("some are points of curves")
         backend = told[0] if len(roots) and ENUMERATION not in told else ENUMERATION
-        message = f"{', '.join(told)}: {len(roots)} branches limits aside, {len(rows)} configurations inside them"
-        return _Found(roots, rows, free, backend, trusted and not self._too_many, steps, message)
+        message = f"{', '.join(told)}: {len(roots)} branches without limits, {len(rows)} configurations inside them"
+        return _BranchSearch(roots, rows, free, backend, trusted and not self._too_many, steps, message)
 
     def _expand(
         self, target: Array, near: Array, roots: Array, singular: Flags, few: bool, errors: tuple[float, float]
     ) -> tuple[Array, Flags]:  # fmt: skip
-        """Return the windings of roots (k, n) inside the limits, a few or all: branches (m, n), and which are points of curves.
+        """Return the branches (m, n) of roots (k, n) with 2π-multiples inside the limits, and which are points of curves.
 
-        `errors` are the tolerances within which the points of a curve meet the target.
+        `errors` is the tolerance of points of curves; with `few` only some branches are returned.
         """
         robot, every = self.robot, np.ones(self.robot.n, dtype=np.bool_)
         plain, curved = [np.empty((0, robot.n))], np.empty((0, robot.n))
         for root, lost in zip(roots, singular, strict=True):
             if lost and not self._redundant:
-                moves = branches.goes_on(robot, target, self._free, root, errors)
+                moves = branches.find_curve_joints(robot, target, self._free, root, errors)
                 if moves.any():
-                    more = branches.pieces(robot, target, errors, root, moves, near, curved, few)
+                    more = branches.find_curve_points(robot, target, errors, root, moves, near, curved, few)
                     curved = np.vstack([curved, more])
                     continue
             each = 2 if few else branches.MOST_WINDINGS
             plain.append(branches.windings(robot, root, near, every, each=each))
-        rows = branches.inside(robot, target, self._errors, np.vstack(plain))
+        rows = branches.select_inside(robot, target, self._errors, np.vstack(plain))
         if self._redundant:
-            curved, rows = np.vstack([self._nearer(target, near, roots, rows), rows]), rows[:0]
+            curved, rows = np.vstack([self._slide_nearer(target, near, roots, rows), rows]), rows[:0]
         if few and len(roots) and not len(rows) + len(curved):
             return self._expand(target, near, roots, singular, False, errors)
         curved = branches.unique(curved)
         return np.vstack([rows, curved]), np.repeat([False, True], [len(rows), len(curved)])
 
-    def _nearer(self, target: Array, near: Array, roots: Array, rows: Array) -> Array:
-        """Of a redundant arm: branches (k, n) nearer than the samples (m, n), or the first inside the limits."""
+    def _slide_nearer(self, target: Array, near: Array, roots: Array, rows: Array) -> Array:
+        """Return branches (k, n) of a redundant arm that are nearer than its samples (m, n), or inside the limits at all."""
         tries = rows[np.linalg.norm(rows - near, axis=1).argsort()[:3]]
         if not len(rows):
             turned = roots + 2.0 * np.pi * np.round((near - roots) / (2.0 * np.pi)) * ~self.robot.prismatic
             out = np.abs(turned - self.robot.limits.clip(turned)).max(axis=1, initial=0.0)
             tries = turned[out.argsort()[:16]]
         slid = [branches.slide(self.robot, target, q, near, self._tight) for q in (near, *tries)]
-        return branches.inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
+        return branches.select_inside(self.robot, target, self._errors, np.array(slid).reshape(-1, self.robot.n))
 
-    def _out_of_reach(self, target: Array) -> bool:
+    def _is_out_of_reach(self, target: Array) -> bool:
+        """Return whether the target is proved to be out of reach."""
         return bool(outside_reach(self._reach, target, *self._errors) >= 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The paper's Jacobian iteration: damped least squares with error feedback, a step size and clamping (eq. 6–13)."""
+"""Damped least squares of the paper (eq. 6–13): error feedback, a step size, and steps clamped to the limits."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _ENDINGS = {
     MAX_ITERATIONS: "maximum number of iterations",
     STALLED: "J Jᵀ is singular and there is no damping; try damping=0.01",
 }
-"""How a run ends, in words, by its code."""
+"""Messages by status code."""
 
 
 @compiled
 def iterate(
     chain: Chain, limits: Range, goal: Goal, options: Array, max_iterations: int, q: Array, best: Array, trace: Array
 ) -> tuple[int, int]:  # fmt: skip
-    """Run eq. 8–13 from one start.
+    """Run eq. 8–13 from q, and return the number of iterations and the status code; best becomes the best iterate.
 
     Shapes and units: options (5,) [m, rad], q (n,) [rad, m] (overwritten), best (n,) [rad, m] (overwritten), trace
     (max_iterations + 1, 6) or (0, 6) [m, rad] (overwritten).
@@ -66,22 +66,22 @@ def iterate(
 
 
 class DLS(IKSolver):
-    """Damped least squares, the paper's iteration: Δq = α Jᵀ (J Jᵀ + λ² I)⁻¹ Δx, clamped to the joint limits.
+    """Damped least squares of the paper: Δq = α Jᵀ (J Jᵀ + λ² I)⁻¹ Δx, clamped to the joint limits.
 
-    No restarts unless asked. The error of the run stopped after k iterations is ``trace[k]`` of a longer one.
+    There are no restarts by default. ``trace[k]`` is the error of a run with ``max_iterations=k``.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     damping : float
-        λ of eq. 11, ≥ 0. Position errors count in metres and rotation errors in radians, with equal weight.
+        λ of eq. 11, ≥ 0. Position errors in metres and rotation errors in radians have equal weights.
     step : float
         α of eq. 12, above 0.
     as_printed : bool
-        Take eq. 9 as it is printed, ΔR = R R_tᵀ, which turns the tool away from the target: for study only.
+        Whether to use eq. 9 as printed, ΔR = R R_tᵀ, which turns the tool away from the target: for study only.
     **options
-        Those of `IKSolver`.
+        Options of `IKSolver`.
     """
 
     name: ClassVar[str] = "dls"
@@ -99,11 +99,11 @@ class DLS(IKSolver):
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options, as they would be given again."""
+        """All options of the constructor with their values."""
         return {**super().options, "damping": self.damping, "step": self.step, "as_printed": self.as_printed}
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Run the iteration once; it is so short that a time limit is only checked between attempts."""
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
+        """Run the iteration once; it is so short that the time limit is checked only between attempts."""
         robot, limits = self.robot, self.robot.limits
         q, best = limits.clip(start), np.empty(robot.n)
         errors = np.empty((self.max_iterations + 1 if trace else 0, 6))

@@ -1,4 +1,4 @@
-"""The default method: Gauss–Newton steps damped by the error itself, restarts from seeds near the target, all compiled."""
+"""Default method: Gauss–Newton steps with a damping that decreases with the error, and restarts from seeds."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import kernels
-from optik.ik._lm.general import attempt_task
-from optik.ik._lm.packed import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
+from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
+from optik.ik._lm.partial_pose import attempt_task
 from optik.ik._preference import Preference
 from optik.ik._problem import check_start
 from optik.ik._status import SOLVED, STATUS_OF_CODE
@@ -27,32 +27,33 @@ from optik.se3 import check_pose
 from optik.types import Array
 
 PATIENCE, PROGRESS = 4, 0.7
-"""An attempt ends after so many iterations in a row that do not bring E below this share of its least [1]."""
+"""An attempt ends after PATIENCE consecutive iterations [1] that do not reduce E below this fraction of its least value [1]."""
 
 BATCH_LANES = 16
-"""Targets side by side in a batch: four vectors of four numbers hide each other's latency (8 lanes: a tenth slower)."""
+"""Targets per lane group of a batch. Four vectors of four numbers hide each other's latency (8 lanes: 10 % slower)."""
 
 BATCH_CHUNK = 4096
-"""Problems that a thread takes at a time: handing them out costs little, and all threads end at about the same time."""
+"""Problems that a thread takes at a time: dispatching costs little, and all threads end at about the same time."""
 
-# Looking these up where they belong takes as long as an iteration.
+# Attribute look-ups would take as long as an iteration.
 _solved, _new, _empty = IKStatus.SOLVED, tuple.__new__, np.empty
 
 _MESSAGE = {
-    IKStatus.MAX_ITERATIONS: "the last attempt ran into its number of iterations",
-    IKStatus.STALLED: "no attempt got further",
+    IKStatus.MAX_ITERATIONS: "the last attempt reached max_iterations",
+    IKStatus.STALLED: "the error stopped decreasing in every attempt",
     IKStatus.OUTSIDE_LIMITS: "attempts met the target only with joints outside their limits",
 }
-"""What failures mean for this method, in words."""
+"""Messages of failures by status."""
 
 
 class LM(IKSolver):
-    """Levenberg–Marquardt, damped by the error: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · ½|e|², with restarts.
+    """Levenberg–Marquardt damped by the error, Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e with λ² = gain · ½|e|², with restarts.
 
-    An attempt runs free of the limits; its answer is brought inside by whole turns, or clamped to the limits and iterated
-    from there. An attempt that stalls ends early; the next ones start at those of 256 seeds whose poses are nearest to
-    the target. The damping is that of Sugihara (2011) with a negligible constant part. For the whole pose everything
-    runs in one compiled kernel, argument checks and the check of the answer included.
+    An attempt ignores the joint limits until it meets the target. Multiples of 2π then bring the joints inside the limits;
+    if that is impossible, the configuration is clamped and the iteration continues inside the limits. An attempt that
+    stalls ends early. The next ones start from those of 256 seeds whose poses are nearest to the target. The damping is
+    that of Sugihara (2011) with a negligible constant part. For complete poses one compiled kernel checks the arguments,
+    solves, and verifies the solution.
 
     Parameters
     ----------
@@ -61,18 +62,18 @@ class LM(IKSolver):
     gain : float
         Gain of the damping, ≥ 0 [1].
     max_iterations : int
-        Iterations of one attempt at most.
+        Largest number of iterations of one attempt.
     max_restarts : int
-        Attempts after the first at most.
+        Largest number of attempts after the first.
     prefer : str or mapping, optional
-        For arms or tasks with free motion, what to minimise along it once the target is met: ``"posture"``
-        ½|q − posture|², ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"``
-        −log √det(J Jᵀ) (Yoshikawa 1985), or weights of these by name. The answer is a local minimum; the target stays
-        met. Where nothing is free (six joints and a whole pose) it changes nothing, and ``message`` says so.
+        Secondary objective, minimised in the null space once the target is met: ``"posture"`` ½|q − posture|²,
+        ``"limits"`` ½ Σ ((q − middle) / half range)² (Liégeois 1977), ``"manipulability"`` −log √det(J Jᵀ) (Yoshikawa
+        1985), or a mapping of these names to weights. The result is a local minimum that meets the target. Without
+        redundancy (six joints and a complete pose) it has no effect, and ``message`` says so.
     posture : (n,) array, optional
-        Posture of ``"posture"`` [rad, m]; by default the start.
+        Posture of ``"posture"`` [rad, m], by default `q0`.
     **options
-        Those of `IKSolver`.
+        Options of `IKSolver`.
 
     Raises
     ------
@@ -97,7 +98,7 @@ class LM(IKSolver):
         if robot.n > MOST_JOINTS:
             raise InvalidInput("robot", f"{robot.n} joints", f"at most {MOST_JOINTS} for lm; dls takes any number")
         self.gain = check_number(gain, "gain", "a finite number ≥ 0", least=0.0)
-        self.preference = Preference.of(robot, prefer, posture)
+        self.preference = Preference.from_options(robot, prefer, posture)
         tolerance = self.tolerance
         self._numbers = np.array(
             [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
@@ -108,14 +109,14 @@ class LM(IKSolver):
             LEAST_DAMPING, 1.0,
         )  # fmt: skip
         self._n = robot.n
-        self._kernel = _single(robot.n)
+        self._kernel = _compile_single(robot.n)
         self._arm = pack(robot, self._reach, self._numbers)
         self._fast = self.task.is_pose and self.time_limit is None and not self.preference
         self._compare_models()
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options, as they would be given again."""
+        """All options of the constructor with their values."""
         return {**super().options, "gain": self.gain, **self.preference.options}
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
@@ -128,42 +129,42 @@ class LM(IKSolver):
         try:
             code, iterations, restarts, position, rotation = self._kernel(self._arm, target, q0, q)
         except TypeError:
-            # a list, other numbers, gaps, a read-only array: they may be valid, but the kernel does not take them
-            code = kernels.WRONG
+            # a list, another type of numbers, or a read-only or non-contiguous array: possibly valid, but not for the kernel
+            code = kernels.INVALID_ARGUMENT
         if code == SOLVED:
-            # what IKResult(…) does, in two thirds of its time
+            # equals IKResult(…) in two thirds of its time
             return _new(IKResult, (q, _solved, iterations, restarts, position, rotation, None, ""))
         pose, start = check_pose(target, "target"), check_start(self.robot, q0)
-        if code == kernels.WRONG:
+        if code == kernels.INVALID_ARGUMENT:
             plain = np.array(pose, order="C"), np.array(start, order="C")
             code, iterations, restarts, position, rotation = self._kernel(self._arm, *plain, q)
-        result = self._said(IKResult(q, STATUS_OF_CODE[code], iterations, restarts, position, rotation), pose)
-        return self._closest(result, pose, start) if closest and not result else result
+        result = self._add_message(IKResult(q, STATUS_OF_CODE[code], iterations, restarts, position, rotation), pose)
+        return self._find_closest(result, pose, start) if closest and not result else result
 
-    def _said(self, result: IKResult, target: Array) -> IKResult:
+    def _add_message(self, result: IKResult, target: Array) -> IKResult:
         if result.status is IKStatus.UNREACHABLE:
-            return self._proved(result, target)
+            return self._mark_unreachable(result, target)
         return result._replace(message=_MESSAGE.get(result.status, ""))
 
     def _fill(self, batch: IKBatch, targets: Array, starts: Array, threads: int | None) -> None:
         if not self._fast:
             super()._fill(batch, targets, starts, threads)
             return
-        kernel = _batch(self.robot.n)
+        kernel = _compile_batch(self.robot.n)
 
         def part(first: int) -> None:
             k = slice(first, first + BATCH_CHUNK)
             kernel(self._arm, targets[k], starts[k], tuple([field[k] for field in batch]))
 
-        with ThreadPoolExecutor(threads or _cores()) as pool:
+        with ThreadPoolExecutor(threads or _count_cores()) as pool:
             for _ in pool.map(part, range(0, len(targets), BATCH_CHUNK)):
-                pass  # an exception of a part shows itself here
+                pass  # raises an exception of the thread
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
         result = super()._solve(target, q0, trace)
         if not self.preference or not result:
             return result
-        note = self.preference.note(self.task)
+        note = self.preference.explain(self.task)
         if note:
             return result._replace(message=note)
         tolerance = self.tolerance.position, self.tolerance.rotation
@@ -172,10 +173,10 @@ class LM(IKSolver):
         return result._replace(q=q, position_error=position, rotation_error=rotation)
 
     def _attempt(
-        self, restart: int, target: Array, q0: Array, trace: bool, seconds: float | None, last: Attempt | None
+        self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
     ) -> Attempt:  # fmt: skip
         if not self.task.is_pose:
-            return super()._attempt(restart, target, q0, trace, seconds, last)
+            return super()._attempt(restart, target, q0, trace, time_limit, last)
         arm, n = self._arm.copy(), self.robot.n
         arm[AT_FIRST], arm[AT_ATTEMPTS] = restart, restart + 1
         if last is not None:  # a failed attempt ends with the best iterate of all attempts so far
@@ -190,12 +191,12 @@ class LM(IKSolver):
             errors = (out[n:].reshape(-1, 2, 3)[: iterations + 1] @ turn.T).reshape(-1, 6)
         return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""))
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        """Attempt once from the start; it is so short that a time limit is only checked between attempts."""
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
+        """Run one attempt; it is so short that the time limit is checked only between attempts."""
         if self.task.is_pose:
-            return self._attempt(0, target, start, trace, seconds, None)
+            return self._attempt(0, target, start, trace, time_limit, None)
         robot, limits = self.robot, self.robot.limits
-        # with motion to spare the limits are kept from the start: a free attempt drifts out of them (measured)
+        # if the arm is redundant, steps respect the limits from the first one: otherwise q drifts out of them (measured)
         q, errors = limits.clip(start), np.empty((self.max_iterations + 1 if trace else 0, 6))
         iterations, code = attempt_task(
             robot.chain, (limits.lower, limits.upper), (self.task.flags, target),
@@ -205,7 +206,7 @@ class LM(IKSolver):
         return Attempt(q, status, iterations, errors[: iterations + 1] if trace else None, _MESSAGE.get(status, ""))
 
     def _compare_models(self) -> None:
-        """Check the kernel's model of the arm: at the poses of some configurations its error is zero there."""
+        """Check the kernel's model of the arm: at the tool poses of some configurations its error must be zero."""
         for q in self.robot.limits.sample(np.random.default_rng(0), 4):
             target = self.robot.fk(q)
             size = 1.0 + np.abs(self.robot.fixed[:, :3, 3]).sum() + np.abs(self.robot.tool[:3, 3]).sum()
@@ -214,18 +215,18 @@ class LM(IKSolver):
             arm[AT_ITERATIONS], arm[AT_ATTEMPTS] = 0, 1
             self._kernel(arm, target, q, out)
             if not np.abs(out[self.robot.n :]).max() <= 1e-12 * size:
-                raise RobotModelError(self.robot.name, f"lm reads its chain with an error of {out[self.robot.n :]}")
+                raise RobotModelError(self.robot.name, f"the chain of lm has the error {out[self.robot.n :]} [m, rad]")
 
 
-def _cores() -> int:
-    """Cores that this process may use."""
+def _count_cores() -> int:
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @cache
-def _single(n: int) -> Any:
-    """Return the kernel of single calls, compiled for plain contiguous arrays and for nothing else."""
-    kernel = kernels.single(n)
+def _compile_single(n: int) -> Any:
+    """Return the kernel of single calls, compiled only for contiguous float64 arrays."""
+    kernel = kernels.build_single(n)
     vector, matrix = numba.float64[::1], numba.float64[:, ::1]
     kernel.compile((vector, matrix, vector, vector))
     kernel.disable_compile()
@@ -233,9 +234,9 @@ def _single(n: int) -> Any:
 
 
 @cache
-def _batch(n: int) -> Any:
-    """Return the kernel of batches, compiled for contiguous arrays and for nothing else."""
-    kernel = kernels.batch(n, BATCH_LANES)
+def _compile_batch(n: int) -> Any:
+    """Return the kernel of batches, compiled only for contiguous arrays."""
+    kernel = kernels.build_batch(n, BATCH_LANES)
     one, two, three = numba.float64[::1], numba.float64[:, ::1], numba.float64[:, :, ::1]
     counts = numba.int32[::1]
     kernel.compile((one, three, two, numba.types.Tuple((two, numba.uint8[::1], counts, counts, one, one))))

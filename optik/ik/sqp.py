@@ -1,4 +1,4 @@
-"""IK by sequential quadratic programming: CasADi's SQP method, a Gauss–Newton Hessian, joint limits as bounds."""
+"""Inverse kinematics by CasADi's SQP method, with a Gauss–Newton Hessian and the joint limits as bounds."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import casadi as ca
 from optik.arm.robot import Robot
 from optik.ik._casadi.programme import ProgrammeSolver
 from optik.ik._casadi.solver import Answer
-from optik.ik._casadi.symbolic import Model, descent
+from optik.ik._casadi.symbolic import Model, cost_derivatives
 from optik.ik.base import IKStatus
 
 _QUIET = {"print_time": False, "print_header": False, "print_iteration": False, "print_status": False}
 _QUIET_QP = {"print_header": False, "print_iter": False, "print_info": False, "print_lincomb": False}
-"""Options that keep the SQP method and its QP solver from printing."""
+"""Options that silence the SQP method and its QP solver."""
 
 
 class SQP(ProgrammeSolver):
     """Least squares of the pose error by CasADi's ``sqpmethod`` and its active-set QP solver ``qrqp``.
 
-    Minimises E = ½ Σ e² inside the joint limits with the Hessian JᵀJ + c·E·I, full steps, and no line search: the
-    damping by E replaces it. It ends where the gradient is a hundredth of the tolerance: where the pose is met, or at a
-    local minimum, whose status is stalled. With ``prefer``, a second programme with the task as its constraints and
-    its exact Hessian made convex follows.
+    It minimises E = ½ Σ e² inside the joint limits with the Hessian JᵀJ + c·E·I and full steps; the damping by E replaces
+    the line search. It ends when the gradient is below a hundredth of the tolerance: either the pose is met, or a local
+    minimum gives the status STALLED. With ``prefer``, a second programme minimises the preference, with the task as
+    constraints and a convexified exact Hessian.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     **options
-        Those of `ProgrammeSolver` (prefer, posture, limit_distance) and of `IKSolver`.
+        Options of `ProgrammeSolver` (prefer, posture, limit_distance) and of `IKSolver`.
     """
 
     name: ClassVar[str] = "sqp"
@@ -53,8 +53,8 @@ class SQP(ProgrammeSolver):
         }
         if choice:
             options |= {"tol_du": 1e-6, "max_iter_ls": 10, "convexify_strategy": "eigen-clip"}
-            return "sqpmethod", self._chosen(m), options
-        f, slope, H = (ca.cse(part) for part in descent(m, self.task))
+            return "sqpmethod", self._second_problem(m), options
+        f, slope, H = (ca.cse(part) for part in cost_derivatives(m, self.task))
         n, weights = self.robot.n, [ca.SX.sym("lam_f"), ca.SX.sym("lam_g", 0)]
         options |= {
             "tol_du": 1e-2 * self._tight,

@@ -14,7 +14,7 @@ import numpy as np
 from optik import se3
 from optik.arm.reach import outside_reach, reach_bound
 from optik.errors import InvalidInput
-from optik.ik import IKSolver, solver_for
+from optik.ik import IKSolver, get_solver
 from optik.task import POSE
 from optik.types import Array
 from planners.cell._parts import CellParts
@@ -92,7 +92,7 @@ class Task:
     def __init__(self, cell: CellParts, settings: TaskSettings) -> None:
         self.cell, self.settings = cell, settings
         self.solver = (
-            settings.solver if isinstance(settings.solver, IKSolver) else solver_for(cell.robot, settings.solver)
+            settings.solver if isinstance(settings.solver, IKSolver) else get_solver(cell.robot, settings.solver)
         )
         self.steps: list[Step] = []
         self.rounds: list[Round] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import Tolerance, solver_for
+from optik.ik import Tolerance, get_solver
 from planners.certificate.violation import Allow, check_valid
 from planners.following.follow import JointPath, follow
 from planners.motion import Motion
@@ -70,7 +70,7 @@ def _follow_path(motion: Motion, solver: str) -> JointPath:
     """The joint path from the motion's start."""
     tolerance = motion.tolerance or UNSTORED
     allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
-    found = follow(solver_for(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
+    found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
     if found.failure is not None:
         failure = found.failure
         raise NoSolution(

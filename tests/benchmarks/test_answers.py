@@ -51,7 +51,7 @@ class Guess(IKSolver):
         self.reseed(0)
     def reseed(self, number):
         self.rng = np.random.default_rng(number)
-    def attempt(self, target, start, trace, seconds):
+    def attempt(self, target, start, trace, time_limit):
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
         share = (np.random.rand() + random.random() + self.rng.random()) / 3
         return Attempt(lower + share * (upper - lower), IKStatus.STALLED, 1)

@@ -6,7 +6,7 @@ import pytest
 import optik
 from optik import IKBatch, IKResult, IKStatus
 from optik.content import content
-from optik.ik import solver_for
+from optik.ik import get_solver
 from optik.ik.closed_form import Branches
 from planners import MotionLimits
 
@@ -77,18 +77,18 @@ def test_content_tells_types_apart_and_not_the_order_of_a_mapping():
     ],
 )
 def test_a_solver_is_kept_for_options_of_equal_content(one, same, other):
-    kept = solver_for(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.1}} | one)
-    assert solver_for(PANDA, "lm", {"prefer": {"limits": 0.1, "posture": 1.0}} | same) is kept
-    assert solver_for(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.1}} | other) is not kept
-    assert solver_for(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.2}} | one) is not kept
+    kept = get_solver(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.1}} | one)
+    assert get_solver(PANDA, "lm", {"prefer": {"limits": 0.1, "posture": 1.0}} | same) is kept
+    assert get_solver(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.1}} | other) is not kept
+    assert get_solver(PANDA, "lm", {"prefer": {"posture": 1.0, "limits": 0.2}} | one) is not kept
 
 
 def test_an_array_that_changes_after_a_call_does_not_change_the_kept_solver():
     posture = HOME.copy()
-    kept = solver_for(PANDA, "lm", {"prefer": "posture", "posture": posture})
+    kept = get_solver(PANDA, "lm", {"prefer": "posture", "posture": posture})
     posture[0] = 1.0
-    other = solver_for(PANDA, "lm", {"prefer": "posture", "posture": posture})
+    other = get_solver(PANDA, "lm", {"prefer": "posture", "posture": posture})
     assert other is not kept
     assert other.preference.posture[0] == 1.0
-    assert solver_for(PANDA, "lm", {"prefer": "posture", "posture": HOME}) is kept
+    assert get_solver(PANDA, "lm", {"prefer": "posture", "posture": HOME}) is kept
     assert kept.preference.posture[0] == 0.0

@@ -20,11 +20,10 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
-from optik.ik._bounded import bounded_step, step_workspace
+from optik.ik._gauss_newton import bounded_step, step_workspace
 from optik.ik._lm import angles as _angles
-from optik.ik._lm import general as _general
-from optik.ik._lm import lanes, starts
-from optik.ik._lm.packed import chain_joints, on_limits, spare_joints
+from optik.ik._lm import guesses, lanes, partial_pose
+from optik.ik._lm.packing import count_spare_joints, joint_parameters, move_to_limits
 from optik.task import Task, as_task
 from tests import oracles
 from tests.figures.ik_limits import draw as draw_configurations
@@ -131,7 +130,7 @@ def test_a_locked_joint_stays_and_the_others_solve(seed, k, convention):
 def chain_pose(robot, q):
     """Forward kinematics of the chain's numbers, by plain products."""
     T = robot.fixed[0]
-    for (px, py, pz, ca, sa, zero, slides, *_), x in zip(chain_joints(robot), q, strict=True):
+    for (px, py, pz, ca, sa, zero, slides, *_), x in zip(joint_parameters(robot), q, strict=True):
         T = T @ oracles.trans(px, py, pz) @ oracles.rot_x(atan2(sa, ca))
         T = T @ (oracles.rot_z(zero) @ oracles.trans(z=x) if slides else oracles.rot_z(x + zero))
     return T @ robot.tool
@@ -286,7 +285,7 @@ def test_the_winding_is_inside_and_the_nearest_to_the_start(bounds):
 
 
 @given(seeds)
-def test_settling_ends_at_the_nearest_winding_and_stays_there(seed):
+def test_wrapping_ends_at_the_nearest_winding_and_stays_there(seed):
     """Brute force; values within some ulps of half a turn from the start, and of the limits, on purpose."""
     rng = np.random.default_rng(seed)
     lower, upper = list(BOUNDS.values())[seed % len(BOUNDS)]
@@ -298,11 +297,11 @@ def test_settling_ends_at_the_nearest_winding_and_stays_there(seed):
             x = np.nextafter(x, rng.choice([-inf, inf]))
         q = np.array([x])
         arguments = np.array([False]), (np.array([lower]), np.array([upper])), np.array([start])
-        _general.settle_inside(*arguments, q)
+        partial_pose.wrap_configuration(*arguments, q)
         assert lower <= q[0] <= upper
         best = nearest_winding(x, start, lower, upper)
         assert best is None or abs(abs(q[0] - start) - abs(best - start)) < 1e-8
-        assert any(_general.settle_inside(*arguments, q) for _ in range(3)), (lower, upper, start, x)
+        assert any(partial_pose.wrap_configuration(*arguments, q) for _ in range(3)), (lower, upper, start, x)
 
 
 HALF_TURN = """
@@ -590,10 +589,10 @@ def test_joints_to_spare_are_those_beyond_six_that_can_stand_at_a_limit(seed, n)
     ends = [
         m and (np.isfinite(low) or np.isfinite(high)) for m, low, high in zip(moves, arm.lower, arm.upper, strict=True)
     ]
-    held = spare_joints(built(arm))
+    held = count_spare_joints(built(arm))
     assert held == max(0, min(sum(moves) - 6, sum(ends)))
     q = np.random.default_rng(seed).uniform(-0.1, 0.1, (50, n))
-    put = on_limits(built(arm), np.random.default_rng(seed), q, held)
+    put = move_to_limits(built(arm), np.random.default_rng(seed), q, held)
     assert ((put != q).sum(axis=1) == held).all()
     assert ((put == q) | ((put == arm.lower) | (put == arm.upper)) & ends).all()
 
@@ -647,7 +646,7 @@ def test_a_joint_of_a_short_stroke_is_near_its_limit_only_relative_to_its_range(
     robot, start = built(arm), 0.5 * (arm.lower + arm.upper)
     start[2] = arm.lower[2] + 0.01
     w, packed = np.zeros((lanes.ROWS, 1)), LM(robot)._arm
-    starts.hold_nearest(packed, w, 7, start, 0, 0)
+    guesses.hold_nearest(packed, w, 7, start, 0, 0)
     assert w[lanes.HELD_JOINTS, 0] == 1 << 2
     assert w[lanes.NEXT + 2, 0] == arm.lower[2]
 

@@ -76,9 +76,9 @@ def honest(result, robot, task, target):
 
 def numbers(robot, task):
     """Numeric functions (q, target) of the model: p, R, J, components, E, its gradient, the Hessian, AD's gradient."""
-    m = symbolic.model(robot)
-    f, slope, H = symbolic.descent(m, task)
-    outputs = [m.p, m.R, m.J, symbolic.components(m, task), f, slope, H, ca.gradient(f, m.q)]
+    m = symbolic.build_model(robot)
+    f, slope, H = symbolic.cost_derivatives(m, task)
+    outputs = [m.p, m.R, m.J, symbolic.error_components(m, task), f, slope, H, ca.gradient(f, m.q)]
     function = ca.Function("model", [m.q, m.target], outputs)
 
     def at(q, target):

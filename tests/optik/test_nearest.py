@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 import optik
 from optik import IKStatus
 from optik.ik import DLS, LM
-from optik.ik._closest import nearest
+from optik.ik._nearest_pose import find_nearest_pose
 from optik.task import as_task
 from tests import oracles
 
@@ -124,5 +124,5 @@ def test_a_locked_arm_stays():
     robot = optik.Robot(
         "l", PAPER.fixed, PAPER.prismatic, PAPER.tool, optik.JointLimits(np.full(6, 0.3), np.full(6, 0.3))
     )
-    q = nearest(robot, as_task("pose"), oracles.fk(ARM, np.zeros(6)), np.full((1, 6), 0.3))
+    q = find_nearest_pose(robot, as_task("pose"), oracles.fk(ARM, np.zeros(6)), np.full((1, 6), 0.3))
     assert (q == 0.3).all()

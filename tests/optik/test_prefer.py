@@ -1,4 +1,6 @@
-"""What is preferred along the free motion: at a minimum there, the target met, against SciPy and finite differences."""
+"""Redundancy resolution: the preference is at a minimum in the null space with the target met, against SciPy."""
+
+import re
 
 import numpy as np
 import pytest
@@ -241,7 +243,7 @@ def test_a_preference_that_changes_nothing_says_so(name):
     for task, says in (("pose", True), ("axis_z", False)):
         result = make_solver(robot, name, prefer="posture", task=task).solve(robot.fk(q), q + 0.01)
         assert result
-        assert ("prefer changes nothing: 6 joints that move, 6 components" in result.message) == says
+        assert bool(re.search(r"prefer .* 6 joints .* 6 components", result.message)) == says
 
 
 @pytest.mark.parametrize("prefer", ["limits", {"posture": 1, "manipulability": 0.0}, {"limits": 0.0}, {}, None])
@@ -277,7 +279,7 @@ def test_every_method_minimises_the_same_function(name, task):
     expected -= 0.1 * np.linalg.slogdet(J @ J.T + RANK_FLOOR * np.eye(len(J)))[1]
     assert solver.preference.value(task, target, posture, q) == pytest.approx(expected, abs=1e-9)
     if name != "lm":
-        ca, m = pytest.importorskip("casadi"), symbolic.model(robot)
+        ca, m = pytest.importorskip("casadi"), symbolic.build_model(robot)
         at = ca.SX.sym("posture", 7)
         f = ca.Function("f", [m.q, m.target, at], [symbolic.preference_cost(m, task, robot, prefer, at)])
         assert float(f(q, target[:3].ravel(), posture)) == pytest.approx(expected, abs=1e-9)

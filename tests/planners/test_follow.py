@@ -342,7 +342,7 @@ class Free(IKSolver):
 
     name: ClassVar[str] = "free"
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
         return Attempt(oracles.met(PAPER, target, start), IKStatus.SOLVED, 1)
 
 
@@ -375,10 +375,10 @@ class Lying(DLS):
     name: ClassVar[str] = "lying"
     line: ClassVar[Line] = default_line()
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
         if self.line.nearest(target[None])[0] > HALF * self.line.end:
             return Attempt(start, IKStatus.SOLVED, 0)
-        return super().attempt(target, start, trace, seconds)
+        return super().attempt(target, start, trace, time_limit)
 
 
 def test_a_method_that_claims_what_is_not_so_is_stopped() -> None:
@@ -457,8 +457,8 @@ class Flip(DLS):
     line: Line
     other: Callable[[Array, Array], Array]
 
-    def attempt(self, target: Array, start: Array, trace: bool, seconds: float | None) -> Attempt:
-        found = super().attempt(target, start, trace, seconds)
+    def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
+        found = super().attempt(target, start, trace, time_limit)
         if self.line.nearest(target[None])[0] <= HALF * self.line.end or self.flipped:
             return found
         self.flipped = True

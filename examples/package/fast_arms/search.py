@@ -13,7 +13,7 @@ class RandomSearch(IKSolver):
 
     name = "random_search"  # as the entry point says
 
-    def attempt(self, target, start, trace, seconds):
+    def attempt(self, target, start, trace, time_limit):
         """Try once from the start."""
         robot, rng, q, size = self.robot, np.random.default_rng(0), start.copy(), 0.3
         error = np.linalg.norm(se3.error(robot.fk(q), target))

@@ -1,1 +1,1 @@
-"""What the CasADi methods share: the symbolic model and the nonlinear programme."""
+"""Base class, solver interface and symbolic model of the CasADi methods."""

@@ -1,4 +1,4 @@
-"""CasADi's solvers, called through their buffers, and watched."""
+"""CasADi solvers called through their buffers, and the callback that records their iterates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optik.se3 import is_pose
 from optik.types import Array
 
 _FLOAT = np.dtype(np.float64)
-"""Type of the arrays that are taken as they are: comparing with np.float64 itself takes three times as long."""
+"""Type of arrays that need no conversion: a comparison with np.float64 itself takes three times as long."""
 
 
 class Answer(NamedTuple):
@@ -24,15 +24,15 @@ class Answer(NamedTuple):
     Attributes
     ----------
     q : (n,) array
-        Its last iterate [rad, m], clamped to the bounds, which IPOPT relaxes by 1e-8.
+        Last iterate [rad, m], clamped to the bounds, which IPOPT relaxes by 1e-8.
     f : float
-        Its objective there.
+        Objective at the last iterate.
     code : str
-        Its return code.
+        Return code.
     iterations : int
-        As it counts them.
+        Number of iterations as the solver counts them.
     visited : list of (n,) arrays
-        Iterates 1 to `iterations` [rad, m], where they were watched.
+        Iterates 1 to `iterations` [rad, m] if they were recorded.
     """
 
     q: Array
@@ -43,7 +43,7 @@ class Answer(NamedTuple):
 
 
 class Programme:
-    """A CasADi solver called through its buffers: arrays set once, no dictionary and no conversion in a call."""
+    """CasADi solver called through its buffers: the arrays are set once, and a call converts nothing."""
 
     def __init__(
         self, function: ca.Function, limits: JointLimits, bounds: JointLimits, box: Array, watch: Watch | None
@@ -66,16 +66,16 @@ class Programme:
         self._x0, self._p = self._in["x0"], self._in["p"]
         self._limits = np.array([limits.lower, limits.upper, bounds.lower, bounds.upper])
 
-    def answer(self, target: Any, q0: Any) -> Answer | None:
-        """Run for a target pose from a start, both as the caller gave them."""
+    def solve_arrays(self, target: Any, q0: Any) -> Answer | None:
+        """Solve for a target and an initial guess if both are valid float64 arrays; otherwise return None."""
         if not (type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == _FLOAT):
             return None
         if not (target.shape == (4, 4) and q0.shape == self._x0.shape and target.flags.carray and q0.flags.carray):
             return None
-        return self._run(np.inf) if take(target, q0, self._limits, self._x0, self._p) else None
+        return self._run(np.inf) if load_problem(target, q0, self._limits, self._x0, self._p) else None
 
     def solve(self, start: Array, parameters: Array, end: float) -> Answer:
-        """Run from a start, which is moved inside the bounds."""
+        """Solve from an initial guess, which is clamped to the bounds, until the clock time `end`."""
         clamp(start, self._in["lbx"], self._in["ubx"], self._in["x0"])
         self._in["p"][:] = parameters
         return self._run(end)
@@ -87,21 +87,21 @@ class Programme:
             self._call()
             stats = self._buffer.stats()
             code, count = stats["return_status"], stats["iter_count"]
-        except (RuntimeError, KeyError) as error:  # no exception of CasADi's leaves this module
+        except (RuntimeError, KeyError) as error:  # exceptions of CasADi do not leave this module
             return Answer(self._in["x0"].copy(), np.inf, first_line(error), 0, [])
         q = np.empty(self._in["x0"].size)
         clamp(self._out["x"], self._in["lbx"], self._in["ubx"], q)
         visited: list[Array] = []
         if self._watch is not None:
-            # iterate 0 is the start; the last may be reported twice, or (after a restoration) not at all
-            before = self._watch.seen[1:count]
+            # iterate 0 is the initial guess; the last may be reported twice, or (after a restoration) not at all
+            before = self._watch.iterates[1:count]
             visited = [*before, *[q] * (count - len(before))]
         return Answer(q, self._out["f"].item(), code, count, visited)
 
 
 @compiled
 def clamp(q: Array, lower: Array, upper: Array, out: Array) -> None:
-    """Clamp a configuration to bounds; NaN stays.
+    """Write a configuration clamped to bounds into out; NaN stays.
 
     Shapes and units: q (n,) [rad, m], lower, upper (n,) [rad, m], out (n,) [rad, m] (overwritten).
     """
@@ -111,8 +111,8 @@ def clamp(q: Array, lower: Array, upper: Array, out: Array) -> None:
 
 
 @compiled
-def take(target: Array, q0: Array, limits: Array, x0: Array, parameters: Array) -> bool:
-    """Check a target and a start, and write them into the input of a programme.
+def load_problem(target: Array, q0: Array, limits: Array, x0: Array, parameters: Array) -> bool:
+    """Write a target and an initial guess into the input of a programme; return False if one is invalid.
 
     Shapes and units: target (4, 4) [1, m], q0 (n,) [rad, m], limits (4, n) [rad, m], x0 (n,) [rad, m] (overwritten), parameters
     (m,) [1, m] (overwritten).
@@ -129,43 +129,43 @@ def take(target: Array, q0: Array, limits: Array, x0: Array, parameters: Array) 
 
 
 class Watch(ca.Callback):
-    """Callback that keeps every iterate of a solver, and stops it when its time is over."""
+    """Callback that records every iterate of a solver, and stops the solver at its time limit."""
 
     def __init__(self, sizes: Mapping[str, int]) -> None:
         super().__init__()
         x, g, p = sizes["x"], sizes.get("g", 0), sizes["p"]
         self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
-        self.seen: list[Array] = []
+        self.iterates: list[Array] = []
         self._end = np.inf
         self.construct("watch", {})
 
     def begin(self, end: float) -> None:
-        """Forget what was seen, and set the time to stop at."""
-        self.seen.clear()
+        """Clear the iterates, and set the clock time at which the solver is stopped."""
+        self.iterates.clear()
         self._end = end
 
     def get_n_in(self) -> int:
-        """As many as a solver has results."""
+        """Return the number of inputs: the results of a solver."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """One: whether to stop."""
+        """Return the number of outputs: whether to stop."""
         return 1
 
     def get_name_in(self, i: int) -> str:
-        """Name of a result of the solver."""
+        """Return the name of a result of the solver."""
         return str(ca.nlpsol_out(i))
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
-        """Shape of a result of the solver."""
+        """Return the shape of a result of the solver."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Any) -> list[int]:
-        """Keep an iterate."""
-        self.seen.append(np.asarray(arguments[0], dtype=np.float64).ravel())
+        """Record an iterate, and return whether to stop."""
+        self.iterates.append(np.asarray(arguments[0], dtype=np.float64).ravel())
         return [int(time.perf_counter() >= self._end)]
 
 
 def first_line(error: Exception) -> str:
-    """Message of an exception of CasADi's, without the location in its source."""
+    """Return the message of a CasADi exception without the location in CasADi's source."""
     return str(error).strip().splitlines()[-1][:120]

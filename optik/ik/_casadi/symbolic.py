@@ -1,4 +1,4 @@
-"""Symbolic model: a robot's tool and Jacobian as CasADi expressions, a task's error in them, and the preference."""
+"""CasADi expressions of a robot's tool pose and Jacobian, of a task's error, and of a preference."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from optik.task import Task
 from optik.types import Array
 
 HESSIAN_DAMPING = 0.3
-"""c in the Hessian JᵀJ + c·E·I, E the sum of squares: 0.1 to 1 measured alike."""
+"""c in the Hessian JᵀJ + c·E·I, with E the sum of squares. Measurements do not distinguish values from 0.1 to 1."""
 
 _FLOOR = 1e-10
-"""Least curvature of the Hessian [m², rad²]: it keeps it positive definite along a direction that the task leaves free."""
+"""Least curvature [m², rad²]: it keeps the Hessian positive definite in the null space of the task."""
 
 _HALF_TURN = 1e-9
-"""Added to (2 cos ½θ)², so that no derivative is infinite at half a turn; at the target it shortens e by 1e-10 of it."""
+"""Added to (2 cos ½θ)² so that derivatives are finite at half a turn; near the target it shortens e by a fraction of 1e-10."""
 
 
 class Model(NamedTuple):
-    """A robot's tool against a target, in symbols.
+    """Expressions of a robot's tool pose, and symbols of its configuration and target.
 
     Attributes
     ----------
     q : (n,) symbol
         Configuration.
     target : (12,) symbol
-        The target's first three rows, row by row; `pose_parameters` fills them.
+        First three rows of the target pose, row by row; `pose_parameters` fills them.
     p, R : (3,), (3, 3) expressions
-        Position and rotation of the tool at q, base frame.
+        Position and rotation of the tool at q in the base frame.
     J : (6, n) expression
-        Geometric Jacobian (v, ω) at the tool point, base frame.
+        Geometric Jacobian (v, ω) at the tool point in the base frame.
     """
 
     q: Any
@@ -45,8 +45,8 @@ class Model(NamedTuple):
     J: Any
 
 
-def model(robot: Robot) -> Model:
-    """Build the model of a robot: the product of its transforms, zeros left out."""
+def build_model(robot: Robot) -> Model:
+    """Build the model of a robot as the product of its transforms, without their zeros."""
     q, target = ca.SX.sym("q", robot.n), ca.SX.sym("target", 12)
     p, R = ca.SX.zeros(3), ca.SX.eye(3)
     axes = []
@@ -72,78 +72,78 @@ def pose_parameters(target: Array, out: Array) -> None:
 
 
 def task_rows(task: Task) -> list[int]:
-    """Indices of the components that a task asks for; of the pair of an axis, those across it."""
+    """Return the indices of the components that a task constrains; for an axis, the two components across it."""
     return [i for i in range(6) if task.mask[i]]
 
 
-def components(m: Model, task: Task) -> Any:
-    """Error of the task's components, before the box, along the axes of its frame.
+def error_components(m: Model, task: Task) -> Any:
+    """Return the errors of the task's components along the axes of its frame, before its box is subtracted.
 
-    Along a rotation component with a box it is that of `optik.task.task_error`; without one it is the chord
-    2 sin ½θ instead of the angle θ: the same zero, and no other.
+    A rotation error with a box is that of `optik.task.task_error`. Without a box it is the chord 2 sin ½θ instead of the
+    angle θ, with the same single zero.
     """
-    position, D = _relative(m, task)
+    position, D = _relative_pose(m, task)
     exact = any(task.box[3:])
     free = [k for k in range(3) if not task.mask[3 + k]]
-    turn = _swing(D, free[0], exact) if len(free) == 1 else _turn(D, exact)
+    turn = _axis_error(D, free[0], exact) if len(free) == 1 else _rotation_error(D, exact)
     return ca.vertcat(position, turn)[task_rows(task)]
 
 
 def cost(m: Model, task: Task) -> Any:
-    """Half the sum of squares E of the task's error outside its box: ½|Δp|² and ½(2 sin ½θ)² = ¼|R − R_t|² for a pose.
+    """Return E, half the sum of squares of the task's error outside its box: ½|Δp|² + ¼|R − R_t|² for a pose.
 
-    With no box on the rotation it is smooth everywhere.
+    ¼|R − R_t|² is ½(2 sin ½θ)². Without a box on the rotation E is smooth everywhere.
     """
-    rows, e = task_rows(task), components(m, task)
-    smooth = _smooth(task)
+    rows, e = task_rows(task), error_components(m, task)
+    smooth = _is_smooth(task)
     total = ca.SX(0.0)
     for i, row in enumerate(rows):
         if row < 3 or not smooth:
             beyond = e[i] if task.box[row] == 0.0 else ca.fmax(ca.fabs(e[i]) - task.box[row], 0.0)
             total += 0.5 * beyond**2
     if smooth and all(task.mask[3:]):
-        total += 0.25 * ca.sumsqr(m.R - _target(m)[1])
+        total += 0.25 * ca.sumsqr(m.R - _target_pose(m)[1])
     elif smooth and any(task.mask[3:]):  # the distance between the tip of the tool's axis and of the target's
         k = task.mask[3:].index(False)
-        total += 0.5 * ca.sumsqr(_relative(m, task)[1][:, k] - ca.SX.eye(3)[:, k])
+        total += 0.5 * ca.sumsqr(_relative_pose(m, task)[1][:, k] - ca.SX.eye(3)[:, k])
     return total
 
 
-def _smooth(task: Task) -> bool:
-    """Whether the rotation error is zero only where the whole rotation (or axis) is met: no box, no lone component."""
+def _is_smooth(task: Task) -> bool:
+    """Return whether the rotation error vanishes only at the target rotation or axis: no box, no single component."""
     return not any(task.box[3:]) and sum(task.mask[3:]) != 1
 
 
-def descent(m: Model, task: Task) -> tuple[Any, Any, Any]:
-    """`cost` E, its gradient, and its Gauss–Newton Hessian JᵀJ + c·E·I, J the task's rows.
+def cost_derivatives(m: Model, task: Task) -> tuple[Any, Any, Any]:
+    """Return `cost` E, its gradient, and its Gauss–Newton Hessian JᵀJ + c·E·I, with J the task's rows.
 
-    E is a function of the tool's pose alone: its derivatives there are a force and a torque, and Jᵀ turns them into the
-    gradient. J is the geometric Jacobian where it is that of the error as the error vanishes, which is cheaper.
+    E depends only on the tool pose. Its derivatives with respect to the pose are a force and a torque, and Jᵀ maps them
+    to the gradient. J is the geometric Jacobian, which is cheaper, if it equals the error's Jacobian at zero error.
     """
     p, R = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
     f = cost(m._replace(p=p, R=R), task)
     force, pull = ca.gradient(f, p), ca.gradient(f, R)
     torque = sum((ca.cross(R[:, k], pull[:, k]) for k in range(3)), ca.SX.zeros(3))
     f, force, torque = ca.substitute([f, force, torque], [p, R], [m.p, m.R])
-    rows = along(m, task) if _smooth(task) else ca.jacobian(components(m, task), m.q)
-    if any(task.box):  # what is inside the box pulls at nothing
-        outside = ca.fabs(components(m, task)) > np.array(task.box)[task_rows(task)]
+    rows = task_jacobian(m, task) if _is_smooth(task) else ca.jacobian(error_components(m, task), m.q)
+    if any(task.box):  # components inside the box contribute nothing
+        outside = ca.fabs(error_components(m, task)) > np.array(task.box)[task_rows(task)]
         rows = ca.diag(outside) @ rows
     H = rows.T @ rows + (HESSIAN_DAMPING * f + _FLOOR) * ca.SX.eye(m.q.numel())
     return f, m.J.T @ ca.vertcat(force, torque), H
 
 
-def along(m: Model, task: Task) -> Any:
-    """Rows of the geometric Jacobian that a task asks for, along the axes of its frame."""
+def task_jacobian(m: Model, task: Task) -> Any:
+    """Return the rows of the geometric Jacobian that a task constrains, along the axes of its frame."""
     J = m.J
     if task.frame == "target" and not all(task.mask):
-        back = _target(m)[1].T
+        back = _target_pose(m)[1].T
         J = ca.vertcat(back @ J[:3, :], back @ J[3:, :])
     return J[task_rows(task), :]
 
 
 def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, float], posture: Any) -> Any:
-    """Weighted sum of what to prefer, in symbols: the same function as `optik.ik._null_space.cost`."""
+    """Return the weighted sum of the preference: the function of `optik.ik._null_space.cost`."""
     total = ca.SX(0.0)
     for name, weight in weights.items():
         if name == "posture":
@@ -153,13 +153,13 @@ def preference_cost(m: Model, task: Task, robot: Robot, weights: Mapping[str, fl
             for i in np.flatnonzero(robot.limits.bounded):
                 total += 0.5 * weight * ((m.q[int(i)] - middle[i]) / half[i]) ** 2
         else:
-            rows = along(m, task)
+            rows = task_jacobian(m, task)
             total -= weight * _log_root_det(rows @ rows.T + RANK_FLOOR * ca.SX.eye(rows.size1()))
     return total
 
 
 def _log_root_det(A: Any) -> Any:
-    """Log sqrt(det A) of a positive definite matrix: the sum of the logs of its Cholesky factor's diagonal."""
+    """Return log √det A of a positive definite matrix: the sum of the logarithms of its Cholesky factor's diagonal."""
     n = A.size1()
     L = ca.SX.zeros(n, n)
     total = ca.SX(0.0)
@@ -171,21 +171,21 @@ def _log_root_det(A: Any) -> Any:
     return total
 
 
-def _target(m: Model) -> tuple[Any, Any]:
+def _target_pose(m: Model) -> tuple[Any, Any]:
     T = ca.reshape(m.target, 4, 3).T
     return T[:, 3], T[:, :3]
 
 
-def _relative(m: Model, task: Task) -> tuple[Any, Any]:
-    """Position error (3,) along the task's axes, and the rotation D (3, 3) that the task wants to be the identity."""
-    p, R = _target(m)
+def _relative_pose(m: Model, task: Task) -> tuple[Any, Any]:
+    """Return the position error (3,) along the task's axes, and the rotation error as a matrix (3, 3)."""
+    p, R = _target_pose(m)
     if task.frame == "target":
         return R.T @ (p - m.p), R.T @ m.R
     return p - m.p, m.R @ R.T
 
 
-def _turn(D: Any, exact: bool) -> Any:
-    """Error (3,) against the rotation D: minus its axis times 2 sin ½θ, or times θ where exact."""
+def _rotation_error(D: Any, exact: bool) -> Any:
+    """Return the error (3,) of the rotation D: minus its axis times 2 sin ½θ, or times θ if exact."""
     root = ca.sqrt(1.0 + ca.trace(D) + _HALF_TURN)  # 2 cos ½θ
     v = ca.vertcat(D[1, 2] - D[2, 1], D[2, 0] - D[0, 2], D[0, 1] - D[1, 0]) / root
     if not exact:
@@ -194,8 +194,8 @@ def _turn(D: Any, exact: bool) -> Any:
     return v * (2.0 * ca.atan2(s, root) / s)
 
 
-def _swing(D: Any, k: int, exact: bool) -> Any:
-    """Error (3,) of the axis k alone, as `task_error` has it: across it, zero along it; its length 2 sin ½φ or φ."""
+def _axis_error(D: Any, k: int, exact: bool) -> Any:
+    """Return the error (3,) of axis k of the rotation D: zero along the axis, with the length 2 sin ½φ, or φ if exact."""
     i, j = (k + 1) % 3, (k + 2) % 3
     if exact:
         s = ca.sqrt(D[i, k] ** 2 + D[j, k] ** 2 + 1e-16)
@@ -208,6 +208,6 @@ def _swing(D: Any, k: int, exact: bool) -> Any:
 
 
 def _attach(p: Any, R: Any, T: Array) -> tuple[Any, Any]:
-    """Append a fixed transform; what is zero up to rounding is left out of the expressions."""
+    """Return position and rotation after a fixed transform, without the terms that are zero up to rounding."""
     exact = np.where(np.abs(T) < 1e-15, 0.0, np.where(np.abs(np.abs(T) - 1.0) < 1e-15, np.sign(T), T))
     return p + R @ ca.sparsify(ca.SX(exact[:3, 3])), ca.densify(R @ ca.sparsify(ca.SX(exact[:3, :3])))

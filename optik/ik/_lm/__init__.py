@@ -1,1 +1,1 @@
-"""What only `lm` uses: the packed arm, its starts, and the search in lanes."""
+"""Kernels of `lm`: the packed arm, initial guesses, and the search in lanes."""

@@ -10,7 +10,7 @@ from optik.ik._lm.fma import fma
 
 @inlined
 def sine_cosine(x: float) -> tuple[float, float]:
-    """Sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989).
+    """Return sine and cosine to the last bits for |x| < 1e5, without branches (Cephes: Moshier 1989).
 
     Shapes and units: x [rad].
     """
@@ -34,7 +34,7 @@ def sine_cosine(x: float) -> tuple[float, float]:
 
 @inlined
 def angle_of(s: float, c: float) -> tuple[float, float]:
-    """Angle from its sine and cosine: 2 atan(s / (1 + |c|)), by a Chebyshev fit to 1e-13."""
+    """Return the angle of a sine s ≥ 0 and a cosine, 2 atan(s / (1 + |c|)) by a Chebyshev fit to 1e-13, and angle / s."""
     t = s / (1.0 + abs(c))
     z = t * t
     p = fma(-0.0001124208502549427, z, 0.001018151896826806)

@@ -1,4 +1,4 @@
-"""Fused multiply–add, x y + z rounded once, said explicitly: so one lane and many lanes round alike."""
+"""Explicit fused multiply–add, x y + z rounded once, so that one lane and many lanes round alike."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba.extending import intrinsic
 
 
 def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return x y + z for float64; one instruction where the machine has it, a slow call where it does not."""
+    """Return x y + z for float64: one instruction if the processor has it, else a slow call."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)

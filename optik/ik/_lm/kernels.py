@@ -1,4 +1,4 @@
-"""Kernels of `lm`: one target, or many side by side; the lanes take problems, and their answers are written."""
+"""Kernels of `lm` for one target and for batches: lanes take problems, and their results are written."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from optik.ik._lm.lanes import (
     BEGINS,
     BEST_E,
     ENDING,
+    FLAG,
     GEOMETRY,
     GOAL,
     HELD_JOINTS,
     ITERATION,
-    LOOK,
     MOVED,
     PROBLEM,
     ROWS,
     TOTAL,
     Q,
     S,
+    correct_half_turn,
     e,
     errors,
-    face_about,
     steps,
 )  # fmt: skip
-from optik.ik._lm.packed import AT_BASE_P, AT_BASE_R, AT_FIRST, AT_LOWER, AT_TOOL_R, AT_UPPER
-from optik.ik._lm.search import HELD, STEP, advance, place, tick
+from optik.ik._lm.packing import AT_BASE_P, AT_BASE_R, AT_FIRST, AT_LOWER, AT_TOOL_R, AT_UPPER
+from optik.ik._lm.search import MEASURE, STEP, advance, flag_lanes, place_lane
 from optik.ik._lm.stack import stack
 from optik.se3 import is_pose
 from optik.types import Array
 
-WRONG = -3
-"""Code of arguments that are not valid: the caller checks them again, and raises."""
+INVALID_ARGUMENT = -3
+"""Code of invalid arguments: the caller checks them again and raises."""
 
 IDLE = -1.0
-"""Number of the problem of a lane that has none."""
+"""Number of the problem of a lane without one."""
 
 
 class Answers(NamedTuple):
-    """Arrays that answers are written into: q (N, n), and (N,) each; trace (6 k,) takes the errors of one attempt."""
+    """Arrays of the results: q (N, n), the others (N,); trace (6 k,) receives the errors of one attempt."""
 
     q: Array
     status: Any
@@ -57,7 +57,7 @@ class Answers(NamedTuple):
 
 @inlined
 def aim(arm: Array, target: Array, w: Array, l: int) -> None:
-    """Take a target: seen from the first joint's frame, its rotation without the tool's.
+    """Write a target into the goal of a lane: relative to the first joint's frame, without the tool's rotation.
 
     Shapes and units: arm (size,) [as `pack` writes it], target (4, 4) [1, m], w (ROWS, L) [as the rows say] (overwritten).
     """
@@ -77,7 +77,7 @@ def aim(arm: Array, target: Array, w: Array, l: int) -> None:
 
 @inlined
 def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
-    """Give a lane a problem.
+    """Assign a problem to a lane.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), targets (N, 4, 4) [1, m].
     """
@@ -89,8 +89,8 @@ def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
 
 
 @inlined
-def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
-    """Write a lane's answer.
+def write_answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
+    """Write the result of a lane.
 
     Shapes and units: w (ROWS, L) [as the rows say].
     """
@@ -103,27 +103,29 @@ def answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
 
 
 @inlined
-def note(w: Array, trace: Array) -> None:
+def write_trace(w: Array, trace: Array) -> None:
     """Write the error of the first lane into the trace of its attempt.
 
     Shapes and units: w (ROWS, L) [as the rows say], trace (m,) [m, rad] (overwritten).
     """
-    face_about(w, 0)
+    correct_half_turn(w, 0)
     if w[ENDING, 0] <= 0.0:
         for i in range(6):
             trace[6 * int(w[ITERATION, 0]) + i] = w[e + i, 0]
 
 
 @inlined
-def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers) -> None:
-    """Solve all problems: every lane takes the next one as soon as its own is answered.
+def solve_lanes(
+    arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts: Array, answers: Answers
+) -> None:
+    """Solve all problems: every lane takes the next one as soon as its own is finished.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten), J (6 * n, L) [m/rad, 1] (overwritten), targets (N, 4, 4) [1, m], starts (N, n) [rad, m].
     """
     N, L = targets.shape[0], w.shape[1]
     waiting, busy = 0, 0
-    for l in range(L):  # a lane without a problem runs along with a copy of another's, and is not looked at
+    for l in range(L):  # a lane without a problem computes a copy of another's, and its result is ignored
         load(arm, w, targets, min(waiting, N - 1), l)
         if waiting < N:
             waiting += 1
@@ -133,14 +135,14 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
     while busy > 0:
         for l in range(L):
             if w[MOVED, l] != 0.0:
-                place(arm, w, n, starts[max(int(w[PROBLEM, l]), 0)], l)
+                place_lane(arm, w, n, starts[max(int(w[PROBLEM, l]), 0)], l)
         errors(arm, w, g, n)
         if answers.trace.shape[0] > 0:
-            note(w, answers.trace)
-        tick(arm, w)
+            write_trace(w, answers.trace)
+        flag_lanes(arm, w)
         stepping, holding = False, False
         for l in range(L):
-            if w[LOOK, l] == 0.0 or w[PROBLEM, l] == IDLE:
+            if w[FLAG, l] == 0.0 or w[PROBLEM, l] == IDLE:
                 stepping = stepping or w[PROBLEM, l] != IDLE
                 continue
             p = int(w[PROBLEM, l])
@@ -148,8 +150,8 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
             if status == STEP:
                 stepping = True
                 holding = holding or w[HELD_JOINTS, l] != 0.0
-            elif status != HELD:
-                answer(w, n, answers, l, status)
+            elif status != MEASURE:
+                write_answer(w, n, answers, l, status)
                 if waiting < N:
                     load(arm, w, targets, waiting, l)
                     waiting += 1
@@ -160,38 +162,38 @@ def run(arm: Array, w: Array, g: Array, J: Array, n: int, targets: Array, starts
             steps(arm, w, g, J, n, holding)
 
 
-def single(n: int) -> Any:
+def build_single(n: int) -> Any:
     """Build the kernel for one target."""
     n6 = 6 * n
 
     @compiled
     def solve_one(arm: Array, target: Array, q0: Array, out: Array) -> tuple[int, int, int, float, float]:
-        """Answer into out (n,), or the code WRONG; where out is longer by 6 (k + 1), the errors of k + 1 iterates follow."""
+        """Write q into out (n,), and return the status code; a longer out also receives the errors of the iterates."""
         if target.shape[0] != 4 or target.shape[1] != 4 or not is_pose(target):
-            return WRONG, 0, 0, 0.0, 0.0
+            return INVALID_ARGUMENT, 0, 0, 0.0, 0.0
         if q0.shape[0] != n:
-            return WRONG, 0, 0, 0.0, 0.0
+            return INVALID_ARGUMENT, 0, 0, 0.0, 0.0
         for i in range(n):
             if not (arm[AT_LOWER + i] - SLACK <= q0[i] <= arm[AT_UPPER + i] + SLACK and abs(q0[i]) < np.inf):
-                return WRONG, 0, 0, 0.0, 0.0
+                return INVALID_ARGUMENT, 0, 0, 0.0, 0.0
         w, g, J, x = stack(ROWS, 1), stack(GEOMETRY, 1), stack(n6, 1), stack(5, 1)
         answers = Answers(out[:n][None], x[0], x[1], x[2], x[3], x[4], out[n:])
-        run(arm, w, g, J, n, target[None], q0[None], answers)
+        solve_lanes(arm, w, g, J, n, target[None], q0[None], answers)
         return int(x[0, 0]), int(x[1, 0]), int(x[2, 0]), x[3, 0], x[4, 0]
 
     return solve_one
 
 
-def batch(n: int, L: int) -> Any:
+def build_batch(n: int, L: int) -> Any:
     """Build the kernel for many targets."""
     n6 = 6 * n
 
     @parallel
     def solve_many(arm: Array, targets: Array, starts: Array, fields: Any) -> None:
-        """Answers to targets (N, 4, 4) from starts (N, n), both checked before, into the arrays of an `IKBatch`."""
+        """Write the results of valid targets (N, 4, 4) and initial guesses (N, n) into the arrays of an `IKBatch`."""
         q, status, iterations, restarts, position_error, rotation_error = fields
         w, g, J = stack(ROWS, L), stack(GEOMETRY, L), stack(n6, L)
         answers = Answers(q, status, iterations, restarts, position_error, rotation_error, np.empty(0))
-        run(arm, w, g, J, n, targets, starts, answers)
+        solve_lanes(arm, w, g, J, n, targets, starts, answers)
 
     return solve_many

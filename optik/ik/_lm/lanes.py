@@ -1,8 +1,7 @@
-"""Many damped Gauss–Newton iterations side by side: targets in lanes, arrays of shape (component, lane).
+"""Damped Gauss–Newton iterations in lanes, one target each: arrays have the shape (component, lane).
 
-Every loop over the lanes is one run of vector instructions; no lane waits for another, a lane whose target is done takes
-the next one. With one lane it is the kernel of single calls: the same operations in the same order, so a batch has the
-same answers to the last bit.
+The loops over the lanes become vector instructions. A lane that has finished its target takes the next one. Single calls
+use one lane: they have the same operations in the same order as batches, so that results are equal bit for bit.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 from optik.compiled import inlined
 from optik.ik._lm.angles import angle_of, sine_cosine
 from optik.ik._lm.fma import fma
-from optik.ik._lm.packed import (
+from optik.ik._lm.packing import (
     AT_COS_A,
     AT_GAIN,
     AT_LEAST_DAMPING,
@@ -30,28 +29,28 @@ from optik.ik._lm.packed import (
 from optik.se3 import log_rotation
 from optik.types import Array
 
-# Rows of the work array w (ROWS, L), what the lanes hold for at most 12 joints, in the frame of the first joint at rest:
-# the configuration Q, between LOW and HIGH where every step ends, the BEST so far, sines and cosines of the joint angles.
+# Rows of the work array w (ROWS, L) for at most 12 joints, relative to the frame of the first joint at q = 0: the
+# configuration Q, the bounds LOW and HIGH of steps, the BEST iterate, sines and cosines of the joint angles.
 Q, LOW, HIGH, BEST, SIN, COS = 0, 12, 24, 36, 48, 60
-# Rotation R and position P of the tool; GOAL, the target's rotation by rows, without the tool's, and its position; the
+# Rotation R and position P of the tool; GOAL, the target's rotation by rows (without the tool's) and its position; the
 # error twist e, half its square E, and the squares S of its position and rotation parts.
 R, P, GOAL, e, E, S = 72, 81, 84, 96, 102, 103
 PICKS = 105
-"""Rows of the seeds nearest to the goal, 16 of each of two kinds."""
-# Of a lane: its problem, attempt, iteration, iterations in all, least E of the attempt, iterations without progress, whether
-# steps are clamped and have been outside the limits, E at BEST, how it ends, whether an attempt begins, whether it is put
-# elsewhere (at NEXT), whether it must be looked at, and the joints that it holds, one bit each.
+"""First row of the seeds nearest to the goal, 16 of each of two kinds."""
+# Number of the problem, of the attempt, and of the iteration; iterations of all attempts, least E of the attempt, iterations
+# without progress; whether steps are clamped, whether a solution was outside the limits, E at BEST, final status, whether an
+# attempt begins, whether the lane moves to NEXT, whether it needs a decision, and the held joints, one bit each.
 (PROBLEM, ATTEMPT, ITERATION, TOTAL, LEAST_E, STALL, CLAMPED) = range(137, 144)
-(OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, LOOK, HELD_JOINTS) = range(144, 151)
+(OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, FLAG, HELD_JOINTS) = range(144, 151)
 PICKED, NEXT = 151, 153
-"""Rows that say whether PICKS are known, of each of two kinds; and of the configuration that a lane is put at."""
+"""Rows of the flags whether PICKS are known, for each of two kinds, and of the configuration to which a lane moves."""
 ROWS = 165
 """Rows of the work array."""
 
 PUSHED = -1.0
-"""Value of HELD_JOINTS for a lane that holds whichever joints its error pushes out of their bounds, step by step."""
+"""Value of HELD_JOINTS for a lane that holds, in each step, the joints that its error pushes out of their bounds."""
 
-# Rows of the geometry g (GEOMETRY, L): joint origins, joint axes. The Jacobian J (6 n, L) is kept by columns.
+# Rows of the geometry g (GEOMETRY, L): joint origins and joint axes. The Jacobian J (6 n, L) is stored by columns.
 O, Z = 0, 36
 GEOMETRY = 72
 """Rows of the geometry, for at most 12 joints."""
@@ -62,13 +61,13 @@ NEARLY_HALF_TURN = 9.8695
 
 @inlined
 def poses(arm: Array, w: Array, g: Array, n: int) -> None:
-    """Forward kinematics of every lane: joint origins and axes, and the last joint's frame.
+    """Compute the joint origins and axes and the last joint's frame of every lane.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
     """
     L = w.shape[1]
-    for i in range(n):  # all sines first: one joint's do not wait for another's
+    for i in range(n):  # all sines first, since they are independent
         zero, turns = arm[AT_ZERO + i], 1.0 - arm[AT_SLIDES + i]
         for l in range(L):
             w[SIN + i, l], w[COS + i, l] = sine_cosine(zero + turns * w[Q + i, l])
@@ -98,7 +97,7 @@ def poses(arm: Array, w: Array, g: Array, n: int) -> None:
 
 @inlined
 def twists(arm: Array, w: Array) -> None:
-    """Error twist of every lane and its squares, from the last joint's frame; P becomes the tool's position.
+    """Compute the error twist of every lane and its squares from the last joint's frame; P becomes the tool's position.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
@@ -113,7 +112,7 @@ def twists(arm: Array, w: Array) -> None:
         u0, v0, w0 = w[GOAL, l], w[GOAL + 1, l], w[GOAL + 2, l]
         u1, v1, w1 = w[GOAL + 3, l], w[GOAL + 4, l], w[GOAL + 5, l]
         u2, v2, w2 = w[GOAL + 6, l], w[GOAL + 7, l], w[GOAL + 8, l]
-        # R_t Rᵀ turns about Σ (column of R × column of R_t) / 2, of length sin θ, and has trace 1 + 2 cos θ
+        # R_t Rᵀ has the axis Σ (column of R × column of R_t) / 2 of length sin θ, and the trace 1 + 2 cos θ
         sx = 0.5 * (x1 * u2 - x2 * u1 + y1 * v2 - y2 * v1 + z1 * w2 - z2 * w1)
         sy = 0.5 * (x2 * u0 - x0 * u2 + y2 * v0 - y0 * v2 + z2 * w0 - z0 * w2)
         sz = 0.5 * (x0 * u1 - x1 * u0 + y0 * v1 - y1 * v0 + z0 * w1 - z1 * w0)
@@ -131,7 +130,7 @@ def twists(arm: Array, w: Array) -> None:
 
 @inlined
 def errors(arm: Array, w: Array, g: Array, n: int) -> None:
-    """Forward kinematics and error of every lane.
+    """Compute forward kinematics and error of every lane.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
@@ -141,8 +140,8 @@ def errors(arm: Array, w: Array, g: Array, n: int) -> None:
 
 
 @inlined
-def face_about(w: Array, l: int) -> None:
-    """Take the error's axis from the rotation matrix where it is nearly half a turn: its sine has lost the axis there.
+def correct_half_turn(w: Array, l: int) -> None:
+    """Recompute the error near half a turn from the rotation matrix, since sin θ has lost the axis.
 
     Shapes and units: w (ROWS, L) [as the rows say] (overwritten).
     """
@@ -160,7 +159,7 @@ def face_about(w: Array, l: int) -> None:
 
 
 @inlined
-def hold(w: Array, J: Array, n: int) -> None:
+def hold_joints(w: Array, J: Array, n: int) -> None:
     """Set the columns of held joints in the Jacobians J (6 n, L) to 0, so that the other joints alone make the step.
 
     A lane marked PUSHED holds the joints at a bound that Jᵀ e pushes out of it (Bertsekas 1982).
@@ -181,14 +180,14 @@ def hold(w: Array, J: Array, n: int) -> None:
 
 @inlined
 def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
-    """Geometric Jacobian of every lane; the columns of locked and held joints are 0.
+    """Compute the geometric Jacobian of every lane; the columns of locked and held joints are 0.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], g (GEOMETRY, L) [m, 1], J (6 * n, L)
     [m/rad, 1] (overwritten).
     """
     L = w.shape[1]
     for i in range(n):
-        # a joint turns the tool, slides it, or is locked and does neither
+        # a joint is revolute, prismatic, or locked
         slides, moves = arm[AT_SLIDES + i], arm[AT_MOVES + i]
         turns = (1.0 - slides) * moves
         slides = slides * moves
@@ -202,12 +201,12 @@ def jacobians(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -
             J[6 * i + 4, l] = turns * zy
             J[6 * i + 5, l] = turns * zz
     if n > 6 or holding:
-        hold(w, J, n)
+        hold_joints(w, J, n)
 
 
 @inlined
 def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
-    """Lower part of J Jᵀ + λ² I of every lane, row by row, with λ² = gain · E + least damping.
+    """Compute the lower triangle of J Jᵀ + λ² I of every lane by rows, with λ² = gain · E + least damping.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], A (21, L) [m²] (overwritten), J
     (6 * n, L) [m/rad, 1].
@@ -250,7 +249,7 @@ def normal_matrix(arm: Array, w: Array, A: Array, J: Array, n: int) -> None:
 
 @inlined
 def factorise(A: Array) -> None:
-    """Factors L D Lᵀ of every lane's matrix: the entries of L below the diagonal, and 1 / D on it.
+    """Factorise the matrix of every lane as L D Lᵀ: the entries of L below the diagonal, and 1 / D on it.
 
     Shapes and units: A (21, L) [m²] (overwritten).
     """
@@ -288,7 +287,7 @@ def factorise(A: Array) -> None:
 
 @inlined
 def substitute(w: Array, A: Array, J: Array, n: int) -> None:
-    """Step Δq = Jᵀ A⁻¹ e of every lane by the factors of its matrix, clamped to the lane's bounds.
+    """Apply the step Δq = Jᵀ A⁻¹ e of every lane by the factors of its matrix, clamped to the lane's bounds.
 
     Shapes and units: w (ROWS, L) [as the rows say] (overwritten), A (21, L) [m², 1], J (6 * n, L) [m/rad, 1].
     """
@@ -321,13 +320,13 @@ def substitute(w: Array, A: Array, J: Array, n: int) -> None:
 
 @inlined
 def steps(arm: Array, w: Array, g: Array, J: Array, n: int, holding: bool) -> None:
-    """One step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
+    """Apply one step of every lane: Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, clamped to the lane's bounds.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten), J (6 * n, L) [m/rad, 1] (overwritten).
     """
     jacobians(arm, w, g, J, n, holding)
-    # the geometry is not needed any more: its rows take the matrix
+    # the matrix overwrites the geometry, which is not needed any more
     normal_matrix(arm, w, g, J, n)
     factorise(g)
     substitute(w, g, J, n)

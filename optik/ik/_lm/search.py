@@ -1,12 +1,12 @@
 """Restart logic of one lane: initial guess, seeds, joint wrapping, limits, termination.
 
-An attempt runs free of the limits, since the iteration may leave them and come back. Where it meets the target, whole
-turns bring the joints inside (the winding nearest to the start); where they cannot, the configuration is clamped to the
-limits and the attempt goes on with every step clamped. An attempt that makes no more progress ends, and the next begins:
-the first at the caller's start, the others as `optik.ik._lm.starts` says. Nothing is drawn at run time: the same problem
-has the same answer in any lane, thread and process.
+An attempt ignores the limits, since the iteration may leave and re-enter them. When it meets the target, 2π-multiples bring
+the joints inside, to the winding nearest to the initial guess; if that is impossible, the configuration is clamped to the
+limits and the attempt continues with clamped steps. An attempt without progress ends, and the next one begins: the first
+from the caller's initial guess, the others as in `optik.ik._lm.guesses`. There is no randomness at run time: the same
+problem has the same result in any lane, thread and process.
 
-All functions take the arm as `optik.ik._lm.packed.pack` wrote it, and the work array of `optik.ik._lm.lanes`.
+All functions take the array of `optik.ik._lm.packing.pack` and the work array of `optik.ik._lm.lanes`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from optik.arm.reach import outside_reach
 from optik.compiled import inlined
+from optik.ik._lm.guesses import BOUNDED, FREE, begin_attempt, put
 from optik.ik._lm.lanes import (
     ATTEMPT,
     BEGINS,
@@ -22,11 +23,11 @@ from optik.ik._lm.lanes import (
     BEST_E,
     CLAMPED,
     ENDING,
+    FLAG,
     HELD_JOINTS,
     HIGH,
     ITERATION,
     LEAST_E,
-    LOOK,
     LOW,
     MOVED,
     NEARLY_HALF_TURN,
@@ -38,9 +39,9 @@ from optik.ik._lm.lanes import (
     E,
     Q,
     S,
-    face_about,
+    correct_half_turn,
 )  # fmt: skip
-from optik.ik._lm.packed import (
+from optik.ik._lm.packing import (
     AT_ATTEMPTS,
     AT_ITERATIONS,
     AT_LOWER,
@@ -52,22 +53,21 @@ from optik.ik._lm.packed import (
     AT_TOLERANCE_R,
     AT_UPPER,
 )  # fmt: skip
-from optik.ik._lm.starts import BOUNDED, FREE, begin, put
 from optik.ik._lm.winding import inside_winding
 from optik.ik._status import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UNREACHABLE
 from optik.types import Array
 
 BOUNDED_PATIENCE = 2.0
-"""Patience of attempts that hold joints at limits. It is enough for 95 % of the successful attempts, and halves the iterations
+"""Patience of attempts that hold joints at limits. It suffices for 95 % of the successful attempts and halves the iterations
 of the others."""
 
-STEP, HELD = -1, -2
-"""Codes besides those of `IKStatus`: the lane takes a step; it was put elsewhere and must be measured first."""
+STEP, MEASURE = -1, -2
+"""Codes besides those of `IKStatus`: the lane takes a step, or it has moved and its error must be measured first."""
 
 
 @inlined
 def wrap_inside(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
-    """Bring a lane inside the limits: by whole turns, to the winding nearest to the start, else clamped.
+    """Bring a lane inside the limits by 2π-multiples nearest to the initial guess, else clamp it; return whether it stayed.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
@@ -82,8 +82,8 @@ def wrap_inside(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
 
 
 @inlined
-def inside(arm: Array, w: Array, n: int, l: int) -> bool:
-    """Whether a lane is inside the limits.
+def is_inside(arm: Array, w: Array, n: int, l: int) -> bool:
+    """Return whether a lane is inside the limits.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say].
     """
@@ -94,13 +94,13 @@ def inside(arm: Array, w: Array, n: int, l: int) -> bool:
 
 
 @inlined
-def place(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
-    """Put a lane where it was sent or its attempt starts, with its steps clamped to the limits if it is to keep them.
+def place_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
+    """Move a lane to NEXT, or to the initial guess of its attempt, and set the bounds of its steps.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
     if w[BEGINS, l] != 0.0:
-        begin(arm, w, n, start, l)
+        begin_attempt(arm, w, n, start, l)
     clamped = w[CLAMPED, l] != 0.0
     w[MOVED, l] = 0.0
     for i in range(n):
@@ -110,10 +110,8 @@ def place(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
 
 
 @inlined
-def tick(arm: Array, w: Array) -> None:
-    """Count every lane's progress and flag those that converged, stalled or reached the iteration limit.
-
-    The others are ready for a step.
+def flag_lanes(arm: Array, w: Array) -> None:
+    """Count the progress of every lane, and flag lanes that converged, stalled or reached the iteration limit.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """
@@ -126,12 +124,12 @@ def tick(arm: Array, w: Array) -> None:
         stall = 0.0 if better else w[STALL, l] + 1.0
         w[LEAST_E, l], w[STALL, l] = cost if better else least, stall
         met = (w[S, l] <= tolerance_p) & (w[S + 1, l] <= tolerance_r)
-        # NaN is no progress either, and never gets better
+        # NaN is no progress either
         over = (w[ITERATION, l] >= most) | (stall >= patience) | (not cost < np.inf)
         look = met | over | (w[ENDING, l] != 0.0) | (w[S + 1, l] >= NEARLY_HALF_TURN)
-        w[LOOK, l] = 1.0 if look else 0.0
+        w[FLAG, l] = 1.0 if look else 0.0
         step = 0.0 if look else 1.0
-        # the start is inside the limits, and already kept as the best: only its error is new
+        # the initial guess is inside the limits and already stored as the best: only its error is new
         at_start = (w[ITERATION, l] == 0.0) & (w[ATTEMPT, l] == 0.0) & (w[CLAMPED, l] == 0.0) & (cost < np.inf)
         w[BEST_E, l] = cost if at_start else w[BEST_E, l]
         w[ITERATION, l] += step
@@ -139,14 +137,14 @@ def tick(arm: Array, w: Array) -> None:
 
 
 @inlined
-def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
-    """Judge a flagged lane.
+def judge_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
+    """Return the status of a flagged lane, STEP or MEASURE.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], start (n,) [rad, m].
     """
     tolerance_p, tolerance_r = arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R]
     if w[S, l] <= tolerance_p * tolerance_p and w[S + 1, l] <= tolerance_r * tolerance_r:
-        # once brought inside, it keeps the limits: to turn it again could go on for ever where a turn is lost in rounding
+        # after clamping, steps respect the limits: wrapping again could repeat for ever if rounding absorbs a turn
         if w[CLAMPED, l] != 0.0 or wrap_inside(arm, w, n, start, l):
             return SOLVED
         w[OUTSIDE, l], w[CLAMPED, l], w[LEAST_E, l], w[STALL, l] = 1.0, 1.0, np.inf, 0.0
@@ -154,7 +152,7 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
             w[ENDING, l], w[HELD_JOINTS, l] = BOUNDED, PUSHED
         for i in range(n):
             put(arm, w, l, i, w[Q + i, l])
-        return HELD
+        return MEASURE
     if w[ITERATION, l] >= arm[AT_ITERATIONS]:
         return MAX_ITERATIONS
     patience = min(arm[AT_PATIENCE], BOUNDED_PATIENCE) if w[ENDING, l] == BOUNDED else arm[AT_PATIENCE]
@@ -163,11 +161,11 @@ def look(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
 
 @inlined
 def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float) -> bool:
-    """Begin the next attempt; where there is none, go back to the best configuration found, to be measured once more.
+    """Begin the next attempt, or return True and move the lane to the best configuration if there is none.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
-    if w[E, l] < w[BEST_E, l] and inside(arm, w, n, l):
+    if w[E, l] < w[BEST_E, l] and is_inside(arm, w, n, l):
         w[BEST_E, l] = w[E, l]
         for i in range(n):
             w[BEST + i, l] = w[Q + i, l]
@@ -183,15 +181,15 @@ def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: f
 
 @inlined
 def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -> int:
-    """Decide how a flagged lane goes on.
+    """Return the status of a flagged lane after preparing its next step, attempt or end.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), target (4, 4) [1, m],
     start (n,) [rad, m].
     """
-    face_about(w, l)
+    correct_half_turn(w, l)
     if w[ENDING, l] > 0.0:
         return int(w[ENDING, l])
-    status = look(arm, w, n, start, l)
+    status = judge_lane(arm, w, n, start, l)
     if status == STEP:
         w[ITERATION, l] += 1.0
         w[TOTAL, l] += 1.0
@@ -199,5 +197,5 @@ def advance(arm: Array, w: Array, n: int, target: Array, start: Array, l: int) -
         proved = outside_reach(arm[AT_REACH : AT_REACH + 8], target, arm[AT_TOLERANCE_P], arm[AT_TOLERANCE_R]) >= 0.0
         if next_attempt(arm, w, n, start, l, 0.0 if proved else arm[AT_ATTEMPTS]):
             w[ENDING, l] = UNREACHABLE if proved else (OUTSIDE_LIMITS if w[OUTSIDE, l] != 0.0 else status)
-        return HELD
+        return MEASURE
     return status

@@ -1,4 +1,4 @@
-"""Whole turns of revolute joints: the 2π-multiple inside the limits that is nearest to the start."""
+"""Windings of revolute joints: the 2π-multiple inside the limits that is nearest to the initial guess."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ WHOLE_TURN = 2.0 * pi
 """One turn of a revolute joint [rad]."""
 
 TURN_SLACK = 1e-9
-"""How far outside a limit an angle counts as on it [rad]: adding turns rounds it, and the caller clamps it."""
+"""An angle outside a limit by at most this [rad] counts as on it: adding turns rounds, and the caller clamps."""
 
 TIE = 1e-6
-"""How far beyond half a turn from the start an angle still stays as it is [rad]: of two alike, rounding would decide."""
+"""An angle stays unchanged up to this [rad] beyond half a turn from the initial guess, so that rounding does not decide."""
 
 
 @inlined
 def inside_winding(q: float, start: float, low: float, high: float) -> float:
-    """Angle of the same direction inside the limits that is nearest to the start.
+    """Return the angle q + 2πk inside the limits that is nearest to the initial guess.
 
-    An angle inside that is within half a turn of the start is returned as it is, to the last bit. Where no angle of the
-    direction is inside, the one nearest to the limits is returned.
+    An angle inside the limits and within half a turn of the initial guess is returned unchanged, bit for bit. If no angle
+    q + 2πk is inside, the one nearest to the limits is returned.
 
     Shapes and units: q [rad], start [rad], low, high [rad]. Returns [rad].
     """

@@ -1,4 +1,4 @@
-"""The arm as the kernels take it: every joint a translation, one fixed angle about x, then its own motion about z."""
+"""Arm and options in one flat array for the kernels: a joint is a translation, a fixed rotation, and its motion."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from optik.arm.robot import Robot
 from optik.se3 import inverse
 from optik.types import Array
 
-# Positions in the one flat array that the kernels take. First the options of the search, then reach bound (8), rotation
-# (9) and position (3) of the base, rotation (9) and position (3) of the tool, and the number of joints to spare.
+# Positions in the flat array. First the options of the search, then the reach bound (8), rotation (9) and position (3) of
+# the base, rotation (9) and position (3) of the tool, and the number of redundant joints.
 (AT_TOLERANCE_P, AT_TOLERANCE_R, AT_GAIN, AT_LEAST_DAMPING, AT_ITERATIONS) = range(5)
 (AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS) = range(5, 9)
 AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 9, 17, 26, 29, 38, 41
 
 MOST_JOINTS = 12
-"""Joints of an arm at most: the kernels' work arrays have room for so many."""
+"""Largest number of joints: the size of the kernels' work arrays."""
 
-# Of all joints each: p (three of them), cos α, sin α, θ, 1 if it slides, 1 if it can move, its lower and upper limit.
+# For all joints: p (three values), cos α, sin α, θ, 1 if prismatic, 1 if not locked, lower limit, upper limit.
 AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(42, 162, MOST_JOINTS)
 
 COMPARED_SEEDS, SEEDS = 256, 1024
-"""Seeds whose poses are compared with the target, and seeds in all."""
+"""Number of seeds whose poses are compared with the target, and number of all seeds."""
 
 AT_BEST_E, AT_BEST, AT_SEEDS = 162, 163, 175
 """Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
@@ -33,20 +33,20 @@ limits. For arms with redundant joints, those of the seeds with joints at limits
 
 
 def pack(robot: Robot, reach: Array, options: Array) -> Array:
-    """Put an arm, its reach bound and the options of a solver into one flat array."""
-    spare = spare_joints(robot)
+    """Return an arm, its reach bound and the options of a solver as one flat array."""
+    spare = count_spare_joints(robot)
     joints = np.zeros((10, MOST_JOINTS))
-    joints[:, : robot.n] = chain_joints(robot).T
+    joints[:, : robot.n] = joint_parameters(robot).T
     first, tool = robot.fixed[0], robot.tool
     frames = (first[:3, :3], first[:3, 3], tool[:3, :3], tool[:3, 3])
-    seeds = (*_seeds(robot, 0), *(_seeds(robot, spare) if spare else ()))
+    seeds = (*_sample_seeds(robot, 0), *(_sample_seeds(robot, spare) if spare else ()))
     best = np.full(1 + MOST_JOINTS, np.inf)
     parts = (options, reach, *frames, np.array([float(spare)]), joints, best, *seeds)
     return np.concatenate([part.ravel() for part in parts])
 
 
-def spare_joints(robot: Robot) -> int:
-    """Number of joints that can be held at a limit while six others still move."""
+def count_spare_joints(robot: Robot) -> int:
+    """Return the number of joints that can be held at a limit while six others move."""
     lower, upper = robot.limits.lower, robot.limits.upper
     moves = lower < upper
     limited = moves & (np.isfinite(lower) | np.isfinite(upper))
@@ -54,22 +54,22 @@ def spare_joints(robot: Robot) -> int:
 
 
 @lru_cache(maxsize=64)
-def _seeds(robot: Robot, held: int) -> tuple[Array, Array]:
-    """Poses and configurations of the seeds, drawn inside the limits, with so many joints of each held at a limit.
+def _sample_seeds(robot: Robot, held: int) -> tuple[Array, Array]:
+    """Return poses (13, COMPARED_SEEDS) and configurations (SEEDS, n) of random seeds with `held` joints at a limit.
 
-    The poses are half the squared distance to a target, but for a scalar product with it and a constant: rows of rotation
-    (9) and position (3), weighted as that distance counts them, and half the square of the position. A radian counts as
-    0.3 m (measured: anything between 0.15 and 0.5 does as well).
+    A pose is stored so that a scalar product with the target gives half the squared distance up to a constant: rotation
+    (9) and position (3), weighted as in the distance, and half the square of the position. A radian counts as 0.3 m
+    (measured: values between 0.15 and 0.5 do as well).
     """
     rng = np.random.default_rng(1)
-    q = on_limits(robot, rng, robot.limits.sample(rng, SEEDS), held)
+    q = move_to_limits(robot, rng, robot.limits.sample(rng, SEEDS), held)
     T = inverse(robot.fixed[0]) @ robot.fk(q[:COMPARED_SEEDS])
     R, p = T[:, :3, :3] @ robot.tool[:3, :3].T, T[:, :3, 3]
     return np.vstack([0.1 * R.reshape(-1, 9).T, p.T, 0.5 * (p**2).sum(axis=1)]), q
 
 
-def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
-    """Put some joints of every configuration at a limit: at a finite one of a joint that can move, both drawn."""
+def move_to_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Array:
+    """Move `held` random joints of every configuration to a random finite limit; locked joints stay."""
     lower, upper = robot.limits.lower, robot.limits.upper
     end = np.where(rng.random(q.shape) < 0.5, lower, upper)
     end = np.where(np.isfinite(end), end, np.where(np.isfinite(lower), lower, upper))
@@ -77,20 +77,20 @@ def on_limits(robot: Robot, rng: np.random.Generator, q: Array, held: int) -> Ar
     return np.where(rank < held, end, q)
 
 
-def chain_joints(robot: Robot) -> Array:
-    """Numbers of an arm's joints, as the kernels take them.
+def joint_parameters(robot: Robot) -> Array:
+    """Return the parameters (n, 10) of an arm's joints.
 
-    Frames are turned about their own z, which only shifts a joint's zero, so that joint i is reached from joint i − 1 by
-    the translation p and Rot(x, α), then Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if it slides: any serial arm, in two
-    thirds of the multiplications of a full transform. α and θ are two of the Euler angles z–x–z of the fixed rotation;
-    the third is added to the joint before.
+    Joint frames are rotated about their own z, which only shifts the joint's zero. Joint i then follows joint i − 1 by the
+    translation p and Rot(x, α), and Rot(z, q + θ), or Rot(z, θ) Trans(z, q) if prismatic. This describes every serial arm
+    with two thirds of the multiplications of full transforms. α and θ are two of the Euler angles z–x–z of the fixed
+    rotation; the third is added to θ of the previous joint.
     """
     n, limits = robot.n, robot.limits
     joints = np.zeros((n, 10))
     joints[:, 3] = 1.0  # cos α of the first, whose frame is the base
     joints[:, 6], joints[:, 7] = robot.prismatic, limits.lower < limits.upper
     joints[:, 8], joints[:, 9] = limits.lower, limits.upper
-    for i in range(1, n):  # Rot(z, a) Rot(x, α) Rot(z, b): a goes to the zero of the joint before, b to this one's
+    for i in range(1, n):  # Rot(z, a) Rot(x, α) Rot(z, b): a is added to the previous joint's zero, b to this one's
         R, p = robot.fixed[i, :3, :3], robot.fixed[i, :3, 3]
         across = sqrt(R[0, 2] ** 2 + R[1, 2] ** 2)
         a = atan2(R[0, 2], -R[1, 2]) if across > 1e-12 else 0.0

@@ -40,7 +40,7 @@ def step_workspace(n: int) -> Work:
 
 
 @inlined
-def solve_free(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bool:
+def solve_free_joints(J: Array, e: Array, damping2: float, dq: Array, work: Work) -> bool:
     """Solve for the step of the free joints, given the step of the others; return False if the system is singular."""
     A, y, r, state = work
     n = dq.shape[0]
@@ -79,7 +79,7 @@ def bounded_step(J: Array, e: Array, damping2: float, bounds: Range, q: Array, d
     for k in range(n):
         dq[k], state[k] = 0.0, JOINT_FREE if low[k] < high[k] else JOINT_LOCKED
     while True:
-        if not solve_free(J, e, damping2, dq, work):
+        if not solve_free_joints(J, e, damping2, dq, work):
             return False
         pushed, pulled, most = False, -1, LEAST_PULL
         for k in range(n):

@@ -1,11 +1,11 @@
-"""One attempt of `lm` at a part of a pose, for a single target."""
+"""One attempt of `lm` for a task that constrains a part of the pose."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from optik.compiled import compiled
-from optik.ik._bounded import Rule, descend_inside
+from optik.ik._gauss_newton import Rule, descend_inside
 from optik.ik._lm.winding import inside_winding
 from optik.ik._status import OUTSIDE_LIMITS, SOLVED, STALLED
 from optik.kinematics import Chain, Range
@@ -14,8 +14,8 @@ from optik.types import Array, Flags
 
 
 @compiled
-def settle_inside(prismatic: Flags, limits: Range, start: Array, q: Array) -> bool:
-    """Bring a configuration inside the limits: by whole turns nearest to the start, else clamped.
+def wrap_configuration(prismatic: Flags, limits: Range, start: Array, q: Array) -> bool:
+    """Bring q inside the limits by 2π-multiples nearest to the initial guess, else clamp it; return whether q is unchanged.
 
     Shapes and units: prismatic (n,), start (n,) [rad, m], q (n,) [rad, m] (overwritten).
     """
@@ -44,7 +44,7 @@ def attempt_task(
             if lower[i] < upper[i]:
                 low[i], high[i] = -np.inf, np.inf
         iteration, code, _, _ = descend_inside(chain, (low, high), goal, rule, 0, q, trace)
-        if settle_inside(chain[1], limits, start, q) or code != SOLVED:
+        if wrap_configuration(chain[1], limits, start, q) or code != SOLVED:
             return iteration, code
     iteration, code, _, _ = descend_inside(chain, limits, goal, rule, iteration, q, trace)
     return iteration, OUTSIDE_LIMITS if code == STALLED and not clamped else code

@@ -1,25 +1,25 @@
-"""Nearest pose inside the limits: where there is no solution, the configuration of least squared error."""
+"""Nearest pose inside the limits: the configuration of least squared error if there is no solution."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.ik._bounded import NO_TRACE, descend_inside
+from optik.ik._gauss_newton import NO_TRACE, descend_inside
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.task import Task
 from optik.types import Array
 
 DESCENT_PATIENCE, DESCENT_PROGRESS = 12, 1.0 - 1e-12
-"""Number of steps in a row that do not reduce ½|e|² by a fraction of 1e-12, after which the descent ends [1]. The damping is
-then GROWTH¹² times that of the last step that did."""
+"""The descent ends after this number of consecutive steps [1] that do not reduce ½|e|² by a fraction of 1e-12. The damping
+has then grown by DESCENT_GROWTH¹²."""
 
 DESCENT_GROWTH = 4.0
 """Growth of λ² after a step that does not reduce ½|e|² [1] (Marquardt 1963)."""
 
 
-def nearest(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 500) -> Array:
-    """Return the configuration of least ½|e|² that is found inside the limits, e the task's error."""
+def find_nearest_pose(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 500) -> Array:
+    """Return the configuration inside the limits with the least ½|e|² found from some initial guesses (k, n)."""
     q, best, least = robot.limits.clip(starts), starts[0], np.inf
     limits, goal = (robot.limits.lower, robot.limits.upper), (task.flags, target)
     rule = (

@@ -1,9 +1,8 @@
-"""Initial guesses of the attempts, and the joints they hold: first the caller's start, then seeds near the target.
+"""Initial guesses of attempts, and the joints that they hold: first the caller's guess, then seeds near the target.
 
-A redundant arm meets a target in a continuum of configurations. Where most of it is outside the limits, an attempt that
-is free to move along it rarely finds the part inside. But the boundary of that part has as many joints at a limit as
-are to spare; with these held there, six joints remain, whose solutions are isolated and are found from nearby. So some
-attempts hold joints at limits.
+A redundant arm reaches a target with a continuum of solutions. If most of them are outside the limits, attempts rarely find
+those inside. But at the boundary of the set inside, as many joints are at a limit as the arm has redundant ones. With these
+joints held, the other six have isolated solutions, which attempts from nearby find. So some attempts hold joints at limits.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from optik.ik._lm.lanes import (
     PICKS,
     STALL,
 )
-from optik.ik._lm.packed import (
+from optik.ik._lm.packing import (
     AT_BEST,
     AT_BEST_E,
     AT_FIRST,
@@ -45,7 +44,7 @@ from optik.ik._lm.winding import WHOLE_TURN
 from optik.types import Array
 
 NEAREST_SEEDS = 16
-"""Seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
+"""Number of seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
 
 FREE = 9
 """Number of attempts before the first with bounded steps; with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
@@ -58,15 +57,15 @@ BOUNDED = -1.0
 """Value of ENDING for a lane that respects the limits and holds the joints that are pushed out of them."""
 
 FROM_START = 7
-"""Attempts from the caller's start that hold joints: each leaves out one more of the joints nearest to their limits."""
+"""Number of attempts from the caller's guess that hold joints: each skips one more of the joints nearest to their limits."""
 
 INSIDE, ON_LIMITS = 0, 1
-"""Kinds of seeds: anywhere inside the limits, or with as many joints at a limit as are to spare."""
+"""Kinds of seeds: anywhere inside the limits, or with as many joints at a limit as the arm has redundant ones."""
 
 
 @inlined
 def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
-    """Have a joint put at a value, clamped to its limits, once the other lanes have taken their step.
+    """Set the value, clamped to the limits, to which a joint moves after the steps of the other lanes.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), q [rad, m].
     """
@@ -75,12 +74,12 @@ def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
 
 
 @inlined
-def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
-    """Put a lane at the start of its attempt: the caller's configuration, the nearest seeds, then the others in turn.
+def begin_attempt(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
+    """Set the initial guess of a lane's attempt: the caller's, then the nearest seeds, then the other seeds.
 
-    Attempt FREE starts at the caller's configuration again. For arms with redundant joints, several attempts from there hold
-    some of the joints, and then every second attempt from a seed. From attempt NEAR_BEST on, two out of three of the other
-    attempts start between the best iterate so far and a seed.
+    Attempt FREE starts from the caller's guess again. For redundant arms, FROM_START attempts from there hold some of the
+    joints, and then every second attempt from a seed. From attempt NEAR_BEST on, two out of three of the other attempts
+    start between the best iterate so far and a seed.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], start (n,) [rad, m].
     """
@@ -111,12 +110,12 @@ def begin(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
             if attempt >= NEAR_BEST and w[BEST_E, l] < np.inf:
                 way = 0.5 ** (k % 3)
             k += FREE - 1
-    from_seed(arm, w, n, kind, k, way, l)
+    start_from_seed(arm, w, n, kind, k, way, l)
 
 
 @inlined
 def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) -> None:
-    """Hold as many joints as are redundant at the limits nearest to them at the start, relative to their ranges.
+    """Hold as many joints as are redundant at the limits nearest to the initial guess, relative to their ranges.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
@@ -138,8 +137,8 @@ def hold_nearest(arm: Array, w: Array, n: int, start: Array, skip: int, l: int) 
 
 
 @inlined
-def from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: int) -> None:
-    """Start at a seed, holding the joints that it has at a limit.
+def start_from_seed(arm: Array, w: Array, n: int, kind: int, k: int, way: float, l: int) -> None:
+    """Start from a seed, and hold the joints that it has at a limit.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), way [1].
     """

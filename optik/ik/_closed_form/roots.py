@@ -1,4 +1,4 @@
-"""Roots of a target: candidates polished and checked, each once, and the branch nearest to a start, in compiled code."""
+"""Roots of a target: Newton polishing and verification of candidates, and the branch nearest to an initial guess."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from math import floor, pi, sqrt
 import numpy as np
 
 from optik.compiled import compiled
-from optik.ik._bounded import descend_inside
+from optik.ik._gauss_newton import descend_inside
 from optik.kinematics import Chain, Range, error_of_pose, forward, jacobian_from, workspace
 from optik.linear import cholesky_solve, copy_vector
 from optik.newton import GAIN, LEAST_DAMPING
@@ -15,25 +15,25 @@ from optik.task import POSE
 from optik.types import Array, Flags
 
 SAME_ROOT = 1e-5
-"""Roots nearer than this on every joint [rad, m] are one: where two meet, rounding separates them by 1e-8 to 1e-6."""
+"""Roots closer than this in every joint [rad, m] are equal: rounding separates coinciding roots by 1e-8 to 1e-6."""
 
 LIMIT_BAND = 1e-4
-"""A joint that is outside its limits by at most this [rad, m] is clamped, and the others moved until the target is met."""
+"""A joint that violates its limits by at most this [rad, m] is clamped, and the others correct the error."""
 
-FLAT_PIVOT = 1e-9
-"""A pivot of JᵀJ below this share of its entry (3e-5 of a length) means that the configuration is singular."""
+SINGULAR_PIVOT = 1e-9
+"""A pivot of JᵀJ below this fraction of its entry (3e-5 of a length) means that the configuration is singular."""
 
 ROOT_ROUNDING, NEAR_ROOT = 1e-14, 1e-12
 """Position and rotation error [m, rad] to which a root is refined; a candidate within it is not changed."""
 
 WHOLE_POSE = POSE.flags
-"""Flags of the task that roots solve."""
+"""Flags of the complete pose."""
 
 POLISHING_STEPS = 40
-"""Steps of a candidate onto the target at most: near misses of a closed form take many beside a singularity."""
+"""Largest number of steps that polish a candidate: near a singularity, least-squares solutions of a closed form take many."""
 
 CLAMPED_STEPS = 20
-"""Steps at most of a root that was clamped to a limit it misses by `LIMIT_BAND`."""
+"""Largest number of steps that correct a root after clamping to a limit."""
 
 
 @compiled
@@ -60,8 +60,8 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
 
 
 @compiled
-def same(chain: Chain, a: Array, b: Array) -> bool:
-    """Whether two configurations are one, whole turns aside.
+def is_same_root(chain: Chain, a: Array, b: Array) -> bool:
+    """Return whether two configurations are equal up to 2π-multiples.
 
     Shapes and units: a, b (n,) [rad, m].
     """
@@ -76,8 +76,8 @@ def same(chain: Chain, a: Array, b: Array) -> bool:
 
 
 @compiled
-def flat(chain: Chain, bounds: Range, q: Array) -> bool:
-    """Whether a configuration is singular: the Jacobian's columns of the joints that can move depend on each other.
+def is_singular(chain: Chain, bounds: Range, q: Array) -> bool:
+    """Return whether a configuration is singular: the Jacobian columns of the moving joints are linearly dependent.
 
     Shapes and units: q (n,) [rad, m].
     """
@@ -94,18 +94,18 @@ def flat(chain: Chain, bounds: Range, q: Array) -> bool:
                 A[i, j] = 0.0
         if low[i] == high[i]:
             A[i, i] = 1.0
-    return not cholesky_solve(A, y, FLAT_PIVOT)
+    return not cholesky_solve(A, y, SINGULAR_PIVOT)
 
 
 @compiled
 def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) -> bool:
-    """Append a configuration to the roots, its revolute joints in [−π, π), unless it is one of them.
+    """Append a configuration with revolute joints in [−π, π) to the roots unless it is one of them; return whether it was new.
 
     Shapes and units: q (n,) [rad, m], roots (k, n) [rad, m] (overwritten).
     """
     (_fixed, prismatic, _tool), (low, high) = chain, bounds
     for k in range(count):
-        if same(chain, q, roots[k]):
+        if is_same_root(chain, q, roots[k]):
             return False
     for i in range(q.shape[0]):
         x = q[i]
@@ -116,11 +116,11 @@ def add_root(chain: Chain, bounds: Range, q: Array, roots: Array, count: int) ->
 
 
 @compiled
-def distinct(
+def find_distinct(
     chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float],
     candidates: Array, roots: Array, singular: Flags,
 ) -> int:  # fmt: skip
-    """Refine candidates and keep those that meet the target, each once.
+    """Refine candidates, write the distinct ones that meet the target into roots, and return their number.
 
     Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], candidates (m, n) [rad, m] (overwritten), roots
     (m, n) [rad, m] (overwritten), singular (m,) (overwritten).
@@ -130,24 +130,26 @@ def distinct(
         q = candidates[k]
         _, position, rotation = refine(chain, bounds, target, POLISHING_STEPS, q)
         if position <= tolerance[0] and rotation <= tolerance[1] and add_root(chain, bounds, q, roots, count):
-            singular[count] = flat(chain, bounds, roots[count])
+            singular[count] = is_singular(chain, bounds, roots[count])
             count += 1
     return count
 
 
 @compiled
-def regular_answer(
+def find_nearest_branch(
     chain: Chain, bounds: Range, limits: Range, target: Array,
     tolerance: tuple[float, float], candidates: Array, q0: Array, q: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
-    """`distinct` and `nearest` in one call: the branch nearest to a start.
+    """Write the branch nearest to `q0` into q, and return the number of roots and what `choose_nearest` returns.
+
+    The second flag is also true if a root is singular.
 
     Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], candidates (m, n) [rad, m] (overwritten), q0 (n,)
     [rad, m], q (n,) [rad, m] (overwritten).
     """
     roots, singular = np.empty_like(candidates), np.empty(candidates.shape[0], np.bool_)
-    count = distinct(chain, bounds, target, tolerance, candidates, roots, singular)
-    solved, doubt = nearest(chain, limits, roots[:count], q0, q)
+    count = find_distinct(chain, bounds, target, tolerance, candidates, roots, singular)
+    solved, doubt = choose_nearest(chain, limits, roots[:count], q0, q)
     for k in range(count):
         doubt = doubt or singular[k]
     return count, solved, doubt
@@ -158,7 +160,7 @@ def enumerate_roots(
     chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float],
     starts: Array, steps: int, roots: Array, patience: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Refine from many starts until enough of them in a row lead to no new root.
+    """Refine seeds until `patience` consecutive ones lead to no new root; return the numbers of roots and of steps.
 
     Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], starts (m, n) [rad, m], roots (k, n) [rad, m]
     (overwritten).
@@ -178,8 +180,8 @@ def enumerate_roots(
 
 
 @compiled
-def nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
-    """Branch nearest to a start.
+def choose_nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> tuple[bool, bool]:
+    """Write the branch nearest to `q0` into q; return whether it is inside the limits, and whether a root is near a limit.
 
     Shapes and units: roots (k, n) [rad, m], q0 (n,) [rad, m], q (n,) [rad, m] (overwritten).
     """
@@ -194,7 +196,7 @@ def nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> t
                 v += turn * floor((q0[i] - v) / turn + 0.5)
                 off = max(lower[i] - v, v - upper[i])
                 close = close or 0.0 < off < LIMIT_BAND
-                if off > 0.0:  # the nearest inside is the first one inside, if there is one
+                if off > 0.0:  # the nearest winding inside, if any, is one turn towards the limits
                     other = v + turn if v < lower[i] else v - turn
                     off2 = max(lower[i] - other, other - upper[i])
                     close = close or 0.0 < off2 < LIMIT_BAND
@@ -217,7 +219,7 @@ def nearest(chain: Chain, limits: Range, roots: Array, q0: Array, q: Array) -> t
 def keep_inside(
     chain: Chain, limits: Range, target: Array, tolerance: tuple[float, float], rows: Array, good: Flags
 ) -> None:  # fmt: skip
-    """Clamp configurations to their limits, move them back onto the target, and say which meet it inside.
+    """Clamp configurations to the limits, correct their errors, and mark those that meet the target inside the limits.
 
     Shapes and units: target (4, 4) [1, m], tolerance (float, float) [m, rad], rows (k, n) [rad, m] (overwritten), good (k,)
     (overwritten).

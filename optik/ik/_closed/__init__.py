@@ -1,1 +1,0 @@
-"""What only `closed_form` uses: outside closed forms, and from their candidates to branches."""

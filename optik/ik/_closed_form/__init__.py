@@ -1,0 +1,1 @@
+"""Parts of `closed_form`: backends, roots and branches."""
