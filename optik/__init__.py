@@ -1,4 +1,4 @@
-"""optik: where a serial arm's tool is, and which joints put it there."""
+"""Kinematics, dynamics and inverse kinematics of serial arms."""
 
 from optik import errors, ik
 from optik.arm.inertia import Inertia, Payload
@@ -38,7 +38,7 @@ __all__ = [
 
 
 def robots() -> tuple[str, ...]:
-    """Names of the robots that come with optik."""
+    """Return the names of the robots that come with optik or with installed packages."""
     from optik.registry import names
 
     return names("optik.robots")

@@ -1,4 +1,4 @@
-"""Checks of arguments: arrays, numbers, counts, flags and words; a wrong one raises InvalidInput with the argument's name."""
+"""Checks of arguments, which raise InvalidInput with the argument's name."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from optik.types import Array
 
 
 def real_array(value: Any, argument: str, expected: str) -> Array:
-    """Return a C-contiguous float64 array.
+    """Check that a value is an array of real numbers; return it as C-contiguous float64.
 
     Parameters
     ----------
     value : array of any shape
-        What was passed; returned itself if it is such an array already.
+        The value; returned itself if it is such an array.
     argument : str
         Name of the argument, for the error.
     expected : str
-        What is expected, for the error.
+        Expected value, for the error.
 
     Returns
     -------
@@ -46,14 +46,14 @@ def real_array(value: Any, argument: str, expected: str) -> Array:
 
 
 def format_value(value: Any, most: int = 80) -> str:
-    """Return a value as an error shows it: on one line, and no longer than a line."""
+    """Return a value as one short line, for errors."""
     return " ".join(repr(value).split())[:most]
 
 
 def check_number(
     value: Any, argument: str, expected: str, *, above: float | None = None, least: float | None = None
 ) -> float:
-    """Return a finite number inside a range."""
+    """Check that a value is a finite number inside a range, and return it."""
     good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if (
         not good
@@ -75,18 +75,18 @@ def check_count(value: Any, argument: str, least: int, most: int | None = None) 
 
 
 def check_flag(value: Any, argument: str) -> bool:
-    """Return a truth value: True or False, or 1 or 0 as arrays and tables of numbers write them."""
+    """Check that a value is True, False, 1 or 0; return it as bool."""
     if not isinstance(value, bool | np.bool_ | int | np.integer) or value not in (0, 1):
         raise InvalidInput(argument, repr(value)[:60], "True or False")
     return bool(value)
 
 
 def check_words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a sequence of strings as a tuple."""
+    """Check that a value is a sequence of strings; return it as a tuple."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-        raise InvalidInput(argument, repr(value)[:60], "a list of words")
+        raise InvalidInput(argument, repr(value)[:60], "a list of strings")
     words = tuple(value)
     for word in words:
         if not isinstance(word, str):
-            raise InvalidInput(argument, repr(word)[:60], "words")
+            raise InvalidInput(argument, repr(word)[:60], "strings")
     return words

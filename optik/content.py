@@ -1,4 +1,4 @@
-"""Hashable content of values, so that arrays and mappings can be compared and used in keys."""
+"""Hashable content of arrays, mappings and other values."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ def content(value: Any) -> Any:
 
 
 def have_equal_content(one: tuple[Any, ...], other: object) -> bool:
-    """Whether two tuples that hold arrays have the same type and content."""
+    """Return whether two tuples of arrays have the same type and content."""
     return type(one) is type(other) and content(one) == content(other)

@@ -1,8 +1,8 @@
-"""Compiled distances of a segment, the axis of a capsule, to a segment, a box and a plane: exact, without iterations.
+"""Exact distances of a segment, the axis of a capsule, to a segment, a box and a plane.
 
 For a point p(s) of a segment, let w(s) be its difference from the nearest point of a convex set. |w(s)| is convex, and for a
 box or another segment w is piecewise linear in s, with at most six breakpoints. So the least |w| lies on one piece, where it is
-the distance of the origin to the segment between the piece's ends. No search is cut short: a distance is wrong by rounding
+the distance of the origin to the segment between the piece's ends. The error of a distance is rounding
 only, less than `DISTANCE_ROUNDING` for coordinates up to `LARGEST_COORDINATE`.
 """
 
@@ -15,18 +15,18 @@ from optik.kinematics import Triple
 from optik.types import Array
 
 NearestPoint = tuple[float, float, Triple]
-"""Least distance [m], its place on the first segment, a share from 0 to 1, and the difference there from the nearest point of
-the other body (3,) [m]."""
+"""Least distance [m], the position on the first segment as a fraction from 0 to 1, and the difference there from the nearest
+point of the other body (3,) [m]."""
 
 DISTANCE_ROUNDING = 1e-9
-"""What a distance may be wrong by [m], rounding of poses included: some hundred roundings of 2e-16 of `LARGEST_COORDINATE`."""
+"""Bound of the error of a distance [m], with the rounding of poses: several hundred times 2e-16 of `LARGEST_COORDINATE`."""
 LARGEST_COORDINATE = 1e4
 """Largest coordinate [m] for which `DISTANCE_ROUNDING` holds."""
 
 
 @inlined
 def _nearest_to_origin(u: Triple, v: Triple) -> tuple[float, float]:
-    """Squared distance of the origin to the segment from u to v, and the share of the nearest place."""
+    """Return the squared distance of the origin to the segment from u to v, and the fraction of the nearest point."""
     x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
     square = x * x + y * y + z * z
     share = 0.0
@@ -38,7 +38,7 @@ def _nearest_to_origin(u: Triple, v: Triple) -> tuple[float, float]:
 
 @inlined
 def _difference_from_segment(p: Triple, c: Triple, d: Triple, square: float) -> Triple:
-    """Difference of a point p from the nearest point of the segment from c along d."""
+    """Return the difference of a point p from the nearest point of the segment from c along d."""
     x, y, z = p[0] - c[0], p[1] - c[1], p[2] - c[2]
     t = 0.0
     if square > 0.0:
@@ -58,12 +58,12 @@ def _point_at(a: Triple, d: Triple, s: float) -> Triple:
 
 @compiled
 def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> NearestPoint:
-    """Least distance of two segments; each may be a point.
+    """Return the least distance of two segments; each may be a point.
 
     Shapes and units: a, b [m], c, d [m]. Returns [m].
     """
     # The nearest point of the second segment is one of its ends, or between them: two breakpoints. All three pieces are
-    # tried: for nearly parallel segments rounding may hide on which side of a breakpoint the least value lies.
+    # tried, because rounding may change the order of breakpoints of nearly parallel segments.
     u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
     v = (d[0] - c[0], d[1] - c[1], d[2] - c[2])
     square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -89,7 +89,7 @@ def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> NearestPoint:
 
 @inlined
 def _excess(x: float, half: float) -> float:
-    """How far a coordinate is outside [−half, half], with its sign."""
+    """Return the signed distance of a coordinate from [−half, half]."""
     return x - half if x > half else (x + half if x < -half else 0.0)
 
 
@@ -104,7 +104,7 @@ def _difference_from_box(a: Triple, d: Triple, half: Triple, s: float) -> Triple
 
 @inlined
 def _to_frame(T: Array, p: Triple) -> Triple:
-    """Coordinates of a point in the frame T."""
+    """Return the coordinates of a point in the frame T."""
     x, y, z = p[0] - T[0, 3], p[1] - T[1, 3], p[2] - T[2, 3]
     return (
         T[0, 0] * x + T[1, 0] * y + T[2, 0] * z,
@@ -115,7 +115,7 @@ def _to_frame(T: Array, p: Triple) -> Triple:
 
 @compiled
 def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
-    """Least distance of a segment to a box, 0 where they meet; the segment may be a point.
+    """Return the least distance of a segment to a box, 0 if they intersect; the segment may be a point.
 
     Shapes and units: a, b [m], pose (4, 4) [1, m], half (3,) [m]. Returns [m].
     """
@@ -158,7 +158,7 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
 
 @compiled
 def segment_plane(a: Triple, b: Triple, point: Array, normal: Array) -> NearestPoint:
-    """Least distance of a segment to a half-space: below 0 where it reaches into it.
+    """Return the least distance of a segment to a half-space, below 0 inside of it.
 
     Shapes and units: a, b [m], point (3,) [m], normal (3,) [1]. Returns [m].
     """

@@ -1,12 +1,12 @@
-"""Compiled inverse dynamics of a serial arm, and its rate in time: one state or a batch.
+"""Inverse dynamics of a serial arm and its time derivative, for one state or a batch.
 
 Newton's and Euler's equations in the base frame (Luh, Walker and Paul 1980), differentiated once more in time. For link i with
 angular velocity ω, angular acceleration α and its rate β, and for a vector d that is fixed in the link,
 
     d̈ = α × d + ω × (ω × d),        d⃛ = β × d + 2 α × (ω × d) + ω × (α × d) + ω × (ω × (ω × d)),
 
-and for a tensor I that is fixed in it, d(I x)/dt = ω × I x + I (ẋ − ω × x). Friction is added by the callers: it is no part of
-the rigid bodies. Outputs are written into the caller's arrays.
+and for a tensor I that is fixed in it, d(I x)/dt = ω × I x + I (ẋ − ω × x). Callers add friction. Outputs are
+written into the caller's arrays.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _put(x: Array, i: int, a: Triple) -> None:
 
 @inlined
 def _rotate(T: Array, i: int, a: Triple) -> Triple:
-    """R_i a."""
+    """Return R_i a."""
     return (
         T[i, 0, 0] * a[0] + T[i, 0, 1] * a[1] + T[i, 0, 2] * a[2],
         T[i, 1, 0] * a[0] + T[i, 1, 1] * a[1] + T[i, 1, 2] * a[2],
@@ -70,7 +70,7 @@ def _rotate(T: Array, i: int, a: Triple) -> Triple:
 
 @inlined
 def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
-    """R_i I_i R_iᵀ a."""
+    """Return R_i I_i R_iᵀ a."""
     x = T[i, 0, 0] * a[0] + T[i, 1, 0] * a[1] + T[i, 2, 0] * a[2]
     y = T[i, 0, 1] * a[0] + T[i, 1, 1] * a[1] + T[i, 2, 1] * a[2]
     z = T[i, 0, 2] * a[0] + T[i, 1, 2] * a[1] + T[i, 2, 2] * a[2]
@@ -82,7 +82,7 @@ def _tensor(T: Array, tensor: Array, i: int, a: Triple) -> Triple:
 
 @inlined
 def _product(A: Array, a: Triple) -> Triple:
-    """A a, of a matrix (3, 3)."""
+    """Return A a for a matrix (3, 3)."""
     return (
         A[0, 0] * a[0] + A[0, 1] * a[1] + A[0, 2] * a[2],
         A[1, 0] * a[0] + A[1, 1] * a[1] + A[1, 2] * a[2],
@@ -92,22 +92,22 @@ def _product(A: Array, a: Triple) -> Triple:
 
 @inlined
 def _second_derivative(w: Triple, a: Triple, d: Triple, wd: Triple) -> Triple:
-    """d̈ of a vector d that is fixed in a link; wd is ω × d."""
+    """Return d̈ of a vector d that is fixed in a link; wd is ω × d."""
     return _plus(_cross(a, d), _cross(w, wd))
 
 
 @inlined
 def _third_derivative(w: Triple, a: Triple, b: Triple, d: Triple, wd: Triple, second: Triple) -> Triple:
-    """d⃛ of a vector d that is fixed in a link; wd is ω × d, second is d̈."""
+    """Return d⃛ of a vector d that is fixed in a link; wd is ω × d, second is d̈."""
     return _plus(_plus(_cross(b, d), _times(2.0, _cross(a, wd))), _cross(w, second))
 
 
 @compiled
 def _forces(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array) -> None:
-    """Forces and moments on the links, and their momenta, from the base to the tool.
+    """Write the forces, moments and momenta of the links, from the base to the tool.
 
     Rows of ``work`` (7, n + 1, 4, 4) behind the joint frames, in the base frame, moments about the joint's origin: columns 0 of
-    the 4 × 4 hold force, its rate, moment, its rate, the way from the joint before, its rate, and the rate of the axis; columns
+    the 4 × 4 hold force, its rate, moment, its rate, the vector from the previous joint, its rate, the axis's rate; columns
     1 hold linear and angular momentum, mass times centre of mass, and the velocity of the joint's origin.
     """
     _fixed, prismatic, _tool = chain
@@ -165,7 +165,7 @@ def _dot(a: Triple, b: Triple) -> float:
 
 @compiled
 def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, work: Array, out: Array) -> None:
-    """Torques of the rigid bodies and of the motors' inertia, and their rates, at one state.
+    """Write the torques of the rigid bodies and the motors' inertia, and their rates, at one state.
 
     Shapes and units: weight [1], state (4, n) [rad, rad/s, rad/s², rad/s³, or m], work (8, n + 1, 4, 4) [1], out (2, n)
     [N·m, N].
@@ -190,7 +190,7 @@ def rigid_torques(chain: Chain, bodies: Bodies, weight: float, state: Array, wor
 
 @compiled
 def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Array) -> None:
-    """Torques of the rigid bodies and of the motors' inertia at one state, as `rigid_torques` without the rates.
+    """Write the torques of the rigid bodies and the motors' inertia at one state, without rates.
 
     Shapes and units: state (3, n) [rad, rad/s, rad/s², or m], work (4, n + 1, 4, 4) [1], out (n,) [N·m, N].
     """
@@ -231,7 +231,7 @@ def torques_at(chain: Chain, bodies: Bodies, state: Array, work: Array, out: Arr
 
 @compiled
 def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], states: Array, out: Array) -> None:
-    """Torques at states, with viscous and Coulomb friction.
+    """Write the torques at states, with viscous and Coulomb friction.
 
     Shapes and units: friction (n,) [N·m·s/rad, N·s/m], states (k, 3, n) [rad, rad/s, rad/s², or m], out (k, n) [N·m, N].
     """
@@ -247,7 +247,7 @@ def joint_torques(chain: Chain, bodies: Bodies, friction: tuple[Array, Array], s
 
 @inlined
 def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> float:
-    """Join a point mass to a body of which centre of mass and inertia about it are known; return the mass of both."""
+    """Add a point mass to a body, given by its mass, centre of mass and inertia about it; return the mass of both."""
     both = mass + part
     if part > 0.0:
         share = part / both
@@ -263,7 +263,7 @@ def _join(mass: float, centre: Array, about: Array, part: float, at: Triple) -> 
 
 @compiled
 def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
-    """Mass matrices, by the composite bodies that each joint moves (Walker and Orin 1982), with the motors' inertia.
+    """Write the mass matrices, by composite bodies (Walker and Orin 1982), with the motors' inertia.
 
     Shapes and units: q (k, n) [rad, m], out (k, n, n) [kg·m², kg·m, kg].
     """
@@ -301,7 +301,7 @@ def mass_matrices(chain: Chain, bodies: Bodies, q: Array, out: Array) -> None:
 
 @compiled
 def torques_batch(chain: Chain, bodies: Bodies, viscous: Array, states: Array, out: Array) -> None:
-    """Torques with viscous friction and without Coulomb friction, and their rates, at states.
+    """Write the torques with viscous and without Coulomb friction, and their rates, at states.
 
     Shapes and units: viscous (n,) [N·m·s/rad, N·s/m], states (k, 4, n) [rad, rad/s, rad/s², rad/s³, or m], out (k, 2, n)
     [N·m, N].
@@ -317,7 +317,7 @@ def torques_batch(chain: Chain, bodies: Bodies, viscous: Array, states: Array, o
 
 @compiled
 def path_torques(chain: Chain, bodies: Bodies, path: Array, out: Array) -> None:
-    """Coefficients of the rigid bodies' torques and of their rates along a joint path q(s), at places.
+    """Write the coefficients of the rigid bodies' torques and their rates along a joint path q(s).
 
     With v = ṡ, a = s̈, j = s⃛ the torque is p a + c v² + g and its rate p j + d v a + c' v³ + g' v, where p = M q',
     c = M q'' + C(q, q') q', g is the torque of gravity, and d = p' + 2 c. On the motion s = t without gravity c is the torque

@@ -1,4 +1,4 @@
-"""Every error that optik raises, with its data; an expected failure is a status of a result, not an error."""
+"""Errors of optik; an expected failure is the status of a result, not an error."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 LONGEST_MESSAGE = 2000
-"""Longest text of an error. A longer text, for example with a name of a million letters, is shortened in its middle."""
+"""Longest text of an error; a longer text is shortened in its middle."""
 
 
 class OptikError(Exception):
@@ -20,7 +20,6 @@ class OptikError(Exception):
         super().__init__(message)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The constructors take data, not a message: rebuild from the finished state instead.
         return _rebuild, (type(self), self.args, self.__dict__)
 
 
@@ -45,7 +44,7 @@ class InvalidInput(OptikError, ValueError):
 
 
 class Unsupported(InvalidInput):
-    """An arm or a task that a method does not support: a refusal before it computes, not a failure."""
+    """An arm or a task that a method does not support."""
 
 
 class RobotModelError(OptikError, ValueError):
@@ -71,15 +70,15 @@ class UnknownName(OptikError, LookupError):
     Attributes
     ----------
     kind : str
-        What the name should name ("robot", "IK method", ...).
+        Kind of the named thing ("robot", "IK method", ...).
     name : str
         The unknown name.
     known : tuple of str
         All names that exist.
     nearest : tuple of str
-        The known names that are spelt most similarly.
+        The known names with similar spelling.
 
-    The message ends with the ``advice`` that the constructor takes, if there is any.
+    The message ends with the ``advice`` of the constructor.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str], advice: str = "") -> None:
@@ -103,9 +102,9 @@ class MissingDependency(OptikError, ImportError):
     package : str
         The package that could not be imported.
     needed_by : str
-        What needs it.
+        Feature that needs it.
 
-    The message ends with the way to install it: an ``extra`` of this distribution, or ``how`` for what pip does not install.
+    The message ends with the installation: an ``extra`` of this distribution, or ``how`` if pip cannot install it.
     """
 
     def __init__(self, package: str, needed_by: str, extra: str | None, how: str = "") -> None:

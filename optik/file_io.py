@@ -1,4 +1,4 @@
-"""Files read whole within a size limit, as bytes, text or strict JSON, and written whole or not at all."""
+"""Reading of files within a size limit, and atomic writing."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any
 from optik.errors import InvalidInput, OutputError
 
 MOST_BYTES = 2**30
-"""Longest file that is read by default [bytes]: far above any motion, and still fits in memory."""
+"""Default size limit of a file [bytes]."""
 
 BYTES_AT_ONCE = 2**20
-"""Bytes read in one call: Python reserves as many as are asked for, even if the file is short."""
+"""Bytes read in one call, for which Python reserves memory."""
 
 
 def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
-    """Return the suffix of a file's name, in lower case."""
+    """Check the suffix of a file's name; return it in lower case."""
     suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
     if suffix not in known:
         came = os.fspath(file) if isinstance(file, os.PathLike) else file
@@ -30,7 +30,7 @@ def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
 def read_bytes(
     file: Path, *, argument: str = "file", expected: str = "a readable file", most: int = MOST_BYTES
 ) -> bytes:
-    """Return the content of a file."""
+    """Read the content of a file."""
     content = bytearray()
     try:
         with file.open("rb") as opened:
@@ -56,16 +56,16 @@ def parse_json(text: str, argument: str) -> Any:
     """Parse strict JSON, without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no number in JSON")
+        raise ValueError(f"{constant} is not a number in JSON")
 
     try:
         return json.loads(text, parse_constant=refuse)
     except (ValueError, RecursionError) as error:
-        raise InvalidInput(argument, f"{str(error)[:120]}", "JSON, whole") from None
+        raise InvalidInput(argument, f"{str(error)[:120]}", "JSON") from None
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:
-    """Write a file whole or not at all: under a temporary name beside the target, then renamed."""
+    """Write a file completely or not at all, by renaming a temporary file."""
     target = Path(path)
     if not target.name or "\0" in str(target):
         raise OutputError(target, "is not a valid file name")

@@ -1,13 +1,11 @@
-"""Compiled forward kinematics, Jacobian and their derivatives, of one configuration or a batch.
+"""Forward kinematics, Jacobian and their derivatives, for one configuration or a batch.
 
-Every kernel that needs the arm takes it first, as one argument: a `Chain`. Joint frame i is reached from the one before
-by fixed_i followed by Rot(z, q_i), or Trans(z, q_i) where the joint slides. Outputs are written into the caller's arrays.
+The first argument of a kernel is the arm, a `Chain`. The transform from joint frame i − 1 to joint frame i is fixed_i
+followed by Rot(z, q_i), or by Trans(z, q_i) for a prismatic joint. Outputs are written into the caller's arrays.
 
-A chain is a plain tuple, in Python (`Robot.chain`) and in kernels alike. To call a kernel with a plain tuple of arrays
-takes the same 0.65 µs as with the arrays themselves; a NamedTuple, whose type Numba finds anew at every call, takes
-1.5 µs, and a warm call of `lm` 2.8 µs. So arrays that belong together go from Python into a kernel as a plain tuple;
-NamedTuples are made and used inside kernels. `frames`, `tool_pose` and `jacobian_from` call no other kernel: around a
-call Numba counts references to the arrays at hand, which is 5 to 10 % of an iteration.
+Arrays that belong together are passed from Python to a kernel as a plain tuple, which costs nothing (a call takes 0.65 µs);
+a NamedTuple, whose type Numba determines at every call, costs 0.85 µs. `frames`, `tool_pose` and `jacobian_from` call no
+other kernel, because counting references around a call takes 5 to 10 % of an iteration.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ Triple = tuple[float, float, float]
 
 Chain = tuple[Array, Flags, Array]
 """An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
-each joint at q = 0; prismatic (n,), which joints slide; tool (4, 4), the transform from the last joint to the tool."""
+each joint at q = 0; prismatic (n,), flags of prismatic joints; tool (4, 4), the transform from the last joint to the tool."""
 
 Range = tuple[Array, Array]
 """Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
@@ -33,7 +31,7 @@ Range = tuple[Array, Array]
 
 @compiled
 def frames(chain: Chain, q: Array, out: Array) -> None:
-    """Pose of every joint frame, after the joint's own motion.
+    """Write the pose of every joint frame, after the joint's own motion.
 
     Shapes and units: q (n,) [rad, m], out (n, 4, 4) [1, m] (overwritten).
     """
@@ -60,7 +58,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
-    """Tool pose from the joint frames.
+    """Write the tool pose for given joint frames.
 
     Shapes and units: frame (n, 4, 4) [1, m], out (4, 4) [1, m] (overwritten).
     """
@@ -76,7 +74,7 @@ def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
 
 @compiled
 def jacobian_from(chain: Chain, frame: Array, T: Array, J: Array) -> None:
-    """Geometric Jacobian in the base frame at the tool point, rows (v, ω).
+    """Write the geometric Jacobian in the base frame at the tool point, rows (v, ω).
 
     Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], J (6, n) [m/rad, 1] (overwritten).
     """
@@ -105,7 +103,7 @@ def workspace(n: int) -> tuple[Array, Array, Array]:
 
 @compiled
 def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
-    """Joint frames and tool pose of one configuration.
+    """Write the joint frames and the tool pose of one configuration.
 
     Shapes and units: q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T (4, 4) [1, m] (overwritten).
     """
@@ -115,7 +113,7 @@ def forward(chain: Chain, q: Array, frame: Array, T: Array) -> None:
 
 @compiled
 def squares(e: Array) -> tuple[float, float]:
-    """Squared norms of the two parts of an error.
+    """Return the squared norms of the position and rotation parts of an error.
 
     Shapes and units: e (6,) [m, rad]. Returns p2, r2  [m², rad²].
     """
@@ -124,7 +122,7 @@ def squares(e: Array) -> tuple[float, float]:
 
 @compiled
 def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array, e: Array) -> tuple[float, float]:
-    """Error twist of one configuration, and what forward kinematics finds on the way.
+    """Write the error twist, joint frames and tool pose of one configuration; return the squared errors.
 
     Shapes and units: target (4, 4) [1, m], q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T (4, 4) [1, m]
     (overwritten), e (6,) [m, rad] (overwritten). Returns p2, r2  [m², rad²].
@@ -136,7 +134,7 @@ def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array,
 
 @compiled
 def fk_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Tool poses of many configurations.
+    """Write the tool poses of many configurations.
 
     Shapes and units: q (k, n) [rad, m], out (k, 4, 4) [1, m] (overwritten).
     """
@@ -148,7 +146,7 @@ def fk_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def frames_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Joint frames and, last, the tool pose of many configurations.
+    """Write the joint frames and, last, the tool pose of many configurations.
 
     Shapes and units: q (k, n) [rad, m], out (k, n + 1, 4, 4) [1, m] (overwritten).
     """
@@ -160,7 +158,7 @@ def frames_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Geometric Jacobians of many configurations.
+    """Write the geometric Jacobians of many configurations.
 
     Shapes and units: q (k, n) [rad, m], out (k, 6, n) [m/rad, 1] (overwritten).
     """
@@ -172,7 +170,7 @@ def jacobian_batch(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
-    """Error twists from the tool to target poses: what every method is judged by.
+    """Write the error twists from the tool to target poses.
 
     Shapes and units: q (k, n) [rad, m], targets (k, 4, 4) [1, m], out (k, 6) [m, rad] (overwritten).
     """
@@ -183,7 +181,7 @@ def errors_batch(chain: Chain, q: Array, targets: Array, out: Array) -> None:
 
 @compiled
 def _cross(a: Triple, b: Triple) -> Triple:
-    """Vector product; tuples stay in registers, where small arrays cost an allocation each."""
+    """Return a vector product; tuples stay in registers, arrays would be allocated."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -195,7 +193,7 @@ def _plus(a: Triple, x: float, b: Triple) -> Triple:
 
 @compiled
 def _rotation_derivatives(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tuple[Triple, Triple, Triple]:
-    """First three derivatives of a vector r of constant length that turns with ω, given ω, ω̇, ω̈."""
+    """Return the first three derivatives of a vector r of constant length that rotates with ω, given ω, ω̇, ω̈."""
     r1 = _cross(w0, r)
     r2 = _plus(_cross(w1, r), 1.0, _cross(w0, r1))
     r3 = _plus(_plus(_cross(w2, r), 2.0, _cross(w1, r1)), 1.0, _cross(w0, r2))
@@ -204,10 +202,9 @@ def _rotation_derivatives(w0: Triple, w1: Triple, w2: Triple, r: Triple) -> tupl
 
 @compiled
 def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: Array) -> None:
-    """Twist of the tool and its first two derivatives with respect to any parameter.
+    """Write the twist of the tool and its first two derivatives with respect to any parameter.
 
-    By the forward recursion of Newton–Euler dynamics carried one order further (Siciliano et al., Robotics, §7.5;
-    differentiated once more).
+    It is the forward recursion of Newton–Euler dynamics (Siciliano et al., Robotics, §7.5), differentiated once more.
 
     Shapes and units: frame (n, 4, 4) [1, m], T (4, 4) [1, m], q (n,) [rad, m], dq (3, n) [rad, m], out (3, 6) [m, rad]
     (overwritten).
@@ -217,7 +214,7 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
     zero = (0.0, 0.0, 0.0)
     w0, w1, w2, p1, p2, p3 = zero, zero, zero, zero, zero, zero
     for i in range(n + 1):
-        # the vector fixed in link i − 1 that leads to joint i (or the tool); what leads to the first joint stands still
+        # the vector in link i − 1 to joint i (or the tool); 0 for the first joint, whose position is constant
         if i == 0:
             r = zero
         elif i < n:
@@ -234,7 +231,7 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
         if i == n:
             break
         z = (frame[i, 0, 2], frame[i, 1, 2], frame[i, 2, 2])
-        z1, z2, z3 = _rotation_derivatives(w0, w1, w2, z)  # as they turn with the link before
+        z1, z2, z3 = _rotation_derivatives(w0, w1, w2, z)  # rotation with the previous link
         a, b, c = dq[0, i], dq[1, i], dq[2, i]
         if prismatic[i]:
             x = q[i]
@@ -252,7 +249,7 @@ def tool_motion(chain: Chain, frame: Array, T: Array, q: Array, dq: Array, out: 
 
 @compiled
 def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
-    """`tool_motion` of many configurations.
+    """Write `tool_motion` of many configurations.
 
     Shapes and units: q (k, n) [rad, m], dq (k, 3, n) [rad, m], out (k, 3, 6) [m, rad] (overwritten).
     """
@@ -264,7 +261,7 @@ def tool_motion_batch(chain: Chain, q: Array, dq: Array, out: Array) -> None:
 
 @compiled
 def singular_values_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Smallest singular value of the Jacobian at many configurations.
+    """Write the smallest singular value of the Jacobian at many configurations.
 
     Shapes and units: q (k, n) [rad, m], out (k,) [m/rad, 1] (overwritten).
     """

@@ -1,4 +1,4 @@
-"""Small dense systems in compiled code: Cholesky, damped steps, Householder least squares, smallest singular values."""
+"""Small dense linear systems: Cholesky, damped steps, Householder least squares, smallest singular values."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from optik.compiled import compiled
 from optik.types import Array, Indices
 
 ORTHOGONAL = 1e-10
-"""Cosine [1] below which two rows count as orthogonal: treating them so changes their lengths by its square, relative,
-or by itself where the lengths are equal."""
+"""Cosine [1] below which two rows count as orthogonal; it is the relative error of singular values that are nearly equal, and
+its square that of others."""
 
 MOST_SWEEPS = 30
-"""Sweeps of Jacobi rotations at most: two or three are enough, so this only ends a loop over numbers that are not finite."""
+"""Most sweeps of Jacobi rotations: two or three are enough for finite numbers."""
 
 
 @compiled
@@ -23,7 +23,7 @@ def copy_vector(a: Array, out: Array) -> None:
 
     Shapes and units: a (n,) [as given], out (n,) [as a] (overwritten).
     """
-    for i in range(a.shape[0]):  # a slice assignment would bring Numba's messages about shapes, seconds to compile
+    for i in range(a.shape[0]):  # a slice assignment takes seconds to compile
         out[i] = a[i]
 
 
@@ -40,9 +40,9 @@ def copy_matrix(A: Array, out: Array) -> None:
 
 @compiled
 def qr_factor(A: Array, beta: Array, order: Indices) -> float:
-    """Householder QR with column pivoting, in place.
+    """Factor a matrix by Householder QR with column pivoting, in place; return |r_nn| / |r_11|, 0 for a singular matrix.
 
-    Golub and Van Loan, Matrix Computations, §5.4.2: the longest remaining column comes first.
+    See Golub and Van Loan, Matrix Computations, §5.4.2.
 
     Shapes and units: A (m, n) [as given] (overwritten), beta (n,) [1] (overwritten), order (n,) (overwritten).
     """
@@ -89,7 +89,7 @@ def qr_factor(A: Array, beta: Array, order: Indices) -> float:
 
 @compiled
 def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float:
-    """Least-squares solution of A x = b by the factors of `qr_factor`.
+    """Solve A x = b in the least-squares sense by the factors of `qr_factor`; return the residual's norm.
 
     Shapes and units: A (m, n) [as given], beta (n,) [1], order (n,), b (m,) [as A x] (overwritten), x (n,) [as b / A]
     (overwritten).
@@ -117,7 +117,7 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 
 @compiled
 def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
-    """Smallest singular value, to 1e-10 of itself or rounding of the largest.
+    """Return the smallest singular value, to 1e-10 of itself or rounding of the largest.
 
     Shapes and units: J (m, n) [as given].
     """
@@ -135,10 +135,10 @@ def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
 
 @compiled
 def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
-    """Smallest singular value of a matrix of full rank, from what `qr_factor` made of it.
+    """Return the smallest singular value of a matrix of full rank by its factors of `qr_factor`.
 
-    One-sided Jacobi rotations of the rows of R, which column exchanges have made nearly diagonal, so that two or three
-    sweeps are enough (Drmač and Veselić 2008). With column exchanges the value is at least 3 |r_kk| / √(4ᵏ + 6k − 1)
+    One-sided Jacobi rotations of the rows of R, which column pivoting has made nearly diagonal, so that two or three
+    sweeps are enough (Drmač and Veselić 2008). With column pivoting the value is at least 3 |r_kk| / √(4ᵏ + 6k − 1)
     (Lawson and Hanson, Solving Least Squares Problems, eq. 6.31).
 
     Shapes and units: QR (m, k) [as given].
@@ -186,7 +186,7 @@ def smallest_of_factor(QR: Array, floor: float = np.inf) -> float:
 
 @compiled
 def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
-    """Solve A x = b for a symmetric positive definite A.
+    """Solve A x = b for a symmetric positive definite A; return False if A is not.
 
     Shapes and units: A (n, n) [as given] (overwritten), b (n,) [as A x] (overwritten), least [1].
     """
@@ -219,7 +219,7 @@ def cholesky_solve(A: Array, b: Array, least: float = 1e-14) -> bool:
 
 @compiled
 def damped_step(J: Array, e: Array, damping2: float, A: Array, y: Array, dq: Array, least: float = 1e-14) -> bool:
-    """Damped least-squares step Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12.
+    """Compute the damped least-squares step Δq = Jᵀ (J Jᵀ + λ² I)⁻¹ e, paper eq. 11–12.
 
     Shapes and units: J (m, n) [m/rad, 1], e (m,) [m, rad], damping2 [m², rad²], A (m, m) [m²] (overwritten), y (m,) [1/m]
     (overwritten), dq (n,) [rad, m] (overwritten), least [1].

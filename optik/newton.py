@@ -1,4 +1,4 @@
-"""Newton's method on poses: configurations, and their derivatives along a motion, that meet poses to rounding."""
+"""Newton polishing: configurations that meet poses to rounding, and their derivatives along a motion."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from optik.linear import copy_vector, damped_step, qr_factor, qr_solve, smallest
 from optik.types import Array
 
 GAIN = 0.1
-"""Gain [1] of the damping λ² = gain · ½|e|² + least damping of searches from far away (Sugihara 2011)."""
+"""Gain [1] of the damping λ² = gain · ½|e|² + least damping of searches from a distant seed (Sugihara 2011)."""
 
 LEAST_DAMPING = 1e-12
-"""λ² never falls below it [m², rad²]. It must be negligible: 1e-8 leaves 0.2 % of near targets unsolved, 1e-4 leaves 5 %."""
+"""Least damping λ² [m², rad²]: 1e-8 would leave 0.2 % of near targets unsolved, 1e-4 would leave 5 %."""
 
 POLISHING_DAMPING = 1e-4
-"""Damping λ at a singular configuration [m, rad]: directions that move the tool 100 λ per radian keep 1e-4 of their error
-a step."""
+"""Damping λ at a singular configuration [m, rad]: a step leaves 1e-4 of the error in directions with a singular value of
+100 λ."""
 
 SQUARED_ROUNDING = 1e-30
-"""Squared error [m², rad²] that is rounding: another step would only stir it."""
+"""Squared error [m², rad²] that is rounding."""
 
 
 @compiled
 def _stack(J: Array, rows: Array, A: Array) -> None:
-    """[J; rows] into A (6 + d, n)."""
+    """Write [J; rows] into A (6 + d, n)."""
     for j in range(A.shape[1]):
         for i in range(6):
             A[i, j] = J[i, j]
@@ -35,7 +35,7 @@ def _stack(J: Array, rows: Array, A: Array) -> None:
 
 @compiled
 def _residual(rows: Array, values: Array, q: Array, e: Array) -> tuple[float, float]:
-    """Write values − rows · q behind the six components of a pose's error e (6 + d,); its square, and its largest part."""
+    """Write values − rows · q behind the pose error in e (6 + d,); return the square and the largest entry of e."""
     for i in range(rows.shape[0]):
         e[6 + i] = values[i]
         for j in range(q.shape[0]):
@@ -49,9 +49,9 @@ def _residual(rows: Array, values: Array, q: Array, e: Array) -> tuple[float, fl
 
 @compiled
 def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, q: Array) -> tuple[float, float]:
-    """Undamped Newton steps onto a target pose and rows · q = values, until rounding stops them.
+    """Polish a configuration to a target pose and rows · q = values, by undamped Newton steps until rounding.
 
-    Steps are least squares where there are more equations than joints, and the shortest where there are fewer.
+    Steps are least-squares solutions for more equations than joints, and of least norm for fewer.
 
     Shapes and units: target (4, 4) [1, m], rows (d, n) [1], values (d,) [rad, m], q (n,) [rad, m] (overwritten). Returns worst
     [m, rad], rank  [1].
@@ -69,7 +69,7 @@ def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
             break
         before, smallest, worst = smallest, size, largest
         copy_vector(q, best)
-        # Newton squares the error: from 1e-9 it comes to rounding, and another step would only stir that
+        # quadratic convergence: after an error below 1e-9 the result is exact to rounding
         if size < SQUARED_ROUNDING or (before < 1e-18 and size < 1e-26):
             break
         jacobian_from(chain, frame, T, J)
@@ -90,7 +90,7 @@ def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
 
 @compiled
 def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
-    """Undamped Newton steps, as `polish` takes them, for configurations that nearly meet their target poses.
+    """Polish many configurations to their target poses.
 
     Shapes and units: q (k, n) [rad, m] (overwritten), targets (k, 4, 4) [1, m].
     """
@@ -101,7 +101,7 @@ def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
 
 @compiled
 def _leibniz(k: int, rows: Array, values: Array, q: Array, dq: Array, out: Array) -> None:
-    """Derivative of order k + 1 of values − rows · q without its term rows · q⁽ᵏ⁺¹⁾, into out (d,)."""
+    """Write the derivative of order k + 1 of values − rows · q without its term rows · q⁽ᵏ⁺¹⁾ into out (d,)."""
     for i in range(rows.shape[1]):
         out[i] = values[k + 1, i]
         for j in range(q.shape[0]):
@@ -118,9 +118,9 @@ def derivatives_at(
     chain: Chain, q: Array, twists: Array, rows: Array, values: Array, dq: Array,
     floor: float = np.inf,
 ) -> tuple[float, float]:  # fmt: skip
-    """First three derivatives of the joints along a motion with known tool twists and rows(s) · q(s) = values(s); exact.
+    """Write the first three joint derivatives of a motion with known tool twists V and rows(s) · q(s) = values(s).
 
-    J q' = V; the higher ones from J q'' = V' − (what q' alone makes of V'), and so on.
+    They solve J q' = V, J q'' = V' − J' q', and so on.
 
     Shapes and units: q (n,) [rad, m], twists (3, 6) [m, rad], rows (4, d, n) [1], values (4, d) [rad, m], dq (3, n) [rad, m]
     (overwritten). Returns rank  [1], singular  [m/rad, 1].
@@ -155,9 +155,9 @@ def derivatives_at(
 
 @compiled
 def polish_damped(chain: Chain, target: Array, twist: Array, steps: int, q: Array, v: Array) -> float:
-    """Damped steps onto a target pose and a twist, at or near a singular configuration.
+    """Polish a configuration to a target pose, and its velocity to a twist, by damped steps near a singular configuration.
 
-    What moves the tool is corrected; what does not stays as it was given.
+    Null-space components of both stay unchanged.
 
     Shapes and units: target (4, 4) [1, m], twist (6,) [m, rad], q (n,) [rad, m] (overwritten), v (n,) [rad, m] (overwritten).
     Returns [m, rad].

@@ -1,4 +1,4 @@
-"""Methods, laws, robots and suites by name: a file in its folder is a name; plug-ins add to them from outside."""
+"""Methods, laws, robots and suites by name: the files of a folder, and plug-ins."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ GROUPS = (
     "benchmarks.kinds",
     "benchmarks.suites",
 )
-"""All groups of things that are found by a name: packages of ours, and groups of entry points. For listings only."""
+"""All groups: names of packages and of groups of entry points. For listings only."""
 
 _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
-"""Methods that this process has loaded from outside, by group and name: where each came from, and the method."""
+"""Plug-ins that this process has loaded, by group and name: the source, and the method."""
 
 
 # ---------------------------------------------------------------- names
 
 
 def names(group: str) -> tuple[str, ...]:
-    """Names in a group, ours and those of installed packages, sorted, without importing any of them."""
+    """Return the sorted names in a group, of optik and of installed packages, without importing them."""
     return tuple(sorted({*own_names(group), *find_installed(group)}))
 
 
 def find_installed(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group that can be used, by name; none is imported."""
+    """Return the usable entry points of a group by name, without importing them."""
     return {name: points[0] for name, points in entry_points(group).items() if not _reason(group, name, len(points))}
 
 
 def find_refused(group: str) -> tuple[RefusedEntryPoint, ...]:
-    """Return the entry points of a group that cannot be used, and why; ours stay what they are."""
+    """Return the entry points of a group that cannot be used, with the reasons."""
     return tuple(
         RefusedEntryPoint(group, name, point.value, describe_distribution(point), reason)
         for name, points in sorted(entry_points(group).items())
@@ -61,7 +61,7 @@ def find_refused(group: str) -> tuple[RefusedEntryPoint, ...]:
 
 
 def check_name(group: str, name: Any, kind: str) -> str:
-    """Check that a name can be used, without running any code, and return it as it is used from anywhere."""
+    """Check a name without running code; return it, a path as an absolute one."""
     if in_finished_run() and isinstance(name, str | os.PathLike):
         return str(os.fspath(name))  # its file may be gone, its package not installed
     if is_path(name):
@@ -77,7 +77,7 @@ def check_name(group: str, name: Any, kind: str) -> str:
 
 
 def short_name(name: str | os.PathLike[str]) -> str:
-    """Return what reports call a method or a robot: its name, or the stem of its file."""
+    """Return the name of a method or robot in reports: its name, or the stem of its file."""
     text = os.fspath(name)
     if not is_path(name):
         return text
@@ -87,9 +87,9 @@ def short_name(name: str | os.PathLike[str]) -> str:
 
 
 def find_loaded(group: str, name: str) -> Any | None:
-    """Return a method by its bare name without running a file: ours, an entry point's, or one loaded in this process.
+    """Return a method by its name without running a file, or None: built in, an entry point, or loaded in this process.
 
-    Files of motions and runs name paths and methods; reading them must not run code that they choose.
+    Files of motions and runs contain names of methods; reading them must not run code of their choice.
     """
     if not isinstance(name, str) or is_path(name):
         return None
@@ -103,7 +103,7 @@ def find_loaded(group: str, name: str) -> Any | None:
 
 
 def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
-    """Path of a data file by name: one of ours, the file that an entry point names, or a path as it is."""
+    """Return the path of a data file: built in, of an entry point, or the given path."""
     if is_path(name):
         file = resolve_file(name, kind)
         _check_stem(group, file, kind)
@@ -118,7 +118,7 @@ def data_file(group: str, name: str | os.PathLike[str], kind: str) -> Path:
 
 
 def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") -> Any:
-    """Return one method: the ``METHOD`` of our module or of a file, or the object that an entry point names."""
+    """Return a method: the ``METHOD`` of a module or of a file, or the object of an entry point."""
     if is_path(name):
         return _from_file(group, resolve_file(name, kind), kind)
     point = _entry_point(group, name, kind)
@@ -131,7 +131,7 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
 
 
 def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments: Any, **options: Any) -> Any:
-    """Call one method with options that people wrote."""
+    """Call a method; raise InvalidInput for wrong options."""
     method = load_method(group, name, kind)
     try:
         return method(*arguments, **options)
@@ -152,16 +152,16 @@ def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments
 @cache
 def _folder(package: str) -> Path:
     top, *inner = package.split(".")
-    spec = importlib.util.find_spec(top)  # of a package inside, it would import those around it
+    spec = importlib.util.find_spec(top)  # for a subpackage, it would import the parents
     locations = spec.submodule_search_locations if spec is not None else None
     folder = Path(next(iter(locations))).joinpath(*inner) if locations else Path()
     if not locations or not folder.is_dir():
-        raise ValueError(f"{package} is no package")
+        raise ValueError(f"{package} is not a package")
     return folder
 
 
 def own_names(group: str) -> set[str]:
-    """Return the names of our own methods or data in a group; installed packages are not asked."""
+    """Return the names of the built-in methods or data of a group."""
     found = set()
     for entry in os.scandir(_folder(group)):
         stem, suffix = os.path.splitext(entry.name)
@@ -174,7 +174,7 @@ def own_names(group: str) -> set[str]:
 
 
 def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
-    """Return the entry point of a bare name, None for a name of ours; installed packages are not asked about ours."""
+    """Return the entry point of a name, None for a built-in name."""
     if not isinstance(name, str):
         raise InvalidInput(kind, repr(name)[:60], f"a name, one of: {', '.join(names(group))}")
     if name in own_names(group):
@@ -191,7 +191,7 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
 
 
 def _reason(group: str, name: str, count: int) -> str:
-    """Why the entry points of a name are refused; empty where they are not."""
+    """Return why the entry points of a name cannot be used, or an empty string."""
     if name in own_names(group):
         return f"it has the name of one of ours, {group}.{name}, which stays what it is"
     if count > 1:
@@ -200,7 +200,7 @@ def _reason(group: str, name: str, count: int) -> str:
 
 
 def _value(point: EntryPoint, kind: str) -> Any:
-    """Import what an entry point names."""
+    """Import the object of an entry point."""
     with NamedDependency(kind, point.name):
         value: Any = importlib.import_module(point.module)
     for part in filter(None, (point.attr or "").split(".")):
@@ -215,12 +215,12 @@ def _where(point: EntryPoint) -> str:
 
 
 def _links(text: str) -> str:
-    """The links behind a URDF file, with their sign; empty for anything else."""
+    """Return the options behind a URDF file, with #, or an empty string."""
     return text[len(split_links(text)[0]) :]
 
 
 def _check_stem(group: str, file: Path, kind: str) -> None:
-    """Refuse a file whose name is that of one of ours, of an entry point or of another file in this process."""
+    """Raise InvalidInput if a built-in method, an entry point or another loaded file has the name of a file."""
     name, other = file.stem, ""
     if name in own_names(group):
         other = f"one of ours, {group}.{name}"

@@ -16,16 +16,16 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 ROTATION_TOLERANCE = 1e-6
-"""Largest |RᵀR − I| of a matrix that is accepted as a rotation [1]: measured poses come with 1e-7 of noise."""
+"""Largest |RᵀR − I| of an accepted rotation matrix [1]: measured poses have 1e-7 of noise."""
 
 FARTHEST = 1e6
-"""Largest coordinate of a position that is accepted [m]: an arm is not larger, and squares of more lose the millimetres."""
+"""Largest coordinate of an accepted position [m]: squares of larger ones lose millimetres."""
 
 QUATERNION_ERROR = 1e-2
-"""Largest difference of a quaternion's length from 1 [1]: users type three digits."""
+"""Largest difference of a quaternion's length from 1 [1], for values with three digits."""
 
 LAST_ROW_TOLERANCE = 1e-9
-"""Largest difference of a pose's last row from (0, 0, 0, 1) [1]: it is written exactly, so only rounding is accepted."""
+"""Largest difference of a pose's last row from (0, 0, 0, 1) [1]."""
 
 
 # ---------------------------------------------------------------- compiled, on plain arrays
@@ -35,8 +35,8 @@ LAST_ROW_TOLERANCE = 1e-9
 def log_rotation(R: Array, out: Array) -> None:
     """Write the rotation vector of a rotation matrix.
 
-    It is computed from the unit quaternion, whose largest component is found first (Shepperd 1978): exact to rounding
-    near 0 and near π, where the usual arccos((trace − 1)/2) loses half its digits.
+    It is computed from the unit quaternion, by its largest component (Shepperd 1978): exact to rounding near 0 and near
+    π, where arccos((trace − 1)/2) loses half the digits.
 
     Parameters
     ----------
@@ -58,10 +58,10 @@ def log_rotation(R: Array, out: Array) -> None:
     else:
         z = 1.0 - R[0, 0] - R[1, 1] + R[2, 2]
         w, x, y = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
-    if w < 0.0:  # of the two quaternions, the one whose angle is at most π
+    if w < 0.0:  # the quaternion whose angle is at most π
         w, x, y, z = -w, -x, -y, -z
     norm = sqrt(x * x + y * y + z * z)
-    # angle / |v|; for tiny |v| the limit is 2 / w, and no digit is lost
+    # angle / |v|, accurate for small |v|
     scale = 2.0 * atan2(norm, w) / norm if norm > 0.0 else 0.0
     out[0], out[1], out[2] = scale * x, scale * y, scale * z
 
@@ -121,7 +121,7 @@ def pose_error(T: Array, target: Array, out: Array) -> None:
 
 @compiled
 def is_pose(T: Array) -> bool:
-    """Whether a matrix is a pose, within `FARTHEST`, `LAST_ROW_TOLERANCE` and `ROTATION_TOLERANCE`.
+    """Return whether a matrix is a pose, within `FARTHEST`, `LAST_ROW_TOLERANCE` and `ROTATION_TOLERANCE`.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _exp_many(w: Array, out: Array) -> None:
 
 
 def log_so3(R: ArrayLike) -> Array:
-    """Rotation vectors of rotation matrices.
+    """Return the rotation vectors of rotation matrices.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def log_so3(R: ArrayLike) -> Array:
     Returns
     -------
     (..., 3) array
-        Axis times angle [rad], the angle in [0, π]. At exactly π both signs of the axis are correct; one is returned.
+        Axis times angle [rad], the angle in [0, π]. At exactly π both signs of the axis are correct.
     """
     R = np.ascontiguousarray(R, dtype=np.float64)
     out = np.empty(R.shape[:-1])
@@ -186,7 +186,7 @@ def log_so3(R: ArrayLike) -> Array:
 
 
 def exp_so3(w: ArrayLike) -> Array:
-    """Rotation matrices of rotation vectors.
+    """Return the rotation matrices of rotation vectors.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def exp_so3(w: ArrayLike) -> Array:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Pose of a rotation and a position.
+    """Return the pose of a rotation and a position.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def nearest_pose(T: Array) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of poses.
+    """Return the inverse of poses.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def inverse(T: Array) -> Array:
 
 
 def error(T: Array, target: Array) -> Array:
-    """Error twists (p_t − p, log(R_t Rᵀ)) in the base frame from poses to targets (paper eq. 8–10, sign of eq. 9 corrected).
+    """Return the error twists (p_t − p, log(R_t Rᵀ)) from poses to targets (paper eq. 8–10, sign of eq. 9 corrected).
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def error(T: Array, target: Array) -> Array:
 
 
 def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
-    """Poses between two poses: the position straight, the rotation by the shortest way at constant rate.
+    """Interpolate two poses: the position linearly, the rotation about a fixed axis by the smallest angle.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
     goal : (4, 4) array
         Pose at u = 1 [1, m].
     u : scalar or (k,) array
-        Fraction of the way [1]; not limited to [0, 1].
+        Fraction [1]; not limited to [0, 1].
 
     Returns
     -------
@@ -313,14 +313,14 @@ def interpolate(start: Array, goal: Array, u: ArrayLike) -> Array:
 
 
 def check_pose(T: ArrayLike, argument: str) -> Array:
-    """Return a pose as a float64 array, checked.
+    """Check a pose, and return it as a float64 array.
 
     Parameters
     ----------
     T : (4, 4) array
         Pose [1, m].
     argument : str
-        What an error calls it.
+        Name of the argument, for the error.
 
     Returns
     -------
@@ -336,10 +336,10 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
     if T.shape == (4, 4) and is_pose(T):
         return T
     if T.shape != (4, 4):
-        hint = "; a rotation matrix alone is no pose, see optik.se3.pose(R, p)" if T.shape == (3, 3) else ""
+        hint = "; for a rotation matrix use optik.se3.pose(R, p)" if T.shape == (3, 3) else ""
         raise InvalidInput(argument, f"shape {T.shape}{hint}", "a pose of shape (4, 4)")
     if not np.isfinite(T).all():
-        raise InvalidInput(argument, "NaN or infinity in it", "a pose of finite numbers")
+        raise InvalidInput(argument, "NaN or infinity", "a pose of finite numbers")
     if np.abs(T[:3, 3]).max() > FARTHEST:
         raise InvalidInput(argument, f"a position {np.abs(T[:3, 3]).max():.3g} m away", "a position within 1e6 m")
     if np.abs(T[:3, :3]).max() > 2.0:
@@ -354,7 +354,7 @@ def check_pose(T: ArrayLike, argument: str) -> Array:
 
 
 def from_xyz_rpy(xyz: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Pose of a position and roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF.
+    """Return the pose of a position and roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF.
 
     Parameters
     ----------
@@ -404,14 +404,14 @@ def quaternion(R: Array) -> Array:
 
 
 def from_quaternion(wxyz: ArrayLike, argument: str = "quaternion") -> Array:
-    """Return the rotation of a quaternion, after normalising it.
+    """Return the rotation of a quaternion, which is normalised.
 
     Parameters
     ----------
     wxyz : (4,) array
         w, x, y, z [1].
     argument : str
-        What an error calls it.
+        Name of the argument, for the error.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Which part of a target pose must be met: all of it, the position, a direction, or any choice of components."""
+"""Tasks: the components of a target pose that must be met."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Goal = tuple[Array, Array]
 """A task's target as kernels take it: `Task.flags` (13,) [1, m, rad], and the target pose (4, 4) [1, m]."""
 
 TASK_FRAMES = ("target", "base")
-"""Frames whose axes the components of an error can be taken along."""
+"""Frames of the components of an error."""
 
 SERIES_ANGLE = 1e-3
-"""Angle [rad] below which (1 − ½a cot ½a) / a² is taken as 1/12, its limit: the next term is a²/720."""
+"""Angle [rad] below which (1 − ½a cot ½a) / a² is replaced by its limit 1/12; the next term is a²/720."""
 
 _MASKS = {
     "pose": (1, 1, 1, 1, 1, 1),
@@ -34,31 +34,31 @@ _MASKS = {
     "axis_y": (1, 1, 1, 1, 0, 1),
     "axis_z": (1, 1, 1, 1, 1, 0),
 }
-"""Tasks that have a name, and the components that each of them asks for."""
+"""Masks of the named tasks."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """The components of the pose error that count, (x, y, z, rx, ry, rz), along the axes of a frame.
+    """The required components of the pose error, (x, y, z, rx, ry, rz), along the axes of a frame.
 
-    With one rotation left free, the error of the other two is the angle between the tool's axis and the target's (in
-    the frame ``"base"``: between the base axis as the tool sees it and as the target does). With two left free, it is
-    the component of the rotation vector along the third.
+    With one free rotation, the error of the other two is the angle between the tool's axis and the target's (in the frame
+    ``"base"``: between the base axis in tool and in target coordinates). With two free rotations, it is the component of
+    the rotation vector along the third axis.
 
     Parameters
     ----------
     mask : six of bool or 0/1
-        Which components must be met; at least one.
+        The required components; at least one.
     frame : {"target", "base"}
-        Whose axes they stand along.
+        Frame of the components.
     box : number or six of them
-        Half-width of the tolerance box of each component, ≥ 0 [m, rad]: only what is outside the box counts as error,
-        so every pose inside it is as good as the target. Zero by default.
+        Half-width of the tolerance box of each component, ≥ 0 [m, rad]: the error is the distance from the box. Zero by
+        default.
 
     Raises
     ------
     InvalidInput
-        The mask is not six flags or asks for no component; the frame is unknown; a side of the box is negative or infinite.
+        The mask is not six flags or has no true one; the frame is unknown; a side of the box is negative or infinite.
     """
 
     mask: tuple[bool, ...] = (True,) * 6
@@ -80,17 +80,17 @@ class Task:
 
     @property
     def is_pose(self) -> bool:
-        """Whether all of the pose must be met, exactly."""
+        """Whether all components are required, without a tolerance box."""
         return all(self.mask) and not any(self.box)
 
     @property
     def size(self) -> int:
-        """How many components must be met."""
+        """Number of required components."""
         return sum(self.mask)
 
     @property
     def exact(self) -> int:
-        """How many components must be met exactly: those without a box."""
+        """Number of required components without a tolerance box."""
         return sum(met and side == 0.0 for met, side in zip(self.mask, self.box, strict=True))
 
     @cached_property
@@ -100,13 +100,13 @@ class Task:
 
 
 POSE = Task()
-"""The task that asks for the whole pose."""
+"""The task of the full pose."""
 
 
 def as_task(value: object) -> Task:
-    """Return a task from a Task or from its name: pose, position, rotation, axis_x, axis_y, axis_z.
+    """Return a task, given by itself or by a name: pose, position, rotation, axis_x, axis_y, axis_z.
 
-    ``axis_z`` is the position and the direction of the tool's z axis, free to turn about it (a spindle, a torch).
+    ``axis_z`` requires the position and the direction of the tool's z axis (a spindle, a torch).
     """
     if isinstance(value, Task):
         return value
@@ -117,7 +117,7 @@ def as_task(value: object) -> Task:
 
 @compiled
 def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> None:
-    """Error of the tool outside the tolerance box, along the axes of the task's frame.
+    """Write the error of the tool beyond the tolerance box, along the axes of the task's frame.
 
     Shapes and units: T (4, 4) [1, m], target (4, 4) [1, m], flags (13,) [1, m, rad], e (6,) [m, rad] (overwritten), w (3,)
     [rad] (overwritten).
@@ -141,7 +141,7 @@ def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> Non
     if free == 1.0:
         k = 0 if flags[3] == 0.0 else (1 if flags[4] == 0.0 else 2)
         i, j = (k + 1) % 3, (k + 2) % 3
-        # the shortest turn from a = D ê_k to ê_k has the axis a × ê_k, which stands across ê_k
+        # the smallest rotation from a = D ê_k to ê_k has the axis a × ê_k, perpendicular to ê_k
         s = sqrt(D[i, k] * D[i, k] + D[j, k] * D[j, k])
         angle = atan2(s, D[k, k])
         e[3 + k] = 0.0
@@ -151,21 +151,21 @@ def task_error(T: Array, target: Array, flags: Array, e: Array, w: Array) -> Non
         side = flags[7 + i]
         if flags[i] == 0.0 or abs(e[i]) <= side:
             e[i] = 0.0
-        else:  # what is beyond the box
+        else:  # the distance from the box
             e[i] -= side if e[i] > 0.0 else -side
 
 
 @compiled
 def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
-    """Turn the geometric Jacobian into that of `task_error`, in place.
+    """Transform the geometric Jacobian into that of `task_error`, in place.
 
-    A component inside its box keeps its row, though its error is zero: a step then holds it where it is.
+    A component inside its box keeps its row with an error of zero, so that a step does not change it.
 
     Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], w (3,) [rad], J (6, n) [m/rad, 1] (overwritten).
     """
     free = 3.0 - flags[3] - flags[4] - flags[5]
     a = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    # J_l⁻¹(w) = I − ½[w] + c [w]² (Barfoot, State Estimation for Robotics, §7.1.5), where one component counts alone
+    # J_l⁻¹(w) = I − ½[w] + c [w]² (Barfoot, State Estimation for Robotics, §7.1.5), for a single component
     c = 1.0 / 12.0 if a < SERIES_ANGLE else (1.0 - 0.5 * a / tan(0.5 * a)) / (a * a)
     x, y, z = w[0], w[1], w[2]
     for k in range(J.shape[1]):
@@ -187,7 +187,7 @@ def task_rows(target: Array, flags: Array, w: Array, J: Array) -> None:
 
 @compiled
 def keep_rows(flags: Array, J: Array, e: Array) -> int:
-    """Move the components that a task asks for to the front.
+    """Move the required components of a task to the front; return their number.
 
     Shapes and units: flags (13,) [1, m, rad], J (6, n) [m/rad, 1], e (6,) [m, rad].
     """
@@ -203,7 +203,7 @@ def keep_rows(flags: Array, J: Array, e: Array) -> int:
 
 @compiled
 def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> int:
-    """`task_rows` and `keep_rows` in one call: the equations that a task asks for, in front.
+    """Write the linear system of a task by `task_rows` and `keep_rows`; return its size.
 
     Shapes and units: target (4, 4) [1, m], flags (13,) [1, m, rad], w (3,) [rad], J (6, n) [m/rad, 1] (overwritten), e (6,)
     [m, rad].
@@ -214,7 +214,7 @@ def task_system(target: Array, flags: Array, w: Array, J: Array, e: Array) -> in
 
 @inlined
 def whole_pose(flags: Array) -> bool:
-    """Whether a task asks for the whole pose, exactly: `Task.is_pose` for kernels.
+    """Return whether a task requires the full pose without a box: `Task.is_pose` for kernels.
 
     Shapes and units: flags (13,) [1, m, rad].
     """
@@ -228,7 +228,7 @@ def whole_pose(flags: Array) -> bool:
 def goal_error(
     chain: Chain, flags: Array, target: Array, q: Array, frame: Array, T: Array, e: Array, w: Array
 ) -> tuple[float, float]:
-    """Error of one configuration against a task's target, and what forward kinematics finds on the way.
+    """Write the task error, joint frames and tool pose of one configuration; return the squared errors.
 
     Shapes and units: flags (13,) [1, m, rad], target (4, 4) [1, m], q (n,) [rad, m], frame (n, 4, 4) [1, m] (overwritten), T
     (4, 4) [1, m] (overwritten), e (6,) [m, rad] (overwritten), w (3,) [rad] (overwritten). Returns p2, r2  [m², rad²].
@@ -240,7 +240,7 @@ def goal_error(
 
 @compiled
 def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Array, w: Array, J: Array) -> None:
-    """Jacobian of the error that `goal_error` found.
+    """Write the Jacobian of the error of `goal_error`.
 
     Shapes and units: flags (13,) [1, m, rad], target (4, 4) [1, m], frame (n, 4, 4) [1, m], T (4, 4) [1, m], w (3,) [rad], J
     (6, n) [m/rad, 1] (overwritten).
@@ -251,7 +251,7 @@ def goal_jacobian(chain: Chain, flags: Array, target: Array, frame: Array, T: Ar
 
 @compiled
 def judge(chain: Chain, limits: Range, goal: Goal, slack: float, q: Array) -> tuple[float, float, bool]:
-    """Errors of a configuration against a goal, and whether it satisfies its limits.
+    """Return the errors of a configuration, and whether it satisfies its limits.
 
     Shapes and units: slack [rad, m], q (n,) [rad, m]. Returns position, rotation  [m, rad].
     """

@@ -1,4 +1,4 @@
-"""Array types of signatures; shape and unit stand in the documentation of each array."""
+"""Array types of signatures; each array's documentation gives shape and unit."""
 
 from __future__ import annotations
 

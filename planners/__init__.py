@@ -1,4 +1,4 @@
-"""planners: which way an arm moves, and how fast, with a certificate of what the motion keeps."""
+"""Trajectories of serial arms along paths, with a certificate of the limits that they respect."""
 
 from optik.scene import Scene
 from planners.certificate.active import Binding

@@ -166,7 +166,7 @@ BROKEN = {
     "another class": ("class METHOD: ...", "a subclass of optik.ik.IKSolver"),
     "abstract": ("from optik.ik import IKSolver\nclass METHOD(IKSolver): ...", "METHOD without attempt"),
     "another name": (IK.replace("def attempt", "name = 'other'\n    def attempt"), "the name 'other'"),
-    "an object": (IK.replace("METHOD = Stay", "METHOD = Stay.__new__(Stay)"), "the class itself, METHOD = Stay"),
+    "an object": (IK.replace("METHOD = Stay", "METHOD = Stay.__new__(Stay)"), "METHOD = Stay"),
     "one of ours": ("from optik.ik.dls import DLS as METHOD", "the name 'dls'"),
 }
 
@@ -606,7 +606,7 @@ def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tm
         with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
             usage.check_same_plugins(first, now)
     files.expect(first)
-    with pytest.raises(InvalidInput, match="the file as the run recorded it"):
+    with pytest.raises(InvalidInput, match="SHA-256"):
         registry.load_method("optik.ik", file)
 
 

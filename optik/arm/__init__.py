@@ -1,1 +1,1 @@
-"""An arm: its joints and limits, from tables, files and data, its reach, and its comparison with another."""
+"""Models of serial arms: joints, limits, masses and shapes, read from tables and files."""

@@ -1,4 +1,4 @@
-"""Comparison of two models of an arm: whether they agree, or which base, tool, joint zeros and directions explain it.
+"""Comparison of two models of an arm, and the base, tool, joint zeros and directions that explain a difference.
 
 With other(q) = base · first(signs ∘ q + offsets) · tool, the directions of the joint axes of both models at q = 0 give
 the rotation of the base and the offsets of revolute joints, one joint after the other; all lengths then follow from one
@@ -22,15 +22,13 @@ from optik.check import check_number
 from optik.types import Array, Flags
 
 COMPARED = 40
-"""Number of configurations that are compared: 240 numbers, far more than the unknowns of any explanation."""
+"""Number of configurations that are compared: 240 equations, far more than an explanation has unknowns."""
 
 SIGNS_TRIED = 512
-"""Largest number of combinations of joint directions that are tried, fewest reversed joints first: all of nine joints."""
+"""Largest number of combinations of joint directions that are tried, fewest reversed joints first: all for nine joints."""
 
-UNEXPLAINED = (
-    "neighbouring axes are at the same angles and distances; lengths along the axes may differ, or all by little"
-)
-"""Reason of a difference that neither the axes nor an explanation accounts for."""
+UNEXPLAINED = "angles and distances of neighbouring axes agree; lengths along the axes may differ"
+"""Reason of a difference that neither the axes nor an explanation describes."""
 
 PARALLEL = 1e-3
 """Angle [rad] below which two axes count as parallel: the direction of their common normal is then mostly noise."""
@@ -70,7 +68,7 @@ class Comparison:
     agree : bool
         Whether all tool poses agree within the tolerances.
     explained : bool
-        Whether they do after other(q) = base · first(signs ∘ q + offsets) · tool.
+        Whether they agree after other(q) = base · first(signs ∘ q + offsets) · tool.
     position, rotation : float
         Largest difference of the tool's position [m] and rotation [rad]; infinite if the joints do not match.
     position_left, rotation_left : float
@@ -144,12 +142,12 @@ class _Pair:
         self.points, self.points_other = self.home[:-1, :3, 3], self.home_other[:-1, :3, 3]
 
     def differences(self, poses: Array) -> tuple[float, float]:
-        """Largest differences in position and rotation from the other's poses."""
+        """Return the largest position [m] and rotation [rad] differences from the poses of the other arm."""
         e = se3.error(poses, self.target)
         return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
 
     def is_within(self, position: float, rotation: float) -> bool:
-        """Whether differences are within the tolerances."""
+        """Return whether differences are within the tolerances."""
         return position <= self.position and rotation <= self.rotation
 
 
@@ -199,7 +197,7 @@ def _find_joint_differences(first: Arm, other: Arm) -> tuple[str, ...]:
 
 
 def _configurations(first: Arm, other: Arm) -> Array:
-    """Configurations (COMPARED, n) inside the limits of both arms, or of the first if a joint's ranges are disjoint."""
+    """Sample configurations (COMPARED, n) inside the limits of both arms, or of the first if a joint's ranges are disjoint."""
     lower = np.maximum(first.limits.lower, other.limits.lower)
     upper = np.minimum(first.limits.upper, other.limits.upper)
     apart = lower > upper
@@ -212,7 +210,7 @@ def _configurations(first: Arm, other: Arm) -> Array:
 
 
 def _find_axis_differences(pair: _Pair) -> Iterator[str]:
-    """Angles and distances between neighbouring axes that differ: no base, tool, joint zero or direction changes them."""
+    """Describe differing angles and distances of neighbouring axes, which no base, tool, joint zero or direction changes."""
     for i in range(pair.n - 1):
         (angle, distance), (angle_other, distance_other) = (
             _angle_and_distance(axes[i : i + 2], points[i : i + 2])
@@ -226,7 +224,7 @@ def _find_axis_differences(pair: _Pair) -> Iterator[str]:
 
 
 def _angle_and_distance(axes: Array, points: Array) -> tuple[float, float]:
-    """Angle [rad] in [0, π/2] and distance [m] of two lines."""
+    """Return the angle [rad] in [0, π/2] and the distance [m] of two lines."""
     normal = np.cross(axes[0], axes[1])
     sine, between = float(np.linalg.norm(normal)), points[1] - points[0]
     if sine < PARALLEL:
@@ -240,7 +238,7 @@ def _angle_and_distance(axes: Array, points: Array) -> tuple[float, float]:
 
 
 def _find_simplest(pair: _Pair) -> _Candidate | None:
-    """The verified explanation of fewest parts; a reversed joint, an offset, the base and the tool are one part each."""
+    """Return the verified explanation of fewest parts; a reversed joint, an offset, the base and the tool are one part each."""
     best: _Candidate | None = None
     for signs in _sign_vectors(pair):
         flips = int((signs < 0.0).sum())
@@ -254,7 +252,7 @@ def _find_simplest(pair: _Pair) -> _Candidate | None:
 
 
 def _sign_vectors(pair: _Pair) -> list[Array]:
-    """Directions of the joints that the angles and moments of neighbouring axes allow, fewest reversed joints first."""
+    """List the joint directions that the angles and moments of neighbouring axes allow, fewest reversed joints first."""
     allowed = []
     for i in range(pair.n - 1):
         cosines = [float(axes[i] @ axes[i + 1]) for axes in (pair.axes, pair.axes_other)]
@@ -274,7 +272,7 @@ def _sign_vectors(pair: _Pair) -> list[Array]:
 
 
 def _fit(pair: _Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) -> _Candidate:
-    """Best explanation with these signs and the parts that are allowed: rotations first, then all lengths together."""
+    """Fit the explanation with these signs and the allowed parts: rotations first, then all lengths together."""
     n = pair.n
     X, Y, o = np.eye(3), np.eye(3), np.zeros(n)
     if base and (offsets or tool):
@@ -304,16 +302,16 @@ def _matters(pair: _Pair, T: Array) -> bool:
 
 
 def _mean_rotation(R: Array) -> Array:
-    """Rotation (3, 3) nearest to the mean of rotations (k, 3, 3)."""
+    """Return the rotation (3, 3) nearest to the mean of rotations (k, 3, 3)."""
     U, _, Vt = np.linalg.svd(R.mean(axis=0))
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def _base_rotation(pair: _Pair, signs: Array) -> Array:
-    """Rotation of the base that aligns the first axis, and the next one that is not parallel to it, with the other's."""
+    """Return the base rotation that aligns the first axis, and the next axis not parallel to it, with the other's."""
     a, b = signs[0] * pair.axes[0], pair.axes_other[0]
     w, sine, cosine = np.cross(a, b), float(np.linalg.norm(np.cross(a, b))), float(a @ b)
-    if sine < 1e-12:  # the same direction or the opposite one: any axis at a right angle will do
+    if sine < 1e-12:  # same or opposite direction: any perpendicular axis
         w = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
     X = se3.exp_so3(atan2(sine, cosine) / np.linalg.norm(w) * w)
     angle = _angle_about(pair, signs, X, 0, to_tool=False)
@@ -321,7 +319,7 @@ def _base_rotation(pair: _Pair, signs: Array) -> Array:
 
 
 def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
-    """Offsets (n,) of the revolute joints, each from the directions that the next axes must have; 0 for prismatic ones."""
+    """Return the offsets (n,) of the revolute joints from the directions of the next axes; 0 for prismatic joints."""
     offsets, R = np.zeros(pair.n), X
     for i in range(pair.n):
         if pair.first.prismatic[i]:
@@ -334,7 +332,7 @@ def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: 
 
 
 def _angle_about(pair: _Pair, signs: Array, R: Array, i: int, *, to_tool: bool) -> float:
-    """Signed angle about joint i's axis of the other arm that takes the next axis of the first arm to the other's."""
+    """Return the angle about joint i's axis of the other arm that aligns the next axes of both arms."""
     # R (3, 3) is the rotation that all joints before i apply to the first arm's axes at q = 0. The angle follows from the
     # direction of the next axis, or from its position if it is parallel; a parallel prismatic joint does not determine
     # it. After the last joint it follows from the tool.
@@ -355,7 +353,7 @@ def _angle_about(pair: _Pair, signs: Array, R: Array, i: int, *, to_tool: bool) 
 
 
 def _turn(axis: Array, v: Array, target: Array) -> float:
-    """Angle about an axis from one vector to another, both projected along the axis."""
+    """Return the angle about an axis from one vector to another, both projected along the axis."""
     a, b = v - (v @ axis) * axis, target - (target @ axis) * axis
     return atan2(float(axis @ np.cross(a, b)), float(a @ b))
 
@@ -363,9 +361,9 @@ def _turn(axis: Array, v: Array, target: Array) -> float:
 def _lengths(
     pair: _Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
 ) -> tuple[Array, Array]:
-    """Translations of base and tool (3,), (3,); offsets of prismatic joints are written into `offsets`."""
-    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. If the solution is not unique, it is the
-    # one of least norm.
+    """Return the translations of base and tool (3,), (3,); write the offsets of prismatic joints into `offsets`."""
+    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. The solution of least norm is
+    # taken.
     T = pair.first.fk(signs * pair.q + offsets)
     rest = (pair.target[:, :3, 3] - T[:, :3, 3] @ X.T).reshape(-1)
     columns = []
@@ -396,7 +394,7 @@ def _reasons(pair: _Pair, found: _Candidate) -> Iterator[str]:
             yield f"joint {i + 1} {'slides' if slides else 'turns'} the other way"
         if abs(found.offsets[i]) > (pair.position if slides else pair.rotation):
             shift = f"{found.offsets[i]:.6g} m" if slides else f"{degrees(found.offsets[i]):.6g}°"
-            yield f"joint {i + 1} has its zero {shift} elsewhere"
+            yield f"joint {i + 1} has its zero offset by {shift}"
 
 
 def _transform_in_words(pair: _Pair, T: Array, which: str) -> str:
@@ -405,14 +403,14 @@ def _transform_in_words(pair: _Pair, T: Array, which: str) -> str:
     if move > pair.position:
         words.append(f"by {_describe_vector(e[:3], pair.position, 'm', 1.0)} of the {which}")
     if turn > pi - pair.rotation and e[3:].sum() < 0.0:
-        e[3:] = -e[3:]  # half a turn is the same either way
+        e[3:] = -e[3:]  # rotations by π about ±axis are equal
     if turn > pair.rotation:
         words.append(f"by a turn of {_describe_vector(e[3:], pair.rotation, '°', 180.0 / pi, 'about')}")
     return " and ".join(words)
 
 
 def _describe_vector(v: Array, least: float, unit: str, scale: float, word: str = "along") -> str:
-    """A vector in words: its length and the axis that it is parallel to, or else its direction."""
+    """Return a vector in words: its length, and its axis or direction."""
     space = " " if unit == "m" else ""
     large = np.flatnonzero(np.abs(v) > least)
     if large.size == 1:

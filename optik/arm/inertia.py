@@ -1,4 +1,4 @@
-"""Masses of an arm and of its payload: checked, combined with the payload, and as compiled kernels take them."""
+"""Masses of an arm and its payload, their checks, and their arrays for kernels."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from optik.dynamics import Bodies
 
 STANDARD_GRAVITY = 9.80665
-"""Acceleration of free fall where none is given [m/s²]: the standard value (3rd CGPM, 1901)."""
+"""Default acceleration of free fall [m/s²] (3rd CGPM, 1901)."""
 
 
 class Load(NamedTuple):
-    """What the joints of an arm move, as compiled kernels take it.
+    """Masses and friction of an arm with its payload, as arrays for kernels.
 
     Attributes
     ----------
     bodies : Bodies
-        Masses of the links, the payload in the last one, with the motors and gravity; see `optik.dynamics`.
+        Masses of the links (the last one with the payload), motors and gravity; see `optik.dynamics`.
     viscous : (n,) array
         Viscous friction [N·m·s/rad, N·s/m].
     coulomb : (n,) array
@@ -43,8 +43,8 @@ class Load(NamedTuple):
 class Inertia:
     """Masses of the links and inertia and friction of the joints of an arm.
 
-    Link i is what joint i moves: its figures are stated in the frame of that joint (`Robot.frames`), which moves with it.
-    Equal by content; the source does not count.
+    Link i moves with joint i; its values are given in the frame of that joint (`Robot.frames`). Two objects are equal if
+    all numbers are; the source is not compared.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class Inertia:
     coulomb : scalar or (n,) array, optional
         Coulomb friction [N·m, N].
     source : str, optional
-        Where the numbers come from.
+        Source of the numbers.
 
     Raises
     ------
     InvalidInput
-        Wrong shapes, NaN or infinity, negative numbers, a mass of 0 with an inertia, a tensor that no body has (not
-        symmetric, negative moments, one moment above the sum of the others), or lengths and masses that are too large for
-        metres and kilograms. The error names the link.
+        Wrong shapes, NaN or infinity, negative numbers, a mass of 0 with an inertia, an impossible tensor (not symmetric,
+        negative moments, one moment above the sum of the others), or values too large for metres and kilograms. The error
+        names the link.
     """
 
     mass: Array
@@ -81,7 +81,7 @@ class Inertia:
 
     def __post_init__(self) -> None:
         if not isinstance(self.source, str):
-            raise InvalidInput("inertia.source", repr(self.source)[:60], "a word")
+            raise InvalidInput("inertia.source", repr(self.source)[:60], "a string")
         mass = real_array(self.mass, "inertia.mass", "masses, one for each link")
         if mass.ndim != 1 or mass.size == 0:
             raise InvalidInput("inertia.mass", f"shape {mass.shape}", "masses (n,), one for each link")
@@ -101,7 +101,7 @@ class Inertia:
 
     @property
     def content(self) -> bytes:
-        """All numbers, to the last bit."""
+        """Bytes of all numbers."""
         arrays = (self.mass, self.com, self.tensor, self.motor, self.viscous, self.coulomb)
         return b"".join(array.tobytes() for array in arrays)
 
@@ -112,7 +112,7 @@ class Inertia:
         return hash(self.content)
 
     def transform(self, poses: ArrayLike) -> Inertia:
-        """Return the same bodies, stated in other frames.
+        """Return the same bodies in other frames.
 
         Parameters
         ----------
@@ -139,13 +139,13 @@ class Inertia:
         return tuple((float(m), c, t) for m, c, t in zip(self.mass, self.com, self.tensor, strict=True))
 
     def replace(self, **values: ArrayLike | str) -> Inertia:
-        """Return these masses with some of the fields exchanged.
+        """Return a copy with some fields replaced.
 
         Parameters
         ----------
         **values
             mass, motor, viscous and coulomb (n,) [kg, kg·m², N·m·s/rad, N·m, or metres], com (n, 3) [m], tensor
-            (n, 3, 3) [kg·m²], source; what is not named stays as it is.
+            (n, 3, 3) [kg·m²], source.
 
         Returns
         -------
@@ -167,23 +167,23 @@ class Inertia:
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """A rigid body in the tool's frame, of a known mass or of any mass in an interval.
+    """A rigid body in the tool's frame, with a known mass or an interval of masses.
 
     Parameters
     ----------
     mass : float or pair of floats
-        Mass, or smallest and largest mass [kg]. Equal ends are one mass.
+        Mass, or smallest and largest mass [kg]; equal ends are one mass.
     com : (3,) array, optional
         Centre of mass in the tool's frame [m].
     inertia : (3, 3) array, optional
-        Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. Of an interval
-        it is the inertia of the largest mass, and scales with the mass.
+        Inertia about the centre of mass, in the axes of the tool's frame [kg·m²]; by default a point mass. For an
+        interval: of the largest mass; it scales with the mass.
 
     Raises
     ------
     InvalidInput
-        A mass that is not above 0, ends in the wrong order, wrong shapes, NaN or infinity, a tensor that no body has, or
-        lengths and masses that are too large for metres and kilograms.
+        A mass that is not above 0, ends in the wrong order, wrong shapes, NaN or infinity, an impossible tensor, or
+        values too large for metres and kilograms.
     """
 
     mass: float | tuple[float, float]
@@ -217,7 +217,7 @@ class Payload:
 
     @property
     def content(self) -> bytes:
-        """All numbers, to the last bit."""
+        """Bytes of all numbers."""
         return b"".join(array.tobytes() for array in (np.array(self.masses), self.com, self.inertia))
 
     def __eq__(self, other: object) -> bool:
@@ -231,7 +231,7 @@ class Payload:
 
 
 def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: Array) -> tuple[Load, ...]:
-    """Return what the joints of an arm move: one load, or two for a payload whose mass is an interval."""
+    """Return the load of an arm with its payload, or two loads for an interval of payload masses."""
     found = []
     for carried in (None,) if payload is None else payload.bodies:
         *links, last = inertia.bodies
@@ -247,7 +247,7 @@ def arm_loads(inertia: Inertia, payload: Payload | None, tool: Array, gravity: A
 
 
 def payload_masses(mass: Any) -> tuple[float, float]:
-    """Return the smallest and the largest mass of a payload, equal if one number is given."""
+    """Check the mass of a payload; return the smallest and largest mass."""
     expected = "a finite mass ≥ 0 [kg], or an interval (lightest, heaviest)"
     masses = real_array(mass, "payload.mass", expected)
     if masses.shape not in ((), (2,)):

@@ -1,9 +1,9 @@
-"""Robots by name and from files: TOML, as those that come with optik, URDF, JSON or Python.
+"""Robots by name and from TOML, URDF, JSON and Python files.
 
-A TOML file describes one arm by a Denavit–Hartenberg table:
+A TOML file, such as those of optik, describes one arm by a Denavit–Hartenberg table:
 
     convention = "dh"                    # "dh" (standard, distal) or "mdh" (modified, Craig)
-    source = "data sheet, revision 3"    # optional: where the numbers come from; by default the file's name
+    source = "data sheet, revision 3"    # optional: source of the numbers; by default the file's name
     joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
     home_deg = [0.0, 90.0]               # optional: the default start of commands; sliding joints in millimetres
     gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
@@ -11,7 +11,7 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
     tool = { xyz_mm = [0.0, 0.0, 120.0] }                               # optional: after the last row's transform
 
-    joints = [  # one row for each joint, from the base to the tool; a length or an angle that is left out is 0
+    joints = [  # one row for each joint, from the base to the tool; lengths and angles default to 0
       { a_mm = 0.0, alpha_deg = -90.0, d_mm = 290.0, theta_deg = 0.0, range_deg = [-165.0, 165.0], speed_deg = 250.0 },
       { type = "prismatic", a_mm = 250.0, range_mm = [0.0, 180.0], speed_mm = 1020.0 },
     ]
@@ -23,10 +23,10 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     torque = [97.6, 520.0]               # N·m or N
     torque_rate = 1000.0                 # N·m/s or N/s
 
-    [inertia]                            # optional: without it, torques are unknown
+    [inertia]                            # optional: required for torques
     source = "identified by us, 2024"    # optional: by default the file's source
 
-    [[inertia.links]]                    # one for each joint: the link that it moves; what is left out is 0
+    [[inertia.links]]                    # one for each joint: the link that it moves; values default to 0
     mass_kg = 17.4
     com_mm = [-363.8, 6.0, 227.5]
     inertia = [0.13, 0.524, 0.539, 0.0, 0.0, 0.0]
@@ -37,26 +37,26 @@ A TOML file describes one arm by a Denavit–Hartenberg table:
     [[inertia.links]]
     mass_kg = 5.0
 
-    [shapes]                             # optional: capsules that enclose the links; without it, contacts are unknown
+    [shapes]                             # optional: capsules that enclose the links, required for collision checks
     source = "measured by us"            # optional: by default the file's source
     capsules = [                         # link: 0 or "base", or the number or the name of the joint that moves it
       { link = "base", a_mm = [0.0, 0.0, -250.0], b_mm = [0.0, 0.0, -90.0], radius_mm = 95.0 },
       { link = 1, centre_mm = [-120.0, 40.0, 0.0], radius_mm = 110.0, excess_mm = 15.0, name = "motor" },
     ]
-    apart = [ { links = ["base", "motor"], reason = "the motor turns above the base" } ]   # optional: not examined
+    apart = [ { links = ["base", "motor"], reason = "the motor turns above the base" } ]   # optional: not checked
 
 A row names its position limits by one of range_deg, range_rad and range_mm, and its velocity by speed_deg [°/s] or
 speed_mm [mm/s], in all rows or in none. Millimetres belong to prismatic joints, degrees and radians to revolute ones;
 [-inf, inf] stands for a joint without position limits.
 
-Centres of mass and inertias are stated in the table's frames, as published tables state them: the frame of row i moves with
-joint i and stands, in a standard table, a_i and α_i behind the joint, in a modified one at it. `inertia` is about the centre
-of mass, in kg·m², in the order xx, yy, zz, xy, xz, yz. `motor` is the inertia of motor and gears reflected to the joint (of
-the motor times the square of the gear ratio) in kg·m² or kg, `viscous` is in N·m·s/rad or N·s/m, `coulomb` in N·m or N.
+Centres of mass and inertias are given in the frames of the table, as in the literature. The frame of row i moves with joint
+i: in a standard table it lies a_i and α_i behind the joint, in a modified table at the joint. `inertia` is about the centre
+of mass, in kg·m², in the order xx, yy, zz, xy, xz, yz. `motor` is the inertia of motor and gears reflected to the joint (the
+motor's inertia times the square of the gear ratio) in kg·m² or kg, `viscous` is in N·m·s/rad or N·s/m, `coulomb` in N·m or N.
 
-A capsule is stated in the table's frame of its link, the base's in the robot's base frame, as a segment and a radius that
-together contain the link; the excess says how far it stands out beyond the link at most. The frame of row i moves with joint
-i and stands, in a standard table, a_i and α_i behind the joint, in a modified one at it. The last link carries the tool.
+A capsule, all points within a radius of a segment, encloses its link and is given in the same frames; the frame of the base
+is the robot's base frame. The excess is the largest distance of the capsule's surface from the link. The last link carries
+the tool.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ from optik.registry import data_file, load_method, own_names
 from optik.types import Array
 
 ROBOTS = "optik.robots"
-"""Group of the robots."""
+"""Name of the group of robots."""
 
 URDF = (".urdf", ".xml")
 """Suffixes of URDF files."""
@@ -98,13 +98,13 @@ RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
 
 URDF_OPTIONS = {"tip", "base", "shapes", "packages", "srdf"}
-"""What can stand behind a URDF's path."""
+"""Options that may follow the path of a URDF."""
 
 MOST_TOML_BYTES = 2**20
-"""Longest file that is read [bytes]: a thousand times that of an arm of seven joints."""
+"""Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
 
 CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
-"""How the rows are read: modified (Craig) or standard (distal)."""
+"""Constructors by the convention of the rows: modified (Craig) or standard (distal)."""
 
 REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
@@ -121,7 +121,7 @@ SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 """Keys of a joint's velocity limit, and the factor to rad/s or m/s."""
 
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
-"""Keys of a row; which of them are required depends on the row."""
+"""Keys of a row; the type of the joint determines the required ones."""
 
 
 LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
@@ -129,14 +129,14 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 
 
 def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> Robot:
-    """Load a robot by name, or from a file that is given as a path.
+    """Load a robot by name or from a file.
 
     Parameters
     ----------
     name : str or path
-        A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file with
-        what `Robot.to_dict` returns, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). The links
-        of a URDF can stand behind its path: ``"./arm.urdf#tip=tool0&base=base_link"``, and ``shapes=yes`` to read its
+        A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file of
+        `Robot.to_dict`, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). Options of a URDF can
+        follow its path: ``"./arm.urdf#tip=tool0&base=base_link"``, and ``shapes=yes`` to read its
         <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
     tip, base : str, optional
         For a URDF, the links of `Robot.from_urdf`.
@@ -149,16 +149,18 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     Raises
     ------
     UnknownName
-        No such robot; the nearest names are offered.
+        No such robot; the error lists similar names.
     InvalidInput
-        No such file, one that holds no robot, or a link asked of what is no URDF.
+        No such file, no robot in it, or a link for a file that is not a URDF.
     RobotModelError
         As `Robot.from_urdf`.
     """
     if is_path(name):
         path, links = split_links(os.fspath(name))
         given = {k: v for k, v in (("tip", tip), ("base", base)) if v is not None}
-        if Path(path).suffix.lower() not in URDF:  # a URDF states its robot's name, so its file may have one of ours
+        if (
+            Path(path).suffix.lower() not in URDF
+        ):  # a URDF contains the robot's name, so its file may be named like one of our robots
             data_file(ROBOTS, path, "robot")
         return _from_file(path, {**_parse_urdf_options(links), **given})
     if tip is not None or base is not None:
@@ -169,13 +171,13 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
 
 
 def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Robot:
-    """Robot in a file; a TOML file, which states no name, takes the given one, or its stem."""
+    """Read a robot from a file; a TOML file contains no name, so it takes the given one or its stem."""
     suffix, file = Path(path).suffix.lower(), resolve_file(path, "robot")
     if suffix in URDF:
         try:
             return Robot.from_urdf(file, **_urdf_options(links))
         except InvalidInput as error:
-            where = f"robot {path!r}" if error.argument == "source" else error.argument  # which of several files
+            where = f"robot {path!r}" if error.argument == "source" else error.argument
             raise InvalidInput(where, error.got, error.expected) from None
     if links:
         raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
@@ -194,7 +196,7 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
 
 
 def _parse_urdf_options(text: str) -> dict[str, str]:
-    """What stands behind a URDF's path, ``tip=tool0&base=base_link``."""
+    """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
     if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
         expected = "tip=LINK, base=LINK, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
@@ -203,7 +205,7 @@ def _parse_urdf_options(text: str) -> dict[str, str]:
 
 
 def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
-    """Arguments of `Robot.from_urdf` for what stands behind a path; with folders or an SRDF, shapes are meant."""
+    """Return the arguments of `Robot.from_urdf` for the options of a path; packages= and srdf= imply shapes=yes."""
     options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf")}
     if "packages" in links:
         options["package_dirs"] = [links["packages"]]
@@ -213,7 +215,7 @@ def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
 
 
 def _resolve_robot(value: Any, where: str, name: str) -> Robot:
-    """Robot of a plug-in: a robot, what returns one, or the path of its file, which may have the plug-in's own name."""
+    """Return the robot of a plug-in: a robot, a function that returns one, or the path of its file."""
     if isinstance(value, str | os.PathLike):
         path, links = split_links(os.fspath(value))
         return _from_file(str(Path(path).absolute()), _parse_urdf_options(links), name)
@@ -233,7 +235,7 @@ def robot_from_toml(file: Path, name: str | None = None) -> Robot:
 
 
 def read_home(name: str | os.PathLike[str]) -> Array | None:
-    """Return the configuration `home_deg` of a robot's TOML file [°, sliding mm]; None for a robot without one."""
+    """Return the configuration `home_deg` of a robot's TOML file [°, mm], or None."""
     file: Path | None = None
     if is_path(name):
         file = resolve_file(name, "robot")
@@ -311,7 +313,7 @@ def _row(joint: Mapping[str, Any], where: str) -> DHRow:
 
 
 def _inertia(table: Any, n: int, source: Any) -> Inertia:
-    """Masses of the links, in the table's frames."""
+    """Read the masses of the links, in the frames of the table."""
     links = read_record(table, ("links",), "inertia", optional=("source",))["links"]
     if not isinstance(links, list) or len(links) != n:
         got = f"{len(links)} rows" if isinstance(links, list) else repr(links)[:60]
@@ -332,20 +334,24 @@ def _inertia(table: Any, n: int, source: Any) -> Inertia:
 
 
 def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
-    """Position limits and speeds of the rows, and the other limits of the table ``dynamic_limits``."""
+    """Read the position limits and speeds of the rows, and the table ``dynamic_limits``."""
     read_record(dynamic, (), "dynamic_limits", optional=DYNAMIC_LIMITS)
     n = len(joints)
     ranges = np.array([_range(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
         if "velocity" in limits:
-            raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", "velocities in one of both places")
+            raise InvalidInput(
+                "dynamic_limits.velocity",
+                "speeds in the rows, too",
+                "velocities either in the rows or in dynamic_limits",
+            )
         limits["velocity"] = np.array([_speed(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     return JointLimits(ranges[:, 0], ranges[:, 1], **limits)
 
 
 def _range(joint: Mapping[str, Any], where: str) -> Array:
-    """Position limits (2,) of a row [rad, m]."""
+    """Read the position limits (2,) of a row [rad, m]."""
     key = _find_key(joint, where, RANGES)
     values = joint[key]
     if not isinstance(values, list) or len(values) != 2:
@@ -360,14 +366,14 @@ def _range(joint: Mapping[str, Any], where: str) -> Array:
 
 
 def _speed(joint: Mapping[str, Any], where: str) -> float:
-    """Velocity limit of a row [rad/s, m/s]."""
+    """Read the velocity limit of a row [rad/s, m/s]."""
     key = _find_key(joint, where, SPEEDS)
     value = check_number(joint[key], f"{where}.{key}", "a speed above 0", above=0.0)
     return value / 1000.0 if key == "speed_mm" else value * SPEEDS[key]
 
 
 def _find_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -> str:
-    """Return the one of several keys that a row has; millimetres are for prismatic joints and for those only."""
+    """Return the only one of several keys that a row has; its unit must fit the type of the joint."""
     found = [key for key in keys if key in joint]
     slides = joint.get("type") == "prismatic"
     fitting = [key for key in keys if key.endswith("_mm") == slides]
@@ -378,7 +384,7 @@ def _find_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -
 
 
 def _read_pose(pose: Any, where: str) -> Array:
-    """Pose (4, 4) of a table with xyz_mm and rpy_deg."""
+    """Read the pose (4, 4) of a table with xyz_mm and rpy_deg."""
     read_record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
     xyz, rpy = (_numbers(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}", 3) for key in ("xyz_mm", "rpy_deg"))
     return se3.from_xyz_rpy(xyz / 1000.0, rpy)
@@ -400,7 +406,7 @@ def _numbers(values: Any, where: str, count: int) -> Array:
 
 
 def _check_positive(value: Any, where: str, n: int) -> ArrayLike:
-    """Return a limit of all joints: one number, or one for each."""
+    """Check a limit: one number for all joints, or one for each."""
     expected = f"a number above 0, or {n} of them"
     values = value if isinstance(value, list) else [value]
     if isinstance(value, list) and len(value) != n:

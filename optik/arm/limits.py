@@ -1,4 +1,4 @@
-"""Limits of joints: position always; velocity, acceleration, jerk, torque and torque rate where known."""
+"""Joint limits: position, and where known velocity, acceleration, jerk, torque and torque rate."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
 """Fields of `JointLimits` that may be unknown."""
 
 LIMIT_TOLERANCE = 1e-9
-"""Numerical slack on position limits [rad or m]: rounding in a solver's result is no limit violation."""
+"""Slack of position limits [rad, m]: rounding errors are not limit violations."""
 
 
 LARGEST_LIMIT = 1e5
-"""Largest finite position limit [rad, m]: up to it sines are exact to the last bits, and no arm moves so far."""
+"""Largest finite position limit [rad, m]: sines are accurate up to it, and no arm moves so far."""
 
 
 def freeze(value: ArrayLike, argument: str) -> Array:
@@ -34,7 +34,7 @@ def freeze(value: ArrayLike, argument: str) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of every joint; position always, the rest where known.
+    """Limits of the joints: position, and optionally velocity, acceleration, jerk, torque and torque rate.
 
     Parameters
     ----------
@@ -97,25 +97,25 @@ class JointLimits:
 
     @cached_property
     def middle(self) -> Array:
-        """Middle (n,) of the position range [rad, m]; the value nearest to zero where it is infinite on a side."""
-        with np.errstate(invalid="ignore"):  # −∞ + ∞, which is not taken
+        """Middle (n,) of the position range [rad, m]; the value nearest to zero where a limit is infinite."""
+        with np.errstate(invalid="ignore"):  # −∞ + ∞ is not used
             halfway = 0.5 * self.lower + 0.5 * self.upper
         return freeze(np.where(np.isfinite(self.half), halfway, self.clip(np.zeros(self.lower.size))), "middle")
 
     @cached_property
     def half(self) -> Array:
-        """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a side is infinite."""
+        """Half (n,) of the position range [rad, m]: 0 for a locked joint, infinite where a limit is infinite."""
         return freeze(0.5 * self.upper - 0.5 * self.lower, "half")
 
     @cached_property
     def bounded(self) -> Flags:
-        """Which joints (n,) move between two finite limits: neither locked nor free on a side."""
+        """Joints (n,) with two different finite limits."""
         flags = np.isfinite(self.half) & (self.half > 0.0)
         flags.setflags(write=False)
         return flags
 
     def contains(self, q: ArrayLike) -> Flags:
-        """Whether configurations satisfy the position limits, within 1e-9.
+        """Return whether configurations satisfy the position limits, within 1e-9.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class JointLimits:
         return np.clip(np.asarray(q, dtype=np.float64), self.lower, self.upper)
 
     def normalise(self, q: ArrayLike) -> Array:
-        """Positions relative to the range, (q − middle) / half: 0 in the middle, −1 and 1 at the limits.
+        """Return positions relative to the range, (q − middle) / half: 0 in the middle, −1 and 1 at the limits.
 
         Parameters
         ----------
@@ -165,9 +165,9 @@ class JointLimits:
     def sample(
         self, rng: np.random.Generator, count: int, *, margin: float = 0.0, half_if_infinite: ArrayLike = pi
     ) -> Array:
-        """Draw configurations, uniform inside the position limits.
+        """Sample configurations uniformly inside the position limits.
 
-        A joint with one infinite limit is drawn beside its finite one, a joint with two around zero. The values are one
+        A joint with one infinite limit is sampled next to the finite one, a joint with two around zero. The values are one
         call of ``rng.uniform(low, high, (count, n))``.
 
         Parameters
@@ -179,7 +179,7 @@ class JointLimits:
         margin : float
             Least distance from every limit [rad, m].
         half_if_infinite : scalar or (n,) array
-            Half the width of the range drawn from where a limit is infinite [rad, m]; π by default, a whole turn.
+            Half the width of the sampled range where a limit is infinite [rad, m]; π by default, a whole turn.
 
         Returns
         -------
@@ -205,14 +205,13 @@ class JointLimits:
         return rng.uniform(low, high, (count, self.lower.size))
 
     def replace(self, **limits: ArrayLike | None) -> JointLimits:
-        """Return these limits with some of them exchanged.
+        """Return a copy with some limits replaced.
 
         Parameters
         ----------
         **limits
             lower and upper, (n,) arrays [rad, m]; velocity, acceleration, jerk, torque and torque_rate, scalars or (n,)
-            arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None for an unknown one. Limits that are not named stay
-            as they are.
+            arrays [rad/s, rad/s², rad/s³, N·m, N·m/s, or metres]; None where unknown.
 
         Returns
         -------
@@ -233,7 +232,7 @@ class JointLimits:
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:
-    """Return a limit as a read-only array."""
+    """Check a positive limit; return it as a read-only array (n,)."""
     array = real_array(value, argument, f"a positive number or {n} of them")
     if array.ndim == 0:
         array = np.full(n, float(array))

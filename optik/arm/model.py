@@ -1,4 +1,4 @@
-"""An arm as data: joints, limits, base, tool, gravity and masses, checked; equal by content; copied with parts exchanged."""
+"""The data of an arm: joints, limits, base, tool, gravity, masses and shapes, with checks and modified copies."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from optik.kinematics import Chain
 from optik.types import Array, Flags
 
 UNIT_LENGTH = 1e-14
-"""A gravity vector whose length is this near to 1 is kept to the last bit, so that a copy of an arm equals it."""
+"""A gravity vector whose length differs from 1 by less [1] is kept to the last bit, so that a copy of an arm equals it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """The data of a serial arm, whose joints turn about or slide along their z axes; what readers of files return."""
+    """The data of a serial arm, whose joints turn about or slide along their z axes."""
 
     name: str
     fixed: Array
@@ -44,7 +44,7 @@ class ArmModel:
     def __post_init__(self) -> None:
         for field in ("name", "source"):
             if not isinstance(getattr(self, field), str):
-                raise InvalidInput(field, repr(getattr(self, field))[:60], "a word")
+                raise InvalidInput(field, repr(getattr(self, field))[:60], "a string")
         if not isinstance(self.limits, JointLimits):
             raise InvalidInput("limits", repr(self.limits)[:60], "JointLimits(lower, upper)")
         fixed = _check_fixed(self.name, self.fixed)
@@ -78,7 +78,7 @@ class ArmModel:
             digest.update(array.tobytes())
         for limit in (lim.velocity, lim.acceleration, lim.jerk):
             digest.update(b"-" if limit is None else limit.tobytes())
-        later = {  # only where known: the fingerprint of an arm without them is older than they are
+        later = {  # only where known, so that fingerprints of arms without them do not change
             "torque": None if lim.torque is None else lim.torque.tobytes(),
             "torque_rate": None if lim.torque_rate is None else lim.torque_rate.tobytes(),
             "gravity": None if self.gravity_magnitude == STANDARD_GRAVITY else repr(self.gravity_magnitude).encode(),
@@ -102,17 +102,17 @@ class ArmModel:
         return type(self), tuple(self._arguments().values())
 
     def _arguments(self) -> dict[str, Any]:
-        """Return the constructor's arguments by name: an arm of them equals this one."""
+        """Return the constructor's arguments by name."""
         return {field.name: getattr(self, field.name) for field in fields(ArmModel)}
 
     @property
     def fingerprint(self) -> str:
-        """First 16 hexadecimal digits of the content's SHA-256: equal for equal arms, on any machine."""
+        """First 16 hexadecimal digits of the SHA-256 of the content, equal on all machines."""
         return self._content.hex()[:16]
 
     @cached_property
     def chain(self) -> Chain:
-        """The arm as compiled kernels take it: (fixed, prismatic, tool)."""
+        """The arm as kernels take it: (fixed, prismatic, tool)."""
         return self.fixed, self.prismatic, self.tool
 
     @property
@@ -122,20 +122,20 @@ class ArmModel:
 
     @cached_property
     def link_names(self) -> tuple[str, ...]:
-        """Names (n + 1) of the links: "base", then each the name of the joint that moves it."""
+        """Names (n + 1) of the links: "base", then the names of the joints that move them."""
         base = "base"
         while base in self.joint_names:
             base += "_"
         return base, *self.joint_names
 
     def configuration(self, q: ArrayLike, argument: str = "q", *, batch: bool = False) -> Array:
-        """Return configurations as a float64 array, checked."""
+        """Check configurations; return them as a float64 array."""
         array = real_array(q, argument, f"{self.n} joint values")
         if array.ndim == 0 or array.shape[-1] != self.n or (array.ndim > 1 and not batch):
             wanted = f"shape ({self.n},) or (..., {self.n})" if batch else f"shape ({self.n},)"
             raise InvalidInput(argument, f"shape {np.shape(q)}", f"joint values of {wanted} for {self.name}")
         if not np.isfinite(array).all():
-            raise InvalidInput(argument, "NaN or infinity in it", "finite joint values")
+            raise InvalidInput(argument, "NaN or infinity", "finite joint values")
         return array
 
     # ------------------------------------------------------------ copies
@@ -143,8 +143,8 @@ class ArmModel:
     def with_base(self, base: ArrayLike) -> Self:
         """Return the arm mounted at a pose of a new base frame: new.fk(q) = base @ self.fk(q).
 
-        The transform multiplies the present base, it does not replace it; the identity changes nothing. Gravity keeps
-        its physical direction and is expressed in the new base frame.
+        The transform multiplies the present base. Gravity keeps its physical direction and is expressed in the new base
+        frame.
         """
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
@@ -178,7 +178,7 @@ class ArmModel:
 
 
 def _check_fixed(name: str, value: ArrayLike) -> Array:
-    """Return the transforms between the joints (n, 4, 4), each with the rotation nearest to the one given."""
+    """Check the transforms between the joints (n, 4, 4); return each with the nearest rotation."""
     fixed = freeze(value, "fixed")
     n = fixed.shape[0] if fixed.ndim == 3 else 0
     if fixed.shape != (n, 4, 4) or n == 0:
@@ -229,7 +229,7 @@ def _check_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
 
 
 def _check_gravity(name: str, value: ArrayLike) -> Array:
-    """Return the direction of gravity (3,), of length 1."""
+    """Check the direction of gravity (3,); return it with length 1."""
     gravity = freeze(value, "gravity")
     if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
         raise RobotModelError(name, "gravity is not a direction (3,)")

@@ -1,4 +1,4 @@
-"""An arm as plain data that JSON can hold, read back to the last bit, and the checks of such data."""
+"""Arms as plain data for JSON, exact to the last bit, and checks of such data."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 INFINITE = {"inf": np.inf, "-inf": -np.inf}
-"""Words for infinite numbers, which JSON does not have."""
+"""Strings for infinite numbers, which JSON lacks."""
 
 LIMIT_KEYS = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Keys of an arm's limits that are always written: fields of `JointLimits`."""
 
 TORQUE_KEYS = ("torque", "torque_rate")
-"""Keys of an arm's limits that are written where known: files without torques are as they were before there were any."""
+"""Keys of an arm's limits that are written where known."""
 
 ARM_KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
 """Keys of an arm that are always written: fields of `ArmModel`."""
 
 MASS_KEYS = ("gravity_magnitude", "inertia", "payload")
-"""Keys of an arm that are written where they are known, gravity's where it is not the standard value."""
+"""Keys of an arm that are written where they are known, gravity_magnitude where it is not the standard value."""
 
 INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source")
 """Keys of an arm's masses: the fields of `Inertia`."""
@@ -40,7 +40,7 @@ SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
 
 
 def numbers_to_list(values: ArrayLike) -> Any:
-    """Return numbers as nested lists of floats, infinite ones as the words "inf" and "-inf"."""
+    """Return numbers as nested lists of floats, infinite ones as the strings "inf" and "-inf"."""
 
     def plain(x: Any) -> Any:
         if isinstance(x, list):
@@ -80,7 +80,7 @@ def _number(value: Any, argument: str) -> float:
 
 
 def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return a mapping that has all required keys and no unknown ones."""
+    """Check that a mapping has all required keys and no unknown ones, and return it."""
     expected = f"a mapping with {', '.join((*keys, *optional))}"
     if not isinstance(data, dict):
         raise InvalidInput(argument, repr(data)[:60], expected)
@@ -93,16 +93,16 @@ def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tu
 
 
 def read_word(value: Any, argument: str) -> str:
-    """Return a string, checked."""
+    """Check that a value is a string, and return it."""
     if not isinstance(value, str):
-        raise InvalidInput(argument, repr(value)[:60], "a word")
+        raise InvalidInput(argument, repr(value)[:60], "a string")
     return value
 
 
 def read_words(value: Any, argument: str) -> tuple[str, ...]:
-    """Return a list of strings as a tuple, checked."""
+    """Check that a value is a list of strings; return it as a tuple."""
     if not isinstance(value, list):
-        raise InvalidInput(argument, repr(value)[:60], "a list of words")
+        raise InvalidInput(argument, repr(value)[:60], "a list of strings")
     return tuple(read_word(w, argument) for w in value)
 
 
@@ -202,7 +202,7 @@ def shapes_from_dict(data: Any) -> Shapes:
 
 
 def describe_difference(a: ArmModel, b: ArmModel) -> str:
-    """Return the names of the parts in which two robots differ, for an error that names both."""
+    """Return the names of the parts in which two robots differ, for an error."""
     first, second = arm_to_dict(a), arm_to_dict(b)
     return (
         ", ".join(key for key in {**first, **second} if first.get(key) != second.get(key))

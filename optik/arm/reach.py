@@ -1,4 +1,4 @@
-"""Reach of an arm: bounds that hold for every configuration inside the limits, so a target beyond is unreachable."""
+"""Reach of an arm: proved bounds for every configuration inside the limits."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ from optik.task import Task
 from optik.types import Array
 
 REACH_ROUNDING = 1e-9
-"""Slack for rounding in the bound and the distance [m]: far above the rounding of metres, far below a tolerance."""
+"""Slack for rounding errors of the bound and the distance [m]."""
 
 
 def reach_bound(robot: Robot, task: Task) -> Array:
-    """Return a point of the base, a point of the tool, and the least and largest distance between them.
+    """Return a point of the base (3,), a point of the tool (3,), and the least and largest distance between them [m].
 
-    One point is taken on every joint axis; the distance from one to the next does not change with the joints (along a
-    prismatic joint it has a range). So the distance from the first to the last is at most the sum of all of them, and at
-    least the longest less all others: the polygon inequality. The points are placed on their axes so that the sum is
-    smallest. For a task of the full pose the last point is on the last axis, where the target fixes it; for a task of
-    the position only, it is the tool point. A task that leaves a position component free has no bound: (…, 0, ∞).
+    One point is chosen on every joint axis. The distance of consecutive points is constant (a range for a prismatic joint).
+    By the polygon inequality, the distance from the first to the last point is at most the sum of all distances, and at
+    least the longest less all others. The points minimise the sum. If the task fixes the rotation, the last point is on the
+    last axis; else it is the tool point. A task with a free position component has no bound: (…, 0, ∞).
     """
     if not all(task.mask[:3]):
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.inf])
@@ -42,14 +41,14 @@ def reach_bound(robot: Robot, task: Task) -> Array:
     least = max(0.0, float(np.max(low - (largest - high)))) if np.isfinite(largest) else 0.0
     A = robot.fixed[0] @ z[0]
     c = np.linalg.solve(robot.tool, z[-1]) if whole else np.array([0.0, 0.0, 0.0, 1.0])
-    # of a tool inside the task's tolerance box, the point is at most this far from the target's point
+    # largest distance of the tool's point from the target's point inside the tolerance box
     room = float(np.linalg.norm(task.box[:3]) + np.linalg.norm(task.box[3:]) * np.linalg.norm(c[:3]))
     least, largest = least - room, largest + room
     return np.array([*A[:3], *c[:3], least, largest])
 
 
 def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
-    """Least and largest length of v (4,) as joint i moves inside its limits, in the frame before it."""
+    """Return the least and largest length of v (4,), in the frame before joint i, as the joint moves inside its limits."""
     if not robot.prismatic[i]:
         length = float(np.linalg.norm(v[:3]))
         return length, length
@@ -60,11 +59,11 @@ def _distances(robot: Robot, i: int, v: Array) -> tuple[float, float]:
     return float(np.linalg.norm(v[:3] + nearest * axis)), max(ends)
 
 
-@lru_cache(maxsize=64)  # an arm's solvers share it: a hundred least-squares problems, 10 ms
+@lru_cache(maxsize=64)  # shared by an arm's solvers: it takes 10 ms
 def _shortest(robot: Robot, whole: bool) -> Array:
-    """Place (n,) of each joint's point on its axis [m] that makes the sum of the distances between them smallest."""
-    # The sum is minimised by least squares with weights 1 / distance (Weiszfeld 1937). Any places give a valid bound;
-    # the smaller the sum, the tighter it is.
+    """Return the positions (n,) of the points on the joint axes [m] that minimise the sum of their distances."""
+    # Least squares with weights 1 / distance (Weiszfeld 1937). Any points give a valid bound; the smallest sum gives the
+    # tightest.
     n, middle = robot.n, robot.limits.middle
     rows = n - 1 + (not whole)
     A, b = np.zeros((3 * rows, n)), np.zeros(3 * rows)
@@ -86,7 +85,7 @@ def _shortest(robot: Robot, whole: bool) -> Array:
 
 @compiled
 def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: float) -> float:
-    """Distance of the tool's point from the base's if it violates the bound for every pose within the tolerance.
+    """Return the distance of the tool's point from the base's if no pose within the tolerance is in reach, else −1.
 
     Shapes and units: reach (8,) [m], target (4, 4) [1, m], tolerance_p [m], tolerance_r [rad]. Returns [m].
     """
@@ -98,6 +97,6 @@ def outside_reach(reach: Array, target: Array, tolerance_p: float, tolerance_r: 
         square += v * v
         lever += reach[3 + i] * reach[3 + i]
     d = sqrt(square)
-    # of a tool within the tolerances, the point is at most this far from the target's point
+    # largest distance of the tool's point from the target's point within the tolerances
     slack = tolerance_p + min(tolerance_r, 2.0) * sqrt(lever) + REACH_ROUNDING
     return d if d > reach[7] + slack or d < reach[6] - slack else -1.0

@@ -1,4 +1,4 @@
-"""A serial arm, built from any convention: its tool pose, Jacobian and singular values, and its comparison with another."""
+"""Serial arms from DH tables and URDF: kinematics and comparison."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Robot(ArmDynamics):
     Parameters
     ----------
     name : str
-        What reports call it.
+        Name of the arm.
     fixed : (n, 4, 4) array
         Transform from the joint before (the base, for the first) to each joint at q = 0, base transform included.
     prismatic : (n,) array of bool
@@ -49,7 +49,7 @@ class Robot(ArmDynamics):
     gravity : (3,) array, optional
         Direction of gravity in the base frame, of any length [1]; −z by default.
     source : str
-        Where the numbers come from.
+        Source of the numbers.
     gravity_magnitude : float, optional
         Acceleration of free fall [m/s²]; 9.80665 by default, 0 without weight.
     inertia : Inertia, optional
@@ -64,8 +64,8 @@ class Robot(ArmDynamics):
     InvalidInput
         A value of the wrong type.
     RobotModelError
-        Not a serial arm: wrong shapes, transforms that are no poses, repeated joint names, no direction of gravity,
-        masses of another number of links, or a payload on an arm whose masses are unknown.
+        Not a serial arm: wrong shapes, transforms that are not poses, repeated joint names, no direction of gravity,
+        masses of another number of links, or a payload on an arm without masses.
     """
 
     def __repr__(self) -> str:
@@ -153,32 +153,31 @@ class Robot(ArmDynamics):
     ) -> Robot:
         """Read the chain between two links of a URDF.
 
-        Fixed joints are merged into their neighbours. Position and velocity limits are the file's; a velocity that is
-        missing or 0 counts as unknown (infinite, or None where all are unknown), and so does an effort, which is the
-        limit of the torque. Masses are those of <inertial>, merged over fixed joints; what hangs on a link beside the
-        chain counts, with its joints at 0; a link without <inertial> has the mass 0, and where none has one, the masses are
-        unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb), with the attribute armature for the
-        motors' inertia, which URDF itself lacks. Masses and efforts that cannot be are left out with a warning. Soft
-        limits (<safety_controller>) are not read.
+        Fixed joints are merged into their neighbours. A velocity or an effort (the torque limit) that is missing or 0 is
+        unknown: infinite, or None where all are unknown. Masses are those of <inertial>, merged over fixed joints and with
+        the links that branch off the chain, whose joints stand at 0. A link without <inertial> has the mass 0; if no link has
+        one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); the attribute
+        armature, an extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning.
+        Soft limits (<safety_controller>) are not read.
 
         Parameters
         ----------
         source : str or path
-            A file, or the XML itself (text that begins with <). xacro must be expanded before.
+            A file, or XML text (which begins with <). xacro must be expanded before.
         tip : str, optional
             Link of the tool; by default the only link without children below the base.
         base : str, optional
-            Link whose frame poses are given in; by default the root.
+            Link of the base frame; by default the root.
         name : str, optional
             Name of the arm; by default the file's.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; −z by default.
         shapes : bool
-            Enclose the <collision> elements by capsules, too; by default not, as meshes take seconds, or are missing.
+            Enclose the <collision> elements by capsules (meshes take seconds); by default not.
         package_dirs : mapping of str to path, or sequence of paths, optional
-            Folders of the meshes besides the file's own: of each package by its name, or that contain packages.
+            Folders of the meshes besides the file's own: {package: folder}, or folders that contain packages.
         srdf : str or path, optional
-            File, or its text, whose <disable_collisions> name pairs of links that are not examined.
+            File, or its text, whose <disable_collisions> name pairs of links that are not checked.
 
         Returns
         -------
@@ -188,10 +187,10 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that cannot be read or lies elsewhere.
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
-            planar, following another (<mimic>), without an axis, with crossed or missing limits.
+            planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.
         """
         from optik.arm.urdf import check_folders, read_urdf
 
@@ -201,9 +200,9 @@ class Robot(ArmDynamics):
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
 
-        Read back, it has the same kinematics and torques (1e-12), position limits, velocities and torque limits. An
-        effort or velocity of 0 stands for an unknown one. A payload is a mass of the link ``tool``. URDF has no place for
-        acceleration, jerk, torque rate, gravity and source.
+        The file has the same kinematics and torques (1e-12), position limits, velocities and torque limits. An effort or
+        velocity of 0 means unknown. A payload is the mass of the link ``tool``. URDF has no fields for acceleration, jerk,
+        torque rate, gravity and source.
 
         Parameters
         ----------
@@ -228,7 +227,7 @@ class Robot(ArmDynamics):
         return write_urdf(self, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the arm as plain data for JSON; `from_dict` reads it back to the last bit, infinite limits included."""
+        """Return the arm as plain data for JSON; `from_dict` restores it to the last bit."""
         return arm_to_dict(self)
 
     @staticmethod
@@ -238,7 +237,7 @@ class Robot(ArmDynamics):
         Parameters
         ----------
         data : mapping
-            What `to_dict` returned.
+            The result of `to_dict`.
 
         Returns
         -------
@@ -248,7 +247,7 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            Missing or unknown keys, wrong lengths, or a value that is no number.
+            Missing or unknown keys, wrong lengths, or a value that is not a number.
         RobotModelError
             Not a serial arm.
         """
@@ -257,7 +256,7 @@ class Robot(ArmDynamics):
     # ------------------------------------------------------------ kinematics
 
     def fk(self, q: ArrayLike) -> Array:
-        """Tool poses in the base frame.
+        """Return the tool poses in the base frame.
 
         Parameters
         ----------
@@ -280,7 +279,7 @@ class Robot(ArmDynamics):
         return out
 
     def frames(self, q: ArrayLike) -> Array:
-        """Poses of the joint frames and, last, of the tool, in the base frame.
+        """Return the poses of the joint frames and, last, of the tool, in the base frame.
 
         Parameters
         ----------
@@ -304,7 +303,7 @@ class Robot(ArmDynamics):
         return out
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Geometric Jacobians, rows (v, ω) in the base frame at the tool point.
+        """Return the geometric Jacobians, rows (v, ω) in the base frame at the tool point.
 
         Parameters
         ----------
@@ -328,7 +327,7 @@ class Robot(ArmDynamics):
         return out
 
     def singular_values(self, q: ArrayLike) -> Array:
-        """Singular values of the geometric Jacobian; the last one is 0 at a singular configuration.
+        """Return the singular values of the geometric Jacobian; the last one is 0 at a singular configuration.
 
         The rows of J are in metres and in radians, so the values depend on the unit of length: they combine motion of
         the tool point [m] and rotation [rad] with equal weight, 1 m for 1 rad. Compare them only between configurations
@@ -352,7 +351,7 @@ class Robot(ArmDynamics):
         return np.asarray(np.linalg.svd(self.jacobian(q), compute_uv=False))
 
     def pose_errors(self, q: ArrayLike, targets: ArrayLike) -> Array:
-        """Error twists (p_t − p, log(R_t Rᵀ)) in the base frame from the tool at q to the targets, which judge every method.
+        """Return the error twists (p_t − p, log(R_t Rᵀ)) in the base frame from the tool at q to the targets.
 
         Parameters
         ----------
@@ -385,10 +384,10 @@ class Robot(ArmDynamics):
     def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
         """Compare with another model of the same arm, and explain the difference.
 
-        The tool poses are compared at 40 configurations, always the same, inside the limits of both. If they differ, the
-        simplest base, tool, joint zeros and joint directions that make them agree are searched for and verified:
-        other.fk(q) = base @ self.fk(signs * q + offsets) @ tool. An offset of the first joint's zero equals a rotation
-        of the base, and one of the last joint's a rotation of the tool; one of the two is named.
+        The tool poses are compared at 40 fixed configurations inside the limits of both. If they differ, the simplest base,
+        tool, joint zeros and joint directions that make them agree are searched and verified: other.fk(q) =
+        base @ self.fk(signs * q + offsets) @ tool. A zero offset of the first joint equals a rotation of the base, one of
+        the last joint a rotation of the tool; only one of the two is reported.
 
         Parameters
         ----------
@@ -402,7 +401,7 @@ class Robot(ArmDynamics):
         Returns
         -------
         Comparison
-            True where they agree; `str` says what differs.
+            True if they agree; `str` describes the difference.
 
         Raises
         ------

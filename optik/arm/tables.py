@@ -1,4 +1,4 @@
-"""Denavit–Hartenberg tables, modified and standard, and the transforms that their rows describe."""
+"""Modified and standard Denavit–Hartenberg tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optik.types import Array
 
 
 class DHRow(NamedTuple):
-    """One row of a Denavit–Hartenberg table, by name, so that columns cannot be confused.
+    """One row of a Denavit–Hartenberg table.
 
     Lengths in metres, angles in radians. ``theta`` (revolute) or ``d`` (prismatic) is the joint's offset at q = 0.
     """
@@ -37,7 +37,7 @@ def screw_z(angle: float, length: float) -> Array:
 
 
 def check_rows(rows: Iterable[DHRow | Mapping[str, Any]]) -> list[DHRow]:
-    """Return the rows of a table as `DHRow`, checked."""
+    """Check the rows of a table; return them as `DHRow`."""
     table = []
     if not isinstance(rows, Iterable):
         raise InvalidInput("rows", repr(rows)[:60], "a list of DHRow or of mappings")

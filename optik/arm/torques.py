@@ -1,4 +1,4 @@
-"""An arm with masses: copies with other masses or another payload, and torques."""
+"""Dynamics of an arm: masses, payload and torques."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optik.types import Array
 
 
 class ArmDynamics(ArmModel):
-    """An arm's data with what follows from its masses; the part of `optik.Robot` that concerns torques."""
+    """An arm with masses: the part of `optik.Robot` for dynamics."""
 
     def with_gravity(self, direction: ArrayLike | None = None, magnitude: float | None = None) -> Self:
         """Return the arm under another gravity."""
@@ -41,9 +41,9 @@ class ArmDynamics(ArmModel):
         inertia: ArrayLike | None = None,
         shapes: Sequence[Any] | None = None,
     ) -> Self:
-        """Return the arm with a rigid body in its tool, in place of the present payload.
+        """Return the arm with a rigid body in its tool, which replaces the present payload.
 
-        The body keeps its place in the tool's frame: a `with_tool` that moves the tool moves the payload with it.
+        The body is fixed in the tool's frame and moves with it, also in `with_tool`.
         """
         if mass is None or payload_masses(mass)[1] == 0.0:
             return replace(self, payload=None, shapes=self._replace_payload_shapes(None))
@@ -51,7 +51,7 @@ class ArmDynamics(ArmModel):
         return replace(self, payload=Payload(**changes), shapes=self._replace_payload_shapes(shapes))
 
     def _replace_payload_shapes(self, payload: Sequence[Any] | None) -> Shapes | None:
-        """The arm's shapes with those of a payload in place of the present ones."""
+        """Return the arm's shapes with the payload's shapes replaced."""
         if payload is None:
             carries = self.shapes is not None and PAYLOAD in self.shapes.names
             return self.shapes.without_part(PAYLOAD) if self.shapes is not None and carries else self.shapes
@@ -62,10 +62,10 @@ class ArmDynamics(ArmModel):
 
     @cached_property
     def loads(self) -> tuple[Load, ...]:
-        """What the joints move, payload and gravity included, as compiled kernels take it.
+        """Masses, friction and gravity of the arm with its payload, as kernels take them.
 
-        One load, or two for a payload whose mass is an interval: the lightest and the heaviest. Torques are affine in the
-        payload's mass, so no mass between them needs more torque than both.
+        One load, or two for an interval of payload masses: the lightest and the heaviest. Torques are affine in the
+        payload's mass, so the extreme torques of the interval are those of its ends.
         """
         if self.inertia is None:
             wanted = "an arm with masses: with_inertia(...), or a file that states them"
@@ -73,10 +73,9 @@ class ArmDynamics(ArmModel):
         return arm_loads(self.inertia, self.payload, self.tool, self.gravity_magnitude * self.gravity)
 
     def torques(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Torques that a motion needs (inverse dynamics), payload and friction included.
+        """Return the joint torques of a motion (inverse dynamics), with payload and friction.
 
-        They hold for this model: the links, motors and friction that `inertia` states, and the payload. Coulomb friction is
-        f·sign(q̇), and 0 at rest.
+        Coulomb friction is f·sign(q̇), and 0 at rest.
         """
         load = self._load("torques")
         given = {"q": q, "dq": dq, "ddq": ddq}
@@ -95,19 +94,19 @@ class ArmDynamics(ArmModel):
         return out
 
     def gravity_torques(self, q: ArrayLike) -> Array:
-        """Torques that hold the arm at rest against gravity, payload included."""
+        """Return the joint torques at rest under gravity, with payload."""
         rest = np.zeros(self.n)
         return self.torques(q, rest, rest)
 
     def mass_matrix(self, q: ArrayLike) -> Array:
-        """Mass matrices M with torque = M q̈ + the rest, payload included and the motors' inertia on the diagonal."""
+        """Return the mass matrices M of torque = M q̈ + …, with payload and the motors' inertia on the diagonal."""
         load, q = self._load("mass_matrix"), self.configuration(q, batch=True)
         out = np.empty((*q.shape, self.n))
         dynamics.mass_matrices(self.chain, load.bodies, q.reshape(-1, self.n), out.reshape(-1, self.n, self.n))
         return out
 
     def _load(self, asked: str) -> Load:
-        """Return the load of one mass, or raise InvalidInput for a payload whose mass is an interval."""
+        """Return the only load; raise InvalidInput for an interval of payload masses."""
         if len(self.loads) == 1:
             return self.loads[0]
         heaviest = self.payload.masses[-1] if self.payload is not None else 0.0

@@ -1,4 +1,4 @@
-"""Units in which joint values are shown and typed: degrees, and millimetres for prismatic joints."""
+"""Units of joint values in text: degrees, and millimetres for prismatic joints."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from optik.types import Array
 
 
 def unit_factors(arm: Robot) -> Array:
-    """Factors from the joints' units, rad and m, to the units that are shown."""
+    """Return the factors (n,) from rad and m to the units in text."""
     return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
 
 
 def unit_names(arm: Robot) -> list[str]:
-    """Units in which the joints are shown."""
+    """Return the units of the joints in text."""
     return [" mm" if slides else "°" for slides in arm.prismatic]

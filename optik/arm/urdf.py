@@ -1,4 +1,4 @@
-"""Reader of URDF: the chain from a base link to a tip link becomes an arm's data."""
+"""Reader of URDF: the chain from a base link to a tip link."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ R = TypeVar("R")
 """Result of a function."""
 
 Placed: TypeAlias = list[tuple[Joint, Array]]
-"""The joints of a chain, fixed ones too, and the frames of their links in the frames of the arm's joints."""
+"""All joints of a chain, and the poses of their links in the frames of the arm's joints."""
 
 MOVING = ("revolute", "continuous", "prismatic")
-"""Types of joints that become joints of the arm; fixed ones are merged, others are refused."""
+"""Types of movable joints; fixed joints are merged, other types are an error."""
 
 
 def read_urdf(
@@ -71,7 +71,7 @@ def read_urdf(
 def check_folders(
     source: str | os.PathLike[str], shapes: bool, package_dirs: Folders, srdf: object
 ) -> MeshFolders | None:
-    """Return where meshes may lie if shapes are asked for; else nothing may be said of meshes and pairs."""
+    """Return the folders of meshes for shapes=True; without shapes, package_dirs and srdf must be None."""
     if not shapes:
         if package_dirs is not None or srdf is not None:
             raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
@@ -99,7 +99,7 @@ def _find_leaf(tree: Tree, base: str) -> str:
 
 
 def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tuple[ArmModel, Placed]:
-    """Merge fixed joints; if an axis is not z, rotate z onto it before the joint and back after it."""
+    """Build the arm: merge fixed joints, and rotate frames whose joint axis is not z."""
     name, fixed, limits, moving = tree.name, [], [], []
     placed: Placed = []
     T = np.eye(4)
@@ -132,7 +132,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
 
 
 def _read_or_warn(read: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | None:
-    """Return what is read, or None with a warning: the kinematics of a file are of use without its masses."""
+    """Read masses or torques; return None with a warning if they are invalid."""
     try:
         return read(*arguments, **options)
     except RobotModelError as error:
@@ -151,19 +151,19 @@ def _check_kind(robot: str, joint: Joint) -> None:
 
 
 def _axis(robot: str, joint: Joint) -> Array:
-    """Unit axis (3,) in the joint's frame; by default x, as URDF defines."""
+    """Return the unit axis (3,) in the joint's frame; URDF's default is x."""
     element = joint.element.get("axis")
     if element is None:
         return np.array([1.0, 0.0, 0.0])
     axis = read_triple(robot, f"joint {joint.name!r}", element.get("xyz", ""), "axis xyz")
     if not axis.any():
         raise RobotModelError(robot, f"joint {joint.name!r}: axis 0 0 0 has no direction")
-    axis = axis / np.abs(axis).max()  # else the squares of 1e200 would be infinite
+    axis = axis / np.abs(axis).max()  # avoids overflow of the squares
     return np.asarray(axis / math.hypot(*axis))
 
 
 def _rotate_z_onto(axis: Array) -> Array:
-    """Rotation (3, 3) that takes z onto a unit axis, of least angle if z ≥ 0; exact if the axis is ±x, ±y or ±z."""
+    """Return the rotation (3, 3) from z onto a unit axis, of least angle if z ≥ 0; exact if the axis is ±x, ±y or ±z."""
     x, y, z = axis
     if z < 0.0:  # first a rotation by π about x, which takes z to −z
         return _rotate_z_onto(-axis) @ np.diag([1.0, -1.0, -1.0])
@@ -172,7 +172,7 @@ def _rotate_z_onto(axis: Array) -> Array:
 
 
 def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
-    """Lower and upper limit and velocity of a joint; the velocity is infinite if the file has none (or 0)."""
+    """Read the lower and upper limit and the velocity of a joint; a missing or zero velocity is infinite."""
     element = joint.element.get("limit")
     lower, upper, where = -np.inf, np.inf, f"joint {joint.name!r}"
     if joint.kind != "continuous":
@@ -185,7 +185,7 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
             raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
         lower = read_number(robot, where, element.get("lower", "0"), "lower limit")
         upper = read_number(robot, where, element.get("upper", "0"), "upper limit")
-        lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint that is free
+        lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint without limits
         upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
             raise RobotModelError(robot, f"joint {joint.name!r}: lower limit {lower:.6g} above upper {upper:.6g}")

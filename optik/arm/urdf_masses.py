@@ -1,4 +1,4 @@
-"""Masses, friction and torque limits of a URDF's chain: <inertial>, <dynamics> and <limit effort=>."""
+"""Reader of masses, friction and torque limits in a URDF."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
 PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
-"""Attributes of an <inertia>, as they stand in the tensor."""
+"""Attributes of an <inertia>, arranged as in the tensor."""
 
 
 def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None:
-    """Read what the joints of a chain move, merged over fixed joints."""
+    """Read the masses and friction of a chain, merged over fixed joints; None without masses."""
     chain = {joint.child for joint, _T in placed}
     groups: list[list[Body]] = []
     for joint, T in placed:
         if joint.kind != "fixed":
             groups.append([])
-        if groups:  # links before the first moving joint stand still
+        if groups:  # links before the first movable joint do not move
             carried = list(tree.list_carried(joint.child, chain))
             groups[-1] += [transform_body(body, T @ pose) for link, pose in carried for body in _bodies(tree, link)]
     if not any(body[0] for group in groups for body in group):
@@ -33,16 +33,16 @@ def read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None
     motor, viscous, coulomb = (_dynamics(tree.name, moving, name) for name in ("armature", "damping", "friction"))
     try:
         return Inertia(mass, com, tensor, motor, viscous, coulomb, f"URDF {tree.name!r}")
-    except InvalidInput as error:  # of the links together: each of them was checked
+    except InvalidInput as error:  # of merged links
         raise RobotModelError(tree.name, str(error)) from None
 
 
 INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
-"""Texts that stand for infinity, in lower case."""
+"""Texts for infinity, in lower case."""
 
 
 def read_torques(robot: str, joints: list[Joint]) -> Array | None:
-    """Read the torque limits of joints."""
+    """Read the torque limits of joints; None if all are unknown."""
     efforts = np.array([_effort(robot, joint) for joint in joints])
     return efforts if np.isfinite(efforts).any() else None
 
@@ -60,7 +60,7 @@ def _dynamics(robot: str, joints: list[Joint], name: str) -> Array:
 
 
 def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
-    """Attribute of an element of a joint, 0 if it is missing."""
+    """Read a number ≥ 0 from an attribute of a joint's element; a missing one is 0."""
     element, where = joint.element.get(tag), f"joint {joint.name!r}"
     value = 0.0 if element is None else read_number(robot, where, element.get(name, "0"), name)
     if value < 0.0:
@@ -69,7 +69,7 @@ def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
 
 
 def _bodies(tree: Tree, link: str) -> list[Body]:
-    """Rigid bodies of a link in its frame: one, or none without an <inertial>."""
+    """Read the rigid body of a link in its frame; an empty list without an <inertial>."""
     found = tree.parts(link, "inertial")
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""The tree of links and joints of a URDF: read from XML, checked to be one tree, with its numbers and poses."""
+"""Reader of the tree of links and joints in a URDF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optik.file_io import read_bytes
 from optik.types import Array
 
 MOST_URDF_BYTES = 32 * 2**20
-"""Longest description that is read [bytes]: a hundred times that of any arm, and small enough to be parsed at once."""
+"""Largest description that is read [bytes]: a hundred times that of an arm."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Tree:
-    """The links of a URDF and the joint above each of them, checked to be one tree."""
+    """The links of a URDF, each with the joint above it and the links below it."""
 
     name: str
     root: str
@@ -45,7 +45,7 @@ class Tree:
     prefix: str
 
     def list_below(self, base: str) -> list[str]:
-        """Links at and below a link."""
+        """List a link and all links below it."""
         found, todo = [], [base]
         while todo:
             found.append(todo.pop())
@@ -53,18 +53,18 @@ class Tree:
         return found
 
     def path(self, link: str) -> list[str]:
-        """Links from one up to the root."""
+        """List the links from one up to the root."""
         found = [link]
         while found[-1] in self.above:
             found.append(self.above[found[-1]].parent)
         return found
 
     def parts(self, link: str, tag: str) -> list[Any]:
-        """XML elements of one kind in a link."""
+        """List the XML elements of one kind in a link."""
         return list(self.links[link].findall(self.prefix + tag))
 
     def list_carried(self, link: str, chain: set[str]) -> Iterator[tuple[str, Array]]:
-        """Links that move with a link of a chain: itself, and what hangs on it beside the chain, whose joints stand at 0."""
+        """List a link and those that branch off the chain there, with poses in the link's frame at joint values of 0."""
         todo = [(link, np.eye(4))]
         while todo:
             name, T = todo.pop()
@@ -85,10 +85,10 @@ def read_xml(source: str | os.PathLike[str]) -> Any:
 
 
 def _read_source(source: object) -> bytes:
-    """XML as bytes: the argument itself if it begins with <, else the content of the file that it names."""
+    """Return XML as bytes: the argument if it begins with <, else the content of the file."""
     wanted = "the path of a URDF file, or its text (which begins with <)"
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
-        # A string is decoded already: an encoding that its XML declaration names does not apply.
+        # A string is already decoded, so the encoding of its XML declaration is removed.
         text = re.sub(r"\A\s*(<\?xml[^>]*?)\s+encoding\s*=\s*(\"[^\"]*\"|'[^']*')", r"\1", source.lstrip("\ufeff"))
         content = text.strip().encode("utf-8", errors="replace")
         if len(content) > MOST_URDF_BYTES:
@@ -102,7 +102,7 @@ def _read_source(source: object) -> bytes:
 
 
 def _parse_xml(content: bytes) -> Any:
-    """Root element of XML without DOCTYPE and entities."""
+    """Parse XML without DOCTYPE and entities; return the root element."""
     import xml.etree.ElementTree as ElementTree
 
     from defusedxml import DefusedXmlException
@@ -111,11 +111,11 @@ def _parse_xml(content: bytes) -> Any:
     try:
         return fromstring(content, forbid_dtd=True)
     except DefusedXmlException:
-        raise InvalidInput("source", "a DOCTYPE or an entity", "URDF without them; nothing in it is expanded") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two: an unknown encoding
+        raise InvalidInput("source", "a DOCTYPE or an entity", "URDF without them") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two for an unknown encoding
         if b"<xacro:" in content:
             _refuse_xacro("source")
-        raise InvalidInput("source", f"no XML: {error}", "URDF, which is XML") from None
+        raise InvalidInput("source", f"invalid XML: {error}", "URDF (XML)") from None
 
 
 def _refuse_xacro(file: str) -> NoReturn:
@@ -125,7 +125,7 @@ def _refuse_xacro(file: str) -> NoReturn:
 
 
 def _build_tree(root: Any, name: str | None) -> Tree:
-    """Links and joints of a <robot>, without elements of other namespaces (Gazebo, controllers)."""
+    """Read the links and joints of a <robot>, without elements of other namespaces (Gazebo, controllers)."""
     space, _, tag = root.tag.rpartition("}")
     prefix = f"{space}}}" if space else ""
     if tag != "robot":
@@ -149,7 +149,7 @@ def _build_tree(root: Any, name: str | None) -> Tree:
 
 
 def _connections(robot: str, links: list[str], joints: list[Joint]) -> tuple[dict[str, Joint], dict[str, list[str]]]:
-    """Joint above each link and the links below each, or RobotModelError with the link or joint that makes it no tree."""
+    """Return the joint above each link and the links below it; raise RobotModelError if they are not a tree."""
     if not links:
         raise RobotModelError(robot, "no links")
     known = set(links)
@@ -170,10 +170,10 @@ def _connections(robot: str, links: list[str], joints: list[Joint]) -> tuple[dic
 
 
 def _root(robot: str, links: list[str], above: dict[str, Joint]) -> str:
-    """Return the only link without a parent; "" where every link has one."""
+    """Return the only link without a parent; "" if every link has one."""
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
-        raise RobotModelError(robot, f"{len(roots)} links have no parent, a tree has one: {join_names(roots)}")
+        raise RobotModelError(robot, f"{len(roots)} links have no parent, expected one: {join_names(roots)}")
     return roots[0] if roots else ""
 
 
@@ -206,7 +206,7 @@ def _find_repeated(names: Iterable[str]) -> str | None:
 
 
 def join_names(names: list[str]) -> str:
-    """Return names for an error, at most twelve of them."""
+    """Join at most twelve names for an error."""
     return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "") if names else "none"
 
 
@@ -214,12 +214,12 @@ def join_names(names: list[str]) -> str:
 
 
 def joint_origin(robot: str, joint: Joint) -> Array:
-    """Pose of a joint in its parent link."""
+    """Read the pose of a joint in its parent link."""
     return origin_pose(robot, f"joint {joint.name!r}", joint.element.get("origin"))
 
 
 def origin_pose(robot: str, where: str, element: Any) -> Array:
-    """Pose that an <origin> states: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Read the pose of an <origin>: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     if element is None:
         return np.eye(4)
     roll, pitch, yaw = read_triple(robot, where, element.get("rpy", "0 0 0"), "origin rpy")
@@ -245,7 +245,7 @@ def read_number(robot: str, where: str, text: str, what: str) -> float:
     if "${" in text or "$(" in text:
         _refuse_xacro(text)
     try:
-        value = float(text) if "_" not in text else math.nan  # Python reads 1_000, URDF does not
+        value = float(text) if "_" not in text else math.nan  # 1_000 is a number in Python only
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

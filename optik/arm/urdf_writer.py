@@ -1,4 +1,4 @@
-"""Writer of URDF: an arm's data as text, from link ``base`` to link ``tool``."""
+"""Writer of URDF."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optik.types import Array
 
 
 def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
-    """Return an arm as URDF text and write it to a file if one is named; see `Robot.to_urdf`."""
+    """Return an arm as URDF text, and write it to a file if a path is given; see `Robot.to_urdf`."""
     check_xml_names(arm)
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
     before = "base"
@@ -42,14 +42,14 @@ def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str
 
 
 def check_xml_names(arm: ArmModel) -> None:
-    """Raise where XML cannot hold the name of an arm or of a joint."""
+    """Raise RobotModelError if XML cannot contain the name of an arm or of a joint."""
     for name in (arm.name, *arm.joint_names):
         if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
             raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
 
 
 def _links(arm: ArmModel) -> list[Body | None]:
-    """Rigid bodies of the links in their frames and, last, the payload in the tool's; None where there is no mass."""
+    """Return the bodies of the links in their frames and, last, of the payload in the tool's; None for a mass of 0."""
     if arm.payload is not None and len(arm.payload.masses) > 1:
         raise RobotModelError(arm.name, f"a payload of {arm.payload}; URDF holds one mass: see with_payload")
     bodies = () if arm.inertia is None else arm.inertia.bodies
@@ -73,7 +73,7 @@ def _link(name: str, body: Body | None) -> list[str]:
 
 
 def _dynamics(arm: ArmModel, i: int) -> list[str]:
-    """<dynamics> of a joint, where one of its numbers is known; URDF itself has no motor inertia (armature)."""
+    """Return the <dynamics> of a joint, if it has any; the motor's inertia (armature) is an extension of URDF."""
     if arm.inertia is None:
         return []
     found = {"damping": arm.inertia.viscous, "friction": arm.inertia.coulomb, "armature": arm.inertia.motor}
@@ -88,7 +88,7 @@ def _placement(parent: str, child: str, T: Array) -> list[str]:
 
 
 def _kind_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
-    """Type and <limit> of a joint; 0 stands for an unknown velocity or effort."""
+    """Return the type and <limit> of a joint; a velocity or effort of 0 means unknown."""
     lower, upper = float(arm.limits.lower[i]), float(arm.limits.upper[i])
     speed = np.inf if arm.limits.velocity is None else float(arm.limits.velocity[i])
     torque = np.inf if arm.limits.torque is None else float(arm.limits.torque[i])
@@ -106,8 +106,8 @@ def _kind_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     """Return the angles with R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding for every rotation.
 
-    Near pitch = ±90° the yaw is determined by rounding errors only; every yaw is correct there, because roll is computed
-    from Rz(−yaw) R.
+    Near pitch = ±90° rounding errors determine the yaw; every yaw is correct there, because roll is computed from
+    Rz(−yaw) R.
     """
     yaw = math.atan2(R[1, 0], R[0, 0])
     c, s = cos(yaw), sin(yaw)

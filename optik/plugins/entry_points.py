@@ -1,4 +1,4 @@
-"""Entry points of installed packages: things that are found by a name and come from outside."""
+"""Entry points of installed packages."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class RefusedEntryPoint(NamedTuple):
     Attributes
     ----------
     group, name : str
-        Under which it is registered.
+        Group and name of the registration.
     value : str
-        The object that it names, as module:object.
+        The object, as module:object.
     distribution : str
         The package that registers it.
     reason : str
-        Why it is refused.
+        Why it cannot be used.
     """
 
     group: str
@@ -33,7 +33,7 @@ class RefusedEntryPoint(NamedTuple):
 
 
 def entry_points(group: str) -> Mapping[str, Sequence[EntryPoint]]:
-    """Return the entry points of installed packages in a group, by their names; none of them is imported."""
+    """Return the entry points of installed packages in a group by name, without importing them."""
     found: dict[str, list[EntryPoint]] = {}
     for point in _installed(group, tuple(sys.path)):
         found.setdefault(point.name, []).append(point)
@@ -42,10 +42,10 @@ def entry_points(group: str) -> Mapping[str, Sequence[EntryPoint]]:
 
 @lru_cache(maxsize=64)
 def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    """Entry points of a group along ``sys.path``, kept for as long as that is the same: a look takes milliseconds."""
+    """Return the entry points of a group along ``sys.path``; cached, because the search takes milliseconds."""
     return tuple(importlib.metadata.entry_points(group=group))
 
 
 def describe_distribution(point: EntryPoint) -> str:
-    """Return the name and version of the package that an entry point comes from."""
+    """Return the name and version of an entry point's package."""
     return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown package"

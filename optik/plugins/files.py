@@ -1,4 +1,4 @@
-"""Files of plug-ins: what is a path, and the modules that are made of Python files."""
+"""Files of plug-ins: recognition of paths, and import of Python files."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from urllib.parse import quote, unquote
 from optik.errors import InvalidInput
 
 PARENT = "optik.plugins"
-"""Package whose submodules the modules of files are."""
+"""Package of the modules of files."""
 
 SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".json")
-"""Endings by which a name without a separator is a path: those of the files that plug-ins are."""
+"""Suffixes of plug-ins' files; a name with one of them is a path."""
 
 _FRAGMENT = re.compile(r"(.*\.(?:urdf|xml))#(.*)", re.IGNORECASE | re.DOTALL)
-"""A URDF file with the links of the arm behind it: ``arm.urdf#tip=tool0&base=base_link``."""
+"""A URDF file with options behind it: ``arm.urdf#tip=tool0&base=base_link``."""
 
 
 _code_forbidden: ContextVar[bool] = ContextVar("code_forbidden", default=False)
 _expected: dict[str, str] = {}
-"""SHA-256 that a file must have in this process, by its absolute path, where a run has recorded one."""
+"""SHA-256 of files in the recorded run, by absolute path."""
 
 
 def is_path(name: Any) -> bool:
-    """Return whether a name means a file: it has a separator or the suffix of a plug-in; a bare name never does."""
+    """Return whether a name is a path: it contains a separator or has the suffix of a plug-in's file."""
     if isinstance(name, os.PathLike):
         return True
     if not isinstance(name, str):
@@ -46,7 +46,7 @@ def is_path(name: Any) -> bool:
 
 
 def split_links(name: str) -> tuple[str, str]:
-    """Split ``arm.urdf#tip=tool0`` into the file and the links; the links of any other name are empty."""
+    """Split ``arm.urdf#tip=tool0`` into the file and the options, which are empty for any other name."""
     found = _FRAGMENT.fullmatch(name)
     return (found[1], found[2]) if found else (name, "")
 
@@ -57,19 +57,19 @@ def digest(file: Path) -> str:
 
 
 def import_file(file: Path) -> ModuleType:
-    """Import a Python file, or return its module where this process has imported it."""
+    """Import a Python file, or return its module if this process has imported it."""
     name = f"{PARENT}.{quote(file.as_posix(), safe='/ ').replace('.', '%2E')}"
     module = sys.modules.get(name)
     if module is None:
         module = importlib.import_module(name)
     elif digest(file) != module.__sha256__:
-        expected = "the file as this process imported it; start a new process to use the new one"
+        expected = "the imported version; start a new process to use the new one"
         raise InvalidInput(str(file), "a file that has changed", expected)
     return module
 
 
 class _Finder(MetaPathFinder):
-    """Finds the file of a module whose name `import_file` made."""
+    """Finder of the modules of `import_file`."""
 
     def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
         place = fullname.removeprefix(f"{PARENT}.")
@@ -80,7 +80,7 @@ class _Finder(MetaPathFinder):
 
 
 class _FileLoader(Loader):
-    """Runs the very bytes whose SHA-256 the module states; keeps no bytecode, which could be that of another version."""
+    """Loader that runs exactly the bytes of the module's SHA-256, without a bytecode cache."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -88,16 +88,16 @@ class _FileLoader(Loader):
     def exec_module(self, module: ModuleType) -> None:
         file = self._file
         if _code_forbidden.get():
-            raise InvalidInput(str(file), "a file with code", "no such file here: reading a run or a plan runs no code")
+            raise InvalidInput(str(file), "a file with code", "no such file: reading a run or a plan runs no code")
         source = _read(file)
         found = hashlib.sha256(source).hexdigest()
         if _expected.get(str(file), found) != found:
-            raise InvalidInput(str(file), "a file that has changed", "the file as the run recorded it")
+            raise InvalidInput(str(file), "a file that has changed", "the file with the recorded SHA-256")
         module.__dict__["__sha256__"] = found
         exec(compile(source, str(file), "exec", dont_inherit=True), module.__dict__)
         method = vars(module).get("METHOD")
         if isinstance(method, type) and method.__module__ == module.__name__ and "name" not in vars(method):
-            method.name = file.stem  # type: ignore[attr-defined] # here, where unpickling comes by, too
+            method.name = file.stem  # type: ignore[attr-defined] # here, because unpickling imports too
 
 
 sys.meta_path.append(_Finder())
@@ -107,12 +107,12 @@ def _read(file: Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        raise InvalidInput(str(file), error.strerror or str(error), "a file that can be read") from None
+        raise InvalidInput(str(file), error.strerror or str(error), "a readable file") from None
 
 
 @contextmanager
 def forbid_code() -> Iterator[None]:
-    """Refuse to import files of plug-ins: for reports and comparisons, which only read."""
+    """Forbid the import of plug-ins' files, for reports and comparisons."""
     token = _code_forbidden.set(True)
     try:
         yield
@@ -121,5 +121,5 @@ def forbid_code() -> Iterator[None]:
 
 
 def expect(recorded: Iterable[Mapping[str, str]]) -> None:
-    """Have this process refuse files that are not as a run has recorded them: called in every worker before its work."""
+    """Make this process refuse files whose SHA-256 differs from the recorded one."""
     _expected.update({row["path"]: row["sha256"] for row in recorded if "path" in row})

@@ -1,4 +1,4 @@
-"""Methods from outside: what a METHOD must be in its group, checked before anybody builds it."""
+"""Checks of the METHOD of a plug-in."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import Any
 from optik.errors import InvalidInput, MissingDependency
 
 DATA_GROUPS = ("optik.robots", "benchmarks.suites")
-"""Groups of data: folders that are not imported, which would put the module in the place of `optik.robots()`."""
+"""Groups of data files; importing them would hide `optik.robots()` behind a module."""
 
 _OURS = ("optik", "planners", "benchmarks")
-"""Our packages: a module of theirs that is missing is a bug of ours, not a missing dependency."""
+"""Our packages: if one of their modules is missing, no dependency is."""
 
 
 def find_base(group: str) -> Any:
-    """Return the class that the methods of a group are subclasses of: ``METHOD_BASE`` of the group's module ``base``."""
+    """Return the base class of a group's methods, ``METHOD_BASE`` of its module ``base``, or None."""
     if group in DATA_GROUPS:
         return None
     try:
@@ -30,7 +30,7 @@ def find_base(group: str) -> Any:
 
 
 def describe_base(base: Any) -> str:
-    """Return what a METHOD must be, in words."""
+    """Describe the METHOD that a group requires."""
     if base is None:
         return "a function or a class"
     places = (base.__module__.removesuffix(".base"), base.__module__.partition(".")[0], base.__module__)
@@ -39,7 +39,7 @@ def describe_base(base: Any) -> str:
 
 
 def check_method(group: str, method: Any, name: str, where: str) -> Any:
-    """Return a method from outside once it is of the kind that the group needs and bears its name."""
+    """Check the type and name of a plug-in's method, and return the method."""
     base = find_base(group)
     if base is None:
         if not callable(method) and group != "optik.robots":
@@ -47,13 +47,13 @@ def check_method(group: str, method: Any, name: str, where: str) -> Any:
         return method
     if isinstance(method, base):
         found = type(method).__name__
-        raise InvalidInput(where, f"an object of the class {found}", f"the class itself, METHOD = {found}")
+        raise InvalidInput(where, f"an object of the class {found}", f"the class, METHOD = {found}")
     if not (isinstance(method, type) and issubclass(method, base)):
         raise InvalidInput(where, repr(method)[:60], describe_base(base))
     kind: Any = method
     asked = {a for k in base.__mro__ for a, t in vars(k).get("__annotations__", {}).items() if "ClassVar" in str(t)}
     if "name" in asked and getattr(kind, "name", name) != name:
-        raise InvalidInput(where, f"the name {kind.name!r}", f"name = {name!r} in the class, by which it is asked for")
+        raise InvalidInput(where, f"the name {kind.name!r}", f"name = {name!r} in the class")
     missing = sorted({*getattr(kind, "__abstractmethods__", ()), *(a for a in asked if not hasattr(kind, a))})
     if missing:
         raise InvalidInput(
@@ -63,13 +63,13 @@ def check_method(group: str, method: Any, name: str, where: str) -> Any:
 
 
 class NamedDependency:
-    """Turns a package that is missing while a method is imported into `MissingDependency`; all else shows itself."""
+    """Context that raises `MissingDependency` for a package that is missing during the import of a method."""
 
     def __init__(self, kind: str, name: str) -> None:
         self._what = f"{kind} {name!r}"
 
     def __enter__(self) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if isinstance(error, ModuleNotFoundError):
@@ -79,7 +79,7 @@ class NamedDependency:
 
 
 def _extra_with(package: str) -> str | None:
-    """Name of the extra of this distribution that installs a package, if one does."""
+    """Return the extra of this distribution that installs a package, or None."""
     wanted = re.sub(r"[-_.]+", "-", package).lower()
     try:
         requires = importlib.metadata.requires("optik-toolkit") or []

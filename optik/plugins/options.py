@@ -1,4 +1,4 @@
-"""Options of methods: their names and defaults from signatures, their meaning and units from docstrings."""
+"""Options of methods: names and defaults from signatures, meaning and units from docstrings."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from difflib import get_close_matches
 from typing import Any, NamedTuple
 
 NO_DEFAULT = inspect.Parameter.empty
-"""Default of an option that must be given."""
+"""Default of a required option."""
 
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 """Heading of a section of a NumPy docstring."""
 
 _UNIT = re.compile(r"\[((?:rad|m|s|kg|N|deg|degrees|mm|µs|ms|Hz|1|1/s)(?:[/,^·², ³](?:\w|[/²³^,· ])*)?)\]")
-"""A unit in square brackets, as docstrings of this project have it."""
+"""A unit in square brackets."""
 
 
 class ParameterDoc(NamedTuple):
-    """What a docstring says of one parameter or attribute.
+    """The documentation of one parameter or attribute.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class ParameterDoc(NamedTuple):
     meaning : str
         Its description, on one line.
     unit : str
-        The first unit in it; empty where there is none.
+        The first unit in it, or an empty string.
     """
 
     type: str
@@ -37,7 +37,7 @@ class ParameterDoc(NamedTuple):
 
 
 def read_parameter_docs(kinds: type | Any) -> dict[str, ParameterDoc]:
-    """Return what the docstring of a function or a class says of its parameters and attributes."""
+    """Return the documentation of a function's or class's parameters and attributes by name."""
     found: dict[str, ParameterDoc] = {}
     for one in inspect.getmro(kinds) if inspect.isclass(kinds) else (kinds,):
         doc = vars(one).get("__doc__") if inspect.isclass(one) else one.__doc__
@@ -47,7 +47,7 @@ def read_parameter_docs(kinds: type | Any) -> dict[str, ParameterDoc]:
 
 
 def _entries(doc: str) -> Iterable[tuple[str, ParameterDoc]]:
-    """Entries of the sections Parameters and Attributes of a docstring."""
+    """List the entries of the sections Parameters and Attributes of a docstring."""
     parts = _SECTION.split(doc)
     for title, body in zip(parts[1::2], parts[2::2], strict=True):
         if title not in ("Parameters", "Attributes"):
@@ -78,5 +78,5 @@ def defaults(method: Any) -> dict[str, Any]:
 
 
 def find_nearest_name(name: str, known: Iterable[str]) -> str:
-    """Return the known name that a misspelt one probably means."""
+    """Return the known name with the most similar spelling, or an empty string."""
     return next(iter(get_close_matches(name, list(known), n=1)), "")

@@ -1,4 +1,4 @@
-"""The plug-ins that a suite's settings name: whether they may run, and what the manifest of a run says of them."""
+"""The plug-ins in a suite's settings: permission to run them, and their records in a run's manifest."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from optik.plugins.files import SUFFIXES, digest, split_links
 
 
 class UsedPlugin(NamedTuple):
-    """A plug-in that settings name.
+    """A plug-in in settings.
 
     Attributes
     ----------
     group : str
         Dotted name of the group, such as ``"optik.ik"``.
     name : str
-        What reports call it.
+        Name in reports.
     source : Path or EntryPoint
         The file, or the entry point of an installed package.
     """
@@ -33,7 +33,7 @@ class UsedPlugin(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """Settings that are being read: where their relative paths start, and which plug-ins they have named so far."""
+    """Settings that are being read: the folder of relative paths, and the plug-ins found so far."""
 
     folder: Path | None
     used: list[UsedPlugin]
@@ -43,11 +43,11 @@ _reading: ContextVar[_Reading | None] = ContextVar("reading", default=None)
 
 
 DATA = "files"
-"""Group under which files of data that settings name are noted: poses and motions, which no method is found in."""
+"""Group of data files in settings: poses and motions."""
 
 
 def resolve_data_file(name: str, kind: str) -> str:
-    """Return the absolute path of a file of data, which exists, and note it: a run records its SHA-256."""
+    """Return the absolute path of an existing data file, and note the file for the manifest."""
     if not isinstance(name, str) or not name:
         raise InvalidInput(kind, repr(name)[:60], "the path of a file")
     file = resolve_file(name, kind, "a file; its path starts at the suite's folder")
@@ -57,11 +57,11 @@ def resolve_data_file(name: str, kind: str) -> str:
 
 
 def resolve_file(name: str | os.PathLike[str], kind: str, expected: str = "") -> Path:
-    """Return the absolute path of a plug-in's file, which exists."""
+    """Return the absolute path of an existing file of a plug-in."""
     text = split_links(os.fspath(name))[0]
     reading = _reading.get()
     if reading is not None and reading.folder is None:
-        return Path(text)  # a finished run: its files are not looked at
+        return Path(text)  # a finished run: its files are not read
     try:
         file = ((reading.folder or Path()) / text if reading else Path(text)).resolve()
         there = file.is_file()
@@ -75,7 +75,7 @@ def resolve_file(name: str | os.PathLike[str], kind: str, expected: str = "") ->
 
 
 def suggest_file(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
-    """Return a name with the suffix that makes it an existing file, for advice where the suffix was forgotten."""
+    """Return an existing file whose name lacks only the suffix, or an empty string."""
     reading = _reading.get()
     folder = (reading and reading.folder) or Path()
     try:
@@ -86,7 +86,7 @@ def suggest_file(name: str, suffixes: Iterable[str] = SUFFIXES) -> str:
 
 @contextmanager
 def collect_plugins(folder: Path | None) -> Iterator[list[UsedPlugin]]:
-    """Read settings: relative paths in them start at a folder, and every plug-in that they name is noted."""
+    """Collect the plug-ins of settings that are read inside this context; relative paths start at a folder."""
     used: list[UsedPlugin] = []
     token = _reading.set(_Reading(folder, used))
     try:
@@ -96,38 +96,38 @@ def collect_plugins(folder: Path | None) -> Iterator[list[UsedPlugin]]:
 
 
 def note(plugin: UsedPlugin) -> None:
-    """Note a plug-in that settings name, where settings are being read."""
+    """Add a plug-in to those of the settings that are being read."""
     current = _reading.get()
     if current is None or plugin in current.used:
         return
     for other in current.used:
         if other[:2] == plugin[:2]:
             both = f"{other.source} and {plugin.source}, both called {plugin.name}"
-            raise InvalidInput(plugin.group, both, "files of different names: reports tell them apart by these")
+            raise InvalidInput(plugin.group, both, "files of different names")
     current.used.append(plugin)
 
 
 def in_finished_run() -> bool:
-    """Return whether the settings of a finished run are being read, whose files are not looked at."""
+    """Return whether the settings of a finished run are being read."""
     current = _reading.get()
     return current is not None and current.folder is None
 
 
 def has_code(plugin: UsedPlugin) -> bool:
-    """Return whether using a plug-in runs code out of a file: robots in TOML, URDF or JSON, and tables, are data."""
+    """Return whether a plug-in is a Python file."""
     return isinstance(plugin.source, Path) and plugin.source.suffix.lower() == ".py"
 
 
 def check_allowed(used: Iterable[UsedPlugin], allowed: bool) -> None:
-    """Refuse Python files in a suite unless they are allowed: running them is running code. Files of data are not."""
+    """Raise InvalidInput for Python files in a suite unless they are allowed."""
     files = sorted({str(u.source) for u in used if has_code(u)})
     if files and not allowed:
-        expected = "--allow-plugins (allow_plugins=True), since running the suite runs the code in these files"
+        expected = "--allow-plugins (allow_plugins=True): the suite runs Python code from these files"
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)
 
 
 def record_plugins(used: Iterable[UsedPlugin]) -> list[dict[str, str]]:
-    """Return what a run's manifest says of its plug-ins, as plain data."""
+    """Return the plug-ins as plain data for a run's manifest."""
     rows = []
     for group, name, source in used:
         if isinstance(source, Path):
@@ -140,7 +140,7 @@ def record_plugins(used: Iterable[UsedPlugin]) -> list[dict[str, str]]:
 
 
 def check_same_plugins(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapping[str, str]]) -> None:
-    """Refuse to continue a run with other plug-ins than those that it began with."""
+    """Raise InvalidInput if the plug-ins differ from those of the run's begin."""
     before, after = ({(row["group"], row["name"]): row for row in rows} for rows in (recorded, now))
     for key in sorted(before.keys() | after.keys()):
         if _content(before.get(key)) != _content(after.get(key)):
@@ -151,7 +151,7 @@ def check_same_plugins(recorded: Sequence[Mapping[str, str]], now: Sequence[Mapp
 
 
 def _content(row: Mapping[str, str] | None) -> dict[str, str] | None:
-    """What must be the same in all of a run: everything but where a file lies."""
+    """Return a record without the path of the file."""
     return None if row is None else {key: value for key, value in row.items() if key != "path"}
 
 

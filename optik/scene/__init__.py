@@ -1,4 +1,4 @@
-"""What stands around an arm, and its readers: from TOML, JSON and URDF."""
+"""Scenes: the objects around an arm, and their readers."""
 
 from optik.scene.model import Scene, SceneArrays
 

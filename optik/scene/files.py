@@ -1,9 +1,9 @@
-"""Files of a scene: TOML in millimetres and degrees, JSON to the last bit, and URDF by `optik.scene.urdf`.
+"""Readers of scenes: TOML in millimetres and degrees, and JSON; URDF is in `optik.scene.urdf`.
 
-A TOML file holds tables of objects, each of which can be left out, in the frame of the arm's base:
+A TOML file contains optional tables of objects, in the frame of the arm's base:
 
     margin_mm = 10.0                          # a distance at or below it counts as contact
-    allow = [["base", "table"]]               # pairs that are not examined: a link of the arm, and an object
+    allow = [["base", "table"]]               # pairs that are not checked: a link of the arm, and an object
 
     [[boxes]]
     name = "table"                            # optional: by default box1, box2, …
@@ -20,7 +20,7 @@ A TOML file holds tables of objects, each of which can be left out, in the frame
     b_mm = [600.0, 300.0, 900.0]
     radius_mm = 30.0
 
-    [[planes]]                                # all that is behind a plane
+    [[planes]]                                # all points behind a plane
     name = "floor"
     point_mm = [0.0, 0.0, -700.0]
     normal = [0.0, 0.0, 1.0]                  # to the free side, of any length
@@ -47,7 +47,7 @@ OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
 """Kinds of objects, in the order of their names."""
 
 MOST_SCENE_BYTES = 64 * 2**20
-"""Longest file that is read [bytes]: six hundred for each of the objects that a scene can have."""
+"""Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
 
 ROW_KEYS = {
     "boxes": (("xyz_mm", "edges_mm"), ("rpy_deg", "name")),
@@ -55,7 +55,7 @@ ROW_KEYS = {
     "capsules": (("a_mm", "b_mm", "radius_mm"), ("name",)),
     "planes": (("point_mm", "normal"), ("name",)),
 }
-"""Keys of a row of each kind: required ones, and others."""
+"""Required and optional keys of a row of each kind."""
 
 SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
@@ -106,7 +106,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
 
 
 def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
-    """Arguments of one object of `Scene`, in metres."""
+    """Return the arguments of one object of `Scene`, in metres."""
 
     def lengths(key: str) -> Array:
         return _numbers(row[key], f"{where}.{key}") / 1000.0

@@ -1,4 +1,4 @@
-"""What stands around an arm: boxes, spheres, capsules and half spaces in the frame of its base, and what may be touched."""
+"""The objects around an arm, and the pairs of links and objects that may touch."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 spheres and capsules, points (p, 3) and normals (p, 3) of the planes; all in the base frame [m, 1]."""
 
 LARGEST_OBJECT = 100.0
-"""Largest coordinate, edge and radius in a scene [m]: more looks like millimetres. A larger floor or wall is a plane."""
+"""Largest coordinate, edge and radius in a scene [m]: larger values look like millimetres; a floor is a plane."""
 
 MOST_OBJECTS = 100_000
-"""Most objects of a scene: far above a cell, and the pairs with an arm's capsules still fit in memory."""
+"""Most objects of a scene: their pairs with an arm's capsules fit in memory."""
 
 UNIT_NORMAL = 1e-14
-"""A normal whose length is this near to 1 is kept to the last bit, so that a copy of a scene equals it."""
+"""A normal whose length differs from 1 by less [1] is kept to the last bit, so that a copy of a scene equals it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +50,14 @@ class Scene:
     capsules : sequence of (a, b, radius)
         Ends of the segment (3,) and radius [m].
     planes : sequence of (point, normal)
-        A point (3,) of the plane [m] and its normal (3,), of any length, to the free side; all behind it is solid.
+        A point (3,) of the plane [m] and its normal (3,), of any length, to the free side; all points behind it are solid.
     allow : sequence of (link, object)
-        Pairs that are not examined, such as the arm's base and the table: the name of a link ("base" or the joint that
-        moves it) or of its capsules, and of an object. An arm without such a link is refused when the scene meets it.
+        Pairs that are not checked: the name of a link ("base" or the joint that moves it) or of its capsules, and the name
+        of an object, such as the base and the table. Every name of a link must exist in the arm.
     names : sequence of str, optional
         One for each object, in the order boxes, spheres, capsules, planes; by default box1, …, sphere1, ….
     excess : scalar or (objects,) array, optional
-        How far each object stands out beyond what it encloses at most, such as a mesh [m]; 0 by default.
+        Largest distance of each object's surface from the enclosed body, such as a mesh [m]; 0 by default.
     margin : float
         Distance [m] to the objects at or below which the arm counts as in contact; it does not apply between its own links.
 
@@ -125,8 +125,8 @@ class Scene:
         Parameters
         ----------
         file : str or path
-            Its name ends in .toml, .json, .urdf or .xml. Of a URDF, the <collision> elements of all links stand where they
-            are with every joint at 0, in the frame of the root; meshes, in STL or OBJ, are enclosed by capsules.
+            Its name ends in .toml, .json, .urdf or .xml. The <collision> elements of a URDF are placed with every
+            joint at 0, in the frame of the root; STL and OBJ meshes are enclosed by capsules.
         package_dirs : mapping of str to path, or sequence of paths, optional
             For a URDF, folders of meshes besides its own, as of `Robot.from_urdf`.
 
@@ -138,9 +138,9 @@ class Scene:
         Raises
         ------
         InvalidInput
-            A file that cannot be read, or that holds no scene; the error names what is wrong in it.
+            An unreadable or invalid file.
         RobotModelError
-            A URDF that is no tree, or that has no <collision>.
+            A URDF that is not a tree, or without <collision>.
         """
         arguments = load_scene(file, package_dirs)
         try:
@@ -149,7 +149,7 @@ class Scene:
             raise InvalidInput(f"{Path(file).name}: {error.argument}", error.got, error.expected) from None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the scene as plain data for JSON; `from_dict` reads it back to the last bit."""
+        """Return the scene as plain data for JSON; `from_dict` restores it to the last bit."""
         return scene_to_dict({key: getattr(self, key) for key in SCENE_KEYS})
 
     @staticmethod
@@ -159,12 +159,12 @@ class Scene:
         Parameters
         ----------
         data : mapping
-            What `to_dict` returned.
+            The result of `to_dict`.
 
         Returns
         -------
         Scene
-            Equal to the one that was written.
+            Equal to the written one.
 
         Raises
         ------
@@ -173,11 +173,11 @@ class Scene:
         """
         return Scene(**scene_from_dict(data))
 
-    # ------------------------------------------------------------ for the proof
+    # ------------------------------------------------------------ for kernels
 
     @cached_property
     def arrays(self) -> SceneArrays:
-        """The scene as kernels take it; a sphere is a capsule with a = b, and the spheres stand before the capsules."""
+        """The scene as kernels take it: spheres, as capsules with a = b, precede the capsules."""
         rounded = [(centre, centre, radius) for centre, radius in self.spheres] + list(self.capsules)
         columns = (
             ([T for T, _ in self.boxes], (4, 4)),
@@ -192,7 +192,7 @@ class Scene:
         return tuple(arrays)  # type: ignore[return-value]
 
     def pair_mask(self, robot: Robot) -> Flags:
-        """Which capsules of an arm are examined against which objects: all but the pairs in ``allow``.
+        """Return which capsules of an arm are checked against which objects: all but the pairs in ``allow``.
 
         Parameters
         ----------
@@ -261,13 +261,13 @@ def _capsule(value: Any, where: str) -> tuple[Array, Array, float]:
 
 
 def _plane(value: Any, where: str) -> tuple[Array, Array]:
-    """Point and unit normal of a plane."""
+    """Check a plane; return its point and unit normal."""
     point, normal = _check_parts(value, where, 2, "(point, normal)")
     direction = freeze(normal, f"{where}: normal")
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InvalidInput(f"{where}: normal", format_value(normal), "a direction of three numbers, not all 0")
     largest = float(np.abs(direction).max())
-    scaled = direction / largest  # otherwise the square of 1e200 would be infinite
+    scaled = direction / largest  # avoids overflow of the squares
     length = float(np.linalg.norm(scaled))
     unit = direction if abs(largest * length - 1.0) <= UNIT_NORMAL else scaled / length
     return check_point(point, f"{where}: point", LARGEST_OBJECT), freeze(unit, where)

@@ -1,4 +1,4 @@
-"""Scene of a URDF's <collision> elements, with every joint at 0: boxes and spheres as they are, the rest in capsules."""
+"""Reader of a scene from the <collision> elements of a URDF, with every joint at 0."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def scene_from_urdf(
 
 
 def _make_unique(names: list[str]) -> tuple[str, ...]:
-    """Names of the objects: of several with one name, the second is called name#2, and so on."""
+    """Make names unique: the second object of a name becomes name#2, and so on."""
     found: list[str] = []
     count: dict[str, int] = {}
     for name in names:

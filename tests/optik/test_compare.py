@@ -69,10 +69,10 @@ CAUSES = {
         ["the bases differ by 0.3 m along z of the base and by a turn of 28.6479° about x"],
     ),
     "a sign": ({"signs": [1, 1, -1]}, ["joint 3 {moves} the other way"]),
-    "a zero": ({"offsets": [0, np.pi / 2]}, ["joint 2 has its zero 90° elsewhere"]),
+    "a zero": ({"offsets": [0, np.pi / 2]}, ["joint 2 has its zero offset by 90°"]),
     "two signs and a zero": (
         {"signs": [1, -1, -1], "offsets": [0, 0.5]},
-        ["joint 2 turns the other way", "joint 2 has its zero 28.6479° elsewhere", "joint 3 {moves} the other way"],
+        ["joint 2 turns the other way", "joint 2 has its zero offset by 28.6479°", "joint 3 {moves} the other way"],
     ),
     "a base upside down and a tool": (
         {"base": FLIP, "tool": oracles.trans(y=-0.1)},

@@ -101,11 +101,11 @@ def binary(count, corners=(0.0, 0.0, 0.0)):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.stl", b"", "no STL"),
+        ("a.stl", b"", "bytes"),
         ("a.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid", "lacks one"),
         ("a.stl", b"solid x\nfacet\nvertex 0 0 0 vertex 1 0 0 vertex 0 one 0\nendfacet", "numbers"),
-        ("a.stl", binary(3), "no STL"),  # says three triangles and has one
-        ("a.stl", binary(2**32 - 1), "no STL"),
+        ("a.stl", binary(3), "bytes"),  # says three triangles and has one
+        ("a.stl", binary(2**32 - 1), "bytes"),
         ("a.stl", binary(1, (np.nan, 0.0, 0.0)), "NaN"),
         ("a.stl", binary(0)[:84], "0 triangles"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "0 triangles"),

@@ -1,4 +1,4 @@
-"""The space that an arm's links take, as capsules that enclose them."""
+"""Capsules that enclose the links of an arm."""
 
 from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.model import Shapes

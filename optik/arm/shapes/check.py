@@ -1,4 +1,4 @@
-"""Checks of capsules, points and lengths of shapes: finite, and in metres."""
+"""Checks of the capsules, points and lengths of shapes."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Capsules: TypeAlias = tuple[Indices, Array, Array, Array]
 segments in those frames [m], and radius (m,) [m]. A sphere has a = b."""
 
 LONGEST_LINK = 10.0
-"""Largest coordinate and radius of a capsule of an arm [m]: no serial arm has longer links, and millimetres are more."""
+"""Largest coordinate and radius of a capsule of an arm [m]: larger values look like millimetres."""
 
 MOST_CAPSULES = 4096
-"""Most capsules of an arm: four hundred times what an arm needs, and all pairs of them still fit in memory."""
+"""Most capsules of an arm: all pairs of them fit in memory."""
 
 
 def check_capsules(value: Any) -> Capsules:
-    """Return capsules as kernels take them, checked."""
+    """Check capsules; return them as kernels take them."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
         if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
             raise InvalidInput(
@@ -44,7 +44,7 @@ def check_capsules(value: Any) -> Capsules:
 
 
 def _check_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
-    """Link, ends and radius of one capsule; of a sphere both ends are the centre."""
+    """Check a capsule; return its link, ends and radius. Both ends of a sphere are its centre."""
     if not isinstance(row, list | tuple) or len(row) not in (3, 4):
         raise InvalidInput(where, format_value(row), "(link, a, b, radius), or (link, centre, radius) of a sphere")
     check_count(row[0], f"{where}: link", 0)
@@ -53,7 +53,7 @@ def _check_row(row: Any, where: str) -> tuple[int, Array, Array, float]:
 
 
 def check_excess(value: ArrayLike, count: int, where: str) -> Array:
-    """Return how far shapes stand out beyond what they enclose, checked."""
+    """Check the excess of shapes, the largest distance of their surfaces from the enclosed bodies; return it as (count,)."""
     excess = real_array(value, where, f"a number, or {count} of them")
     if excess.shape not in ((), (count,)) or (excess < 0.0).any() or np.isinf(excess).any():
         raise InvalidInput(where, format_value(value), f"{count} lengths ≥ 0 (NaN where unknown)")
@@ -61,7 +61,7 @@ def check_excess(value: ArrayLike, count: int, where: str) -> Array:
 
 
 def check_point(value: ArrayLike, where: str, farthest: float) -> Array:
-    """Return a point, checked."""
+    """Check a point (3,) [m], and return it."""
     point = freeze(value, where)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InvalidInput(where, format_value(value), "points of three finite numbers")
@@ -73,7 +73,7 @@ def check_point(value: ArrayLike, where: str, farthest: float) -> Array:
 
 
 def check_length(value: Any, where: str, largest: float) -> float:
-    """Return a length above 0, checked."""
+    """Check a length above 0 [m], and return it."""
     length = check_number(value, where, "a length above 0", above=0.0)
     if length > largest:
         raise InvalidInput(where, f"{length:.6g} m", f"metres (up to {largest:g}): looks like millimetres")

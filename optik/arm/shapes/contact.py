@@ -1,4 +1,4 @@
-"""Which shapes are examined against each other, and the least distance of an arm at configurations, compiled."""
+"""Collision pairs of an arm and a scene, and the smallest distance at given configurations."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
 capsule_radius (c,), plane_point, plane_normal (p, 3) [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
-"""The capsules of an arm, the scene, and the examined pairs (k, 3): capsule, number of the second body among those of its
+"""The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
 
 ALLOWED, STILL = "allowed by the scene", "neither moves"
-"""Reasons why a capsule and an object are not examined."""
+"""Reasons why a capsule and an object are not checked."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of shapes that are examined, as `Bodies` has them, their names, and the pairs left out with the reasons."""
+    """Pairs of shapes that are checked, as in `Bodies`, their names, and the pairs left out with the reasons."""
 
     bodies: Indices
     names: tuple[tuple[str, str], ...]
@@ -44,7 +44,7 @@ class Pairs(NamedTuple):
 
 @lru_cache(maxsize=16)
 def find_pairs(robot: Robot, scene: Scene) -> Pairs:
-    """Return the pairs of shapes whose distance a motion can change, except those that are left out by name."""
+    """Return the pairs of shapes that are checked: those whose distance can change, except allowed ones."""
     examined = scene.pair_mask(robot)
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
@@ -63,7 +63,7 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
 
 
 def check_scene(robot: Robot, scene: Scene | None) -> None:
-    """Check that an arm and a scene allow collision checks."""
+    """Check that collisions of an arm with a scene can be checked."""
     from optik.scene import Scene
 
     if scene is None:
@@ -76,7 +76,7 @@ def check_scene(robot: Robot, scene: Scene | None) -> None:
 class Contact(NamedTuple):
     """The pair of shapes with the least room at a configuration: room [m], distance [m] and names.
 
-    The distance is below 0 where they overlap; of a pair with the scene the room is that much less as the margin is.
+    The distance is below 0 if they overlap. The room is the distance, for a pair with the scene less the margin.
     """
 
     room: float
@@ -85,7 +85,7 @@ class Contact(NamedTuple):
 
 
 def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
-    """Least room of an arm at configurations: its distance to a scene less the margin, and that between its links."""
+    """Return the least room of an arm at configurations (k,) [m], and the index of the pair (−1 for none)."""
     pairs = find_pairs(robot, scene)
     assert robot.shapes is not None
     at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
@@ -95,7 +95,7 @@ def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array,
 
 
 def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
-    """Find the pair of shapes with the least room at one configuration."""
+    """Return the pair of shapes with the least room at one configuration."""
     rooms, which = find_nearest_pairs(robot, scene, q)
     room, k, pairs = float(rooms[0]), int(which[0]), find_pairs(robot, scene)
     if k < 0:
@@ -108,7 +108,7 @@ def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
 
 @inlined
 def read_row(x: Array, i: int) -> Triple:
-    """Return a row of three numbers.
+    """Return a row of a matrix as a tuple.
 
     Shapes and units: x (k, 3) [m]. Returns [m].
     """
@@ -117,7 +117,7 @@ def read_row(x: Array, i: int) -> Triple:
 
 @inlined
 def transform_point(frame: Array, link: int, p: Triple) -> Triple:
-    """Place of a point of a link in the base frame.
+    """Return a point of a link in the base frame.
 
     Shapes and units: frame (n, 4, 4) [1, m], p [m]. Returns [m].
     """
@@ -133,7 +133,7 @@ def transform_point(frame: Array, link: int, p: Triple) -> Triple:
 
 @inlined
 def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> NearestPoint:
-    """Distance of the axis of a capsule to the second body of a pair, whose radius is left out.
+    """Return the distance of a capsule's axis to the second body of a pair, without radii.
 
     Shapes and units: places (m, 2, 3) [m]. Returns [m].
     """
@@ -150,7 +150,7 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
 
 @compiled
 def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Array, which: Indices) -> None:
-    """Least distances at configurations, those to the scene less a margin.
+    """Write the least room at configurations and the index of its pair.
 
     Shapes and units: q (k, n) [rad, m], margin [m], room (k,) [m], which (k,).
     """

@@ -1,8 +1,8 @@
-"""Capsules that enclose a mesh, with a proved bound of how far each stands out beyond it.
+"""Capsules that enclose a mesh, with a proved bound of their excess.
 
 A capsule is convex, so it encloses a triangle if it encloses its corners. A mesh that one capsule encloses badly is cut by
-planes, and each part gets its own: the cut face of a solid lies in the convex hull of its edge, which is part of the cut
-surface, so that the capsules enclose the solid and not only its surface.
+planes, and each part gets its own capsule. The cut face of a solid lies in the convex hull of its edge, which is part of the
+cut surface, so the capsules enclose the solid and not only its surface.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from optik.arm.shapes.excess import (
 from optik.types import Array, Flags
 
 ENCLOSURE_ROUNDING = 1e-9
-"""Added to every radius [m]: a million times what rounding moves a point of an arm by, and too little to be seen."""
+"""Increase of every radius [m], a million times the rounding errors of positions."""
 
 WELL_ENCLOSED = 0.03
-"""A mesh is cut until its capsules stand out less than this [m], or as many as are allowed are used."""
+"""Excess [m] below which a mesh is not cut further."""
 
 MOST_OF_ONE = 3
-"""Most capsules that enclose one mesh: the time of a proof grows with the number of capsules."""
+"""Most capsules of one mesh: the time of a certificate grows with their number."""
 
 WORTH_A_CUT = 0.9
-"""A part is cut if the product of excess and size falls below this part of what it was: a proof takes longer with more."""
+"""A part is cut if the product of excess and size falls below this fraction of its value: more capsules cost time."""
 
 FEW_TRIANGLES = 500
-"""Of a larger mesh, about so many triangles are taken to choose where it is cut; all of it is cut there then."""
+"""Number of triangles of a larger mesh from which the cuts are chosen."""
 
 SAME_AXIS = 0.98
-"""A principal axis whose cosine to an axis of the frame is above this is not tried besides it."""
+"""A principal axis whose cosine to an axis of the frame is above this is not tried."""
 
 CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
-"""Where planes across an axis are tried, as parts of the extent."""
+"""Positions of the planes that are tried, as fractions of the extent along an axis."""
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of length 1."""
@@ -51,7 +51,7 @@ FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def enclose_mesh(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL_ENCLOSED) -> list[Capsule]:
-    """Enclose a mesh by capsules: one, or several if it stands out too far."""
+    """Enclose a mesh by one capsule, or by several if its excess is too large."""
     tree = sample_points(triangles)
     parts, found = [triangles], [fit_capsule(triangles)]
     found = measure_excess(found, tree)
@@ -72,7 +72,7 @@ def enclose_mesh(triangles: Array, most: int = MOST_OF_ONE, excess: float = WELL
 def _divide(
     parts: list[Array], found: list[Capsule], i: int, tree: Any, most: int
 ) -> tuple[list[Array], list[Capsule]] | None:
-    """Parts and capsules with one part cut in at most so many, if that brings excess and size down enough; else None."""
+    """Return parts and capsules with part i cut into at most `most`, or None if excess and size gain too little."""
     others = found[:i] + found[i + 1 :]
     pieces = _cut(parts[i], others, tree, most)
     capsules = [fit_capsule(piece) for piece in pieces]
@@ -85,13 +85,13 @@ def _divide(
 
 
 def _largest_excess(capsules: list[Capsule], others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Largest excess of some capsules of a mesh."""
+    """Return the largest excess of some capsules of a mesh."""
     rest = [[*others, *capsules[:k], *capsules[k + 1 :]] for k in range(len(capsules))]
     return max(bound_excess(c, r, tree, coarse=coarse) for c, r in zip(capsules, rest, strict=True))
 
 
 def box_triangles(edges: Array) -> Array:
-    """Triangles of a box about the origin."""
+    """Return the triangles of a box about the origin."""
     corners = CORNERS * edges
     return np.array([corners[list(part)] for a, b, c, d in FACES for part in ((a, b, c), (a, c, d))])
 
@@ -130,7 +130,7 @@ def fit_capsule(triangles: Array) -> Capsule:
 
 def enclose_cylinder(radius: float, length: float) -> Capsule:
     """Enclose a cylinder about the z axis by a capsule about the same axis, of the least volume."""
-    # With radius r the ends of the segment stand √(r² − radius²) inside the cylinder's faces; at the last r it is a sphere.
+    # With radius r the ends of the segment lie √(r² − radius²) inside the cylinder's faces; the last r gives a sphere.
     r = radius + np.linspace(0.0, 1.0, 1001) ** 2 * (np.hypot(radius, 0.5 * length) - radius)
     half = np.maximum(0.5 * length - np.sqrt(r * r - radius * radius), 0.0)
     best = int(np.argmin(r * r * (2.0 * half + 4.0 / 3.0 * r)))
@@ -145,7 +145,7 @@ def enclose_cylinder(radius: float, length: float) -> Capsule:
 
 
 def _hull(points: Array) -> Array:
-    """Corners of the convex hull; all points if they lie in a plane."""
+    """Return the corners of the convex hull; all points if they lie in a plane."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -155,7 +155,7 @@ def _hull(points: Array) -> Array:
 
 
 def _starts(points: Array) -> list[tuple[Array, Array]]:
-    """Lines along the axes of the frame and along the principal axes, through the middle of the points."""
+    """List lines through the middle of the points, along the axes of the frame and the principal axes."""
     found = []
     for u in _axes(points):
         v, w = complete_frame(u)
@@ -165,7 +165,7 @@ def _starts(points: Array) -> list[tuple[Array, Array]]:
 
 
 def _fit_about_line(points: Array, origin: Array, direction: Array, wider: float = 0.0) -> tuple[Array, Array, float]:
-    """Shortest capsule about a line that encloses points, wider than needed by the square of a factor."""
+    """Return the shortest capsule about a line that encloses points, its radius enlarged by the factor 1 + wider²."""
     u = direction / np.linalg.norm(direction)
     offsets = points - origin
     along = offsets @ u
@@ -187,12 +187,12 @@ def _volume(a: Array, b: Array, radius: float) -> float:
 
 
 def _size(capsules: list[Capsule]) -> float:
-    """Cube root of the total volume [m]."""
+    """Return the cube root of the total volume [m]."""
     return float(np.cbrt(sum(_volume(c.a, c.b, c.radius) for c in capsules)))
 
 
 def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[Array]:
-    """The mesh cut across an axis in two or three parts, the way of a few that leaves the least excess; or no parts."""
+    """Cut a mesh across an axis into two or three parts, with the least excess of the cuts tried; no parts if none helps."""
     few = triangles[:: 1 + len(triangles) // FEW_TRIANGLES]
     points = triangles.reshape(-1, 3)
     best: tuple[Array, list[float]] | None = None
@@ -206,13 +206,13 @@ def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[
                 continue
             capsules = [_fit_roughly(piece) for piece in pieces]
             worst = _largest_excess(capsules, others, tree, coarse=True) * _size(capsules)
-            if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule has to pay
+            if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule must reduce it more
                 best, least = (u, offsets), worst
     return [piece for piece in _slabs(triangles, *best) if len(piece)] if best is not None else []
 
 
 def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]:
-    """Parts of a mesh between parallel planes."""
+    """Split a mesh by parallel planes."""
     pieces = []
     for offset in offsets:
         below, triangles = split_mesh(triangles, normal, offset)
@@ -221,14 +221,14 @@ def _slabs(triangles: Array, normal: Array, offsets: list[float]) -> list[Array]
 
 
 def _axes(points: Array) -> Array:
-    """Axes of the frame, and principal axes of points that differ from them, as rows."""
+    """Return the axes of the frame and the principal axes of points that differ from them, as rows."""
     offsets = points - points.mean(axis=0)
     principal = np.linalg.eigh(offsets.T @ offsets)[1].T
     return np.vstack((np.eye(3), principal[np.abs(principal).max(axis=1) < SAME_AXIS]))
 
 
 def _fit_roughly(triangles: Array) -> Capsule:
-    """Capsule about the best of a few axes."""
+    """Return the smallest capsule about a few axes."""
     corners = _hull(triangles.reshape(-1, 3))
     return Capsule(
         *min((_fit_about_line(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c))
@@ -236,7 +236,7 @@ def _fit_roughly(triangles: Array) -> Capsule:
 
 
 def split_mesh(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:
-    """Cut triangles by a plane."""
+    """Split triangles by a plane; return those below and above it."""
     height = triangles @ normal - offset
     up: Flags = height > 0.0
     count = up.sum(axis=1)

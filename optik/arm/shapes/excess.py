@@ -1,8 +1,8 @@
-"""How far a capsule stands out beyond the mesh that it encloses: a proved bound.
+"""Excess of a capsule, a proved bound of the distance of its surface from the enclosed mesh.
 
-The surface of the capsule is covered by cells along its meridian and around its axis. No point of a cell is farther from the
-mesh than the cell's centre is, plus half the cell's extent, so that the largest such sum over all cells is a bound; cells
-that may hold the farthest point are divided. Distances to the mesh are taken to points on it, which makes them larger.
+Cells along the meridian and around the axis cover the surface. The distance of any point of a cell from the mesh is at most
+that of the cell's centre plus half the cell's extent. The bound is the largest such sum; cells that may contain the farthest
+point are divided. Distances are measured to sampled points of the mesh, which can only make them larger.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ import numpy as np
 from optik.types import Array
 
 SPACING = 60
-"""Distances to a mesh are taken to points on it, at most this part of its size apart."""
+"""Number of sampled points of a mesh along its size."""
 
 MOST_POINTS = 200_000
-"""Most points on a mesh: with fewer points than `SPACING` asks for the excess is stated larger than it is, never smaller."""
+"""Most points on a mesh: with fewer than `SPACING` requires, the bound is larger, never too small."""
 
 EXCESS_STEP = 5e-4
-"""The bound is at most this much larger than the distance of some point of the capsule from the mesh's points [m] …"""
+"""Accuracy of the bound [m]."""
 
 MOST_OPEN_CELLS = 100_000
-"""… unless that would take more cells: where a capsule fits its mesh everywhere, all of them stay open."""
+"""Most cells that are divided: beyond it, the bound is less accurate."""
 
 
 CELLS = 16
-"""Cells along the meridian of a capsule and around its axis, before they are divided."""
+"""Initial number of cells along the meridian of a capsule and around its axis."""
 
 
 class Capsule(NamedTuple):
@@ -44,7 +44,7 @@ class Capsule(NamedTuple):
 
 
 def complete_frame(u: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-angled frame with a unit vector."""
+    """Return two unit vectors that form an orthonormal frame with a unit vector."""
     x, y, z = u.tolist()
     least = int(np.argmin(np.abs(u)))
     v = np.array([(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least])
@@ -54,7 +54,7 @@ def complete_frame(u: Array) -> tuple[Array, Array]:
 
 
 def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Distances of points from a segment."""
+    """Return the distances of points from a segment."""
     d = b - a
     length2 = float(d @ d)
     t = np.clip((points - a) @ d / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(points))
@@ -62,7 +62,7 @@ def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
 
 
 def sample_points(triangles: Array) -> Any:
-    """Return a tree of points on triangles, near enough to each other for distances to the mesh."""
+    """Return a k-d tree of points on triangles, dense enough for distances to the mesh."""
     from scipy.spatial import cKDTree
 
     size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
@@ -84,13 +84,13 @@ def sample_points(triangles: Array) -> Any:
 
 
 def measure_excess(capsules: list[Capsule], tree: Any) -> list[Capsule]:
-    """Return the capsules of a mesh, each with the bound of its excess."""
+    """Return the capsules of a mesh with the bounds of their excess."""
     others = [capsules[:i] + capsules[i + 1 :] for i in range(len(capsules))]
     return [c._replace(excess=bound_excess(c, rest, tree)) for c, rest in zip(capsules, others, strict=True)]
 
 
 def bound_excess(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: bool = False) -> float:
-    """Return a bound of the distance of a capsule's surface, as far as it is the union's surface, from points of the mesh."""
+    """Bound the distance of a capsule's surface outside of the other capsules from the points of the mesh."""
     meridian = float(np.linalg.norm(capsule.b - capsule.a)) + np.pi * capsule.radius
     steps = (np.arange(CELLS) + 0.5) / CELLS
     s, phi = (grid.ravel() for grid in np.meshgrid(steps * meridian, steps * 2.0 * np.pi))
@@ -116,7 +116,7 @@ def bound_excess(capsule: Capsule, others: list[Capsule], tree: Any, *, coarse: 
 
 
 def _surface_points(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Array]:
-    """Points of a capsule's surface by the length along the meridian and the angle, and their distances from the axis."""
+    """Return points of a capsule's surface, by meridian length and angle, and their distances from the axis."""
     r, d = capsule.radius, capsule.b - capsule.a
     length = float(np.linalg.norm(d))
     u = d / length if length > 0.0 else np.array([0.0, 0.0, 1.0])

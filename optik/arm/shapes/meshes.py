@@ -1,4 +1,4 @@
-"""Readers of meshes: STL, binary or ASCII, and OBJ; found only below the folders that are given."""
+"""Readers of STL and OBJ meshes, which must lie below given folders."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from optik.file_io import read_bytes
 from optik.types import Array
 
 MOST_MESH_BYTES = 64 * 2**20
-"""Longest mesh that is read [bytes]: collision meshes have kilobytes, and text of this length is parsed in seconds."""
+"""Largest mesh that is read [bytes]: its text is parsed in seconds."""
 
 MOST_TRIANGLES = 1_000_000
-"""Most triangles of a mesh: those of an STL of `MOST_MESH_BYTES`, and few enough to be enclosed in memory."""
+"""Most triangles of a mesh, as in an STL of `MOST_MESH_BYTES`."""
 
 # Bytes of a binary STL: 80 of text and the number of triangles; normal, three corners and two bytes for each.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
 FARTHEST_CORNER = 1e4
-"""Largest coordinate in a mesh [m, or its own unit before it is scaled]: millimetres of an arm are fewer."""
+"""Largest coordinate in a mesh [m, or its own unit before scaling]."""
 
 
 Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None
@@ -34,7 +34,7 @@ Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.Pa
 
 
 class MeshFolders:
-    """The folders below which the meshes of a description may lie."""
+    """The folders below which the meshes of a description must lie."""
 
     def __init__(
         self,
@@ -55,10 +55,10 @@ class MeshFolders:
         self._beside = beside
 
     def file(self, name: str, what: str) -> Path:
-        """Return the file of a mesh."""
+        """Find the file of a mesh."""
         scheme, separator, rest = name.partition("://")
         if separator and scheme not in ("package", "model", "file"):
-            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in a file, none from a URL")
+            raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in a file, not a URL")
         if Path(name).suffix.lower() not in (".stl", ".obj"):
             raise InvalidInput(what, f"the mesh {name[:120]!r}", "a mesh in STL or OBJ")
         path = unquote(rest) if separator else name
@@ -73,7 +73,7 @@ class MeshFolders:
                     outside = True
                 elif found.is_file():
                     return found
-            except (OSError, RuntimeError):  # a name that no file can have, or links in a circle
+            except (OSError, RuntimeError):  # an impossible name, or a cycle of links
                 continue
         if outside:
             expected = "a mesh below the folder of the description or below package_dirs"
@@ -84,7 +84,7 @@ class MeshFolders:
         raise InvalidInput(what, f"the mesh {name[:120]!r}, which does not exist{hint}", "an existing file")
 
     def _in_packages(self, path: str) -> list[tuple[Path, Path]]:
-        """Root and file of a path that begins with the name of a package."""
+        """List roots and files of a path that begins with the name of a package."""
         package, _, inner = path.partition("/")
         found = [(self._named[package], self._named[package] / inner)] if package in self._named else []
         for root in self._roots:
@@ -104,7 +104,7 @@ def find_mesh_folders(
     source: str | os.PathLike[str],
     package_dirs: Folders,
 ) -> MeshFolders:
-    """Return the folders below which the meshes of a description may lie."""
+    """Return the folders below which the meshes of a description must lie."""
     text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
     return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
 
@@ -123,14 +123,14 @@ def read_mesh(file: Path) -> Array:
 
 
 def _stl(content: bytes, where: str) -> Array:
-    """Triangles of an STL; binary if its length is the one that its number of triangles says."""
+    """Read the triangles of an STL; it is binary if its length fits its number of triangles."""
     if len(content) >= STL_HEADER:
         count = int.from_bytes(content[80:STL_HEADER], "little")
         if len(content) == STL_HEADER + STL_TRIANGLE * count:
             kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
             return np.frombuffer(content, kind, count, STL_HEADER)["corners"].astype(np.float64)
     if not content.lstrip().startswith(b"solid") or b"facet" not in content:
-        raise InvalidInput(where, f"{len(content)} bytes that are no STL, or a part of one", "a whole STL")
+        raise InvalidInput(where, f"{len(content)} bytes that are not a complete STL", "a complete STL")
     numbers = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
     if len(numbers) % 3 or len(numbers) != 3 * len(re.findall(rb"\bendfacet\b", content)):
         raise InvalidInput(where, f"{len(numbers)} corners, of which some triangle lacks one", "a whole STL")
@@ -138,7 +138,7 @@ def _stl(content: bytes, where: str) -> Array:
 
 
 def _obj(content: bytes, where: str) -> Array:
-    """Triangles of an OBJ; polygons are divided into fans."""
+    """Read the triangles of an OBJ; polygons are divided into fans."""
     corners: list[list[bytes]] = []
     faces: list[tuple[int, int, int]] = []
     for line in content.replace(b"\\\n", b" ").splitlines():

@@ -1,4 +1,4 @@
-"""Capsules that enclose the links of an arm, and the pairs of them that are not examined, each with its reason."""
+"""Capsules that enclose the links of an arm, and the pairs of them that are not checked."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 
 NEIGHBOURS = "neighbours"
-"""Reason why capsules of one link and of two consecutive links are not examined: they always touch at their joint."""
+"""Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
 
 PAYLOAD = "payload"
-"""Name of the capsules of a payload, which keep their place in the tool's frame."""
+"""Name of the capsules of a payload, which move with the tool's frame."""
 
 Apart: TypeAlias = tuple[str | int, str | int, str]
-"""Two parts of an arm, each the name of capsules or the number of a link, and the reason why they are not examined."""
+"""Two parts of an arm, each a name of capsules or a number of a link, and the reason why they are not checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +36,15 @@ class Shapes:
     ----------
     capsules : sequence of (link, a, b, radius) or of (link, centre, radius)
         Link 0 is the base, link i moves with joint i, and link n also carries tool and payload; ends of the segment or
-        centre, (3,), in the link's frame [m], and radius [m]. `Capsules` are accepted, too.
+        centre, (3,), in the link's frame [m], and radius [m]; or `Capsules`.
     names : sequence of str, optional
-        What each capsule belongs to, such as the link of a URDF; several may have one name. By default the arm's
-        `link_names`: "base", and of each other link the joint that moves it.
+        Part of each capsule, such as the link of a URDF; names may repeat. By default the arm's `link_names`.
     apart : sequence of (one, other, reason), optional
-        Pairs that are not examined besides neighbours, such as parts that always touch: names or numbers of links.
+        Pairs that are not checked besides neighbours: names of capsules or numbers of links.
     excess : scalar or (m,) array, optional
-        How far each capsule stands out beyond what it encloses at most [m]; NaN where unknown, as it is by default.
+        Largest distance of each capsule's surface from the enclosed body [m]; NaN, the default, where unknown.
     source : str
-        Where the numbers come from.
+        Source of the numbers.
 
     Raises
     ------
@@ -89,7 +88,7 @@ class Shapes:
 
     @cached_property
     def digest(self) -> bytes:
-        """SHA-256 of the content, equal for equal shapes on any machine."""
+        """SHA-256 of the content, equal on all machines."""
         digest = hashlib.sha256(repr((self.names, self.apart)).encode())
         for array in (*self.capsules, self.excess):
             digest.update(array.tobytes())
@@ -106,7 +105,7 @@ class Shapes:
     # ------------------------------------------------------------ pairs
 
     def find_capsules(self, part: str | int) -> Indices:
-        """Return the capsules of a part.
+        """Return the indices of the capsules of a part.
 
         Parameters
         ----------
@@ -116,7 +115,7 @@ class Shapes:
         Returns
         -------
         (k,) array of int
-            Their indices; empty for a name that no capsule has.
+            Indices; empty for an unknown name.
         """
         if isinstance(part, str):
             return np.array([i for i, name in enumerate(self.names) if name == part], dtype=np.int64)
@@ -124,7 +123,7 @@ class Shapes:
 
     @cached_property
     def pairs(self) -> Indices:
-        """Pairs (k, 2) of capsules that are examined against each other, the lower index first: all but the ones left out."""
+        """Pairs (k, 2) of capsules that are checked, the lower index first."""
         link = self.capsules[0]
         one, other = np.triu_indices(self.m, 1)
         examined = np.zeros((self.m, self.m), dtype=bool)
@@ -138,7 +137,7 @@ class Shapes:
 
     @cached_property
     def left_out(self) -> tuple[tuple[str, str, str], ...]:
-        """Pairs of names that are not examined against each other though they move, each with its reason."""
+        """Pairs of names that are not checked although they move, each with its reason."""
         link, names = self.capsules[0], self.names or tuple(str(i) for i in self.capsules[0].tolist())
         found: dict[tuple[str, str], str] = {}
         for i, j in zip(*np.triu_indices(self.m, 1), strict=True):
@@ -172,7 +171,7 @@ class Shapes:
     # ------------------------------------------------------------ copies
 
     def with_apart(self, pairs: Iterable[Apart]) -> Shapes:
-        """Return the shapes with more pairs that are not examined.
+        """Return the shapes with more pairs that are not checked.
 
         Parameters
         ----------
@@ -192,12 +191,12 @@ class Shapes:
         return replace(self, apart=(*self.apart, *pairs))
 
     def with_srdf(self, source: str | os.PathLike[str]) -> Shapes:
-        """Return the shapes without the pairs of links that an SRDF disables, each with the reason that stands there.
+        """Return the shapes without collision checks of the pairs of links that an SRDF disables.
 
         Parameters
         ----------
         source : str or path
-            A file, or the XML itself (text that begins with <). Links that have no capsules are passed over.
+            A file, or XML text (which begins with <). Links without capsules are ignored.
 
         Returns
         -------
@@ -215,19 +214,18 @@ class Shapes:
         return self.with_apart(pair for pair in read_disabled_pairs(source) if {pair[0], pair[1]} <= known)
 
     def with_part(self, name: str, link: int, objects: Iterable[Any], place: ArrayLike | None = None) -> Shapes:
-        """Return the shapes with one more part, in place of a present one of that name.
+        """Return the shapes with a part added; it replaces a part of the same name.
 
         Parameters
         ----------
         name : str
-            What its capsules are called.
+            Name of its capsules.
         link : int
             Number of the link that carries it.
         objects : iterable of (T, edges), (centre, radius) or (a, b, radius)
-            Boxes, by the pose (4, 4) of their centre and full edge lengths (3,), which capsules enclose; spheres; capsules
-            [m].
+            Boxes, by the pose (4, 4) of the centre and full edge lengths (3,); spheres; capsules [m].
         place : (4, 4) array, optional
-            Pose in the link's frame of the frame that these are stated in [1, m].
+            Pose of the objects' frame in the link's frame [1, m].
 
         Returns
         -------
@@ -237,7 +235,7 @@ class Shapes:
         Raises
         ------
         InvalidInput
-            Objects that are none of these.
+            Other objects.
         """
         from optik.arm.shapes.part import enclose_objects
 
@@ -254,7 +252,7 @@ class Shapes:
         Parameters
         ----------
         name : str
-            What its capsules are called; of pairs that are not examined, those with this name go, too.
+            Name of its capsules; its pairs in `apart` are removed, too.
 
         Returns
         -------
@@ -264,7 +262,7 @@ class Shapes:
         Raises
         ------
         InvalidInput
-            Nothing would be left.
+            No capsule is left.
         """
         kept = [i for i, other in enumerate(self.names) if other != name]
         rows = list(zip(*(column[kept] for column in self.capsules), strict=True))
@@ -272,14 +270,14 @@ class Shapes:
         return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source)  # type: ignore[arg-type]
 
     def transform_part(self, name: str, T: Array) -> Shapes:
-        """Return the shapes with a part moved in its links' frames.
+        """Return the shapes with a part transformed in its links' frames.
 
         Parameters
         ----------
         name : str
-            What its capsules are called.
+            Name of its capsules.
         T : (4, 4) array
-            The motion: a point p of the part goes to T p [1, m].
+            A point p of the part becomes T p [1, m].
 
         Returns
         -------
@@ -294,7 +292,7 @@ class Shapes:
         Parameters
         ----------
         poses : sequence of (4, 4) arrays
-            Poses of the present frames in the new ones, of link 0, 1, … [1, m]; links beyond them stay as they are.
+            Poses of the present frames in the new ones, of link 0, 1, … [1, m].
 
         Returns
         -------
@@ -307,7 +305,7 @@ class Shapes:
         return shapes
 
     def transform_link(self, link: int, T: Array) -> Shapes:
-        """Return the shapes with the capsules of one link moved, as when the link's frame is exchanged.
+        """Return the shapes in another frame of one link.
 
         Parameters
         ----------
@@ -329,7 +327,7 @@ class Shapes:
         return replace(self, capsules=(links, a, b, radius))
 
     def with_link_names(self, links: Sequence[str]) -> Shapes:
-        """Return the shapes themselves, or, if their capsules have no names yet, with the names of the links.
+        """Return the shapes with the names of the links, unless they have names.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Capsules of a part that a user describes by boxes, spheres and capsules, such as a payload."""
+"""Capsules of a part that is described by boxes, spheres and capsules, such as a payload."""
 
 from __future__ import annotations
 

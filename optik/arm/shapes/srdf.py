@@ -1,4 +1,4 @@
-"""Pairs of links that an SRDF leaves out."""
+"""Reader of the disabled pairs of links in an SRDF."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from optik.errors import InvalidInput
 
 
 def read_disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
-    """Pairs of links that an SRDF leaves out, from its <disable_collisions> elements."""
+    """Read the pairs of links in the <disable_collisions> elements of an SRDF, with the reasons."""
     try:
         root = read_xml(source)
     except InvalidInput as error:

@@ -15,7 +15,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
-"""Keys that a capsule's row may have besides its link and its radius."""
+"""Keys of a capsule's row besides its link and radius."""
 
 
 def shapes_from_toml(table: Any, source: str, joint_names: Sequence[str]) -> Shapes:
@@ -38,7 +38,7 @@ def shapes_from_toml(table: Any, source: str, joint_names: Sequence[str]) -> Sha
 
 
 def _capsule(row: Mapping[str, Any], where: str, links: Mapping[str, int]) -> tuple[int, Array, Array, float]:
-    """Link, ends and radius of a row."""
+    """Read the link, ends and radius of a row."""
     ends = ("centre_mm", "centre_mm") if "centre_mm" in row else ("a_mm", "b_mm")
     if not set(ends) <= set(row) or ("centre_mm" in row and {"a_mm", "b_mm"} & set(row)):
         raise InvalidInput(where, ", ".join(row), "a_mm and b_mm of a capsule, or centre_mm of a sphere")
@@ -52,12 +52,12 @@ def _capsule(row: Mapping[str, Any], where: str, links: Mapping[str, int]) -> tu
 
 
 def _apart(row: Any, where: str, links: Mapping[str, int], names: Sequence[str]) -> tuple[str | int, str | int, str]:
-    """Two parts that are not examined against each other, and the reason."""
+    """Read two parts that are not checked, and the reason."""
     read_record(row, ("links", "reason"), where)
     pair = row["links"]
     if not isinstance(pair, list) or len(pair) != 2:
         raise InvalidInput(f"{where}.links", repr(pair)[:60], "two links")
-    # A name of capsules stands for those; a link's own name for all of its capsules, whatever they are called.
+    # A name of capsules means these capsules; else the name of a link means all capsules of the link.
     one, other = (part if part in names else links.get(part, part) if isinstance(part, str) else part for part in pair)
     return one, other, read_word(row["reason"], f"{where}.reason")
 
@@ -69,7 +69,7 @@ def _rows(value: Any, where: str) -> list[Any]:
 
 
 def _point(value: Any, where: str) -> Array:
-    """Point (3,) of a list in millimetres."""
+    """Read a point (3,) [m] from a list in millimetres."""
     expected = f"three numbers within {LONGEST_LINK * 1000:g} mm"
     if not isinstance(value, list) or len(value) != 3:
         raise InvalidInput(where, repr(value)[:60], expected)

@@ -1,4 +1,4 @@
-"""Shapes of a URDF's <collision> elements: capsules that enclose boxes, spheres, cylinders, capsules and meshes."""
+"""Capsules that enclose the <collision> elements of a URDF."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Axis = Callable[[Joint], Array]
 
 
 def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folders: MeshFolders, axis: Axis) -> Shapes:
-    """Read the shapes of a chain of links, and of all that hangs on it.
+    """Read the shapes of a chain of links and of the links that branch off it.
 
-    What hangs on the chain by fixed joints moves with its link. What hangs on it by joints that move, such as the fingers of
-    a gripper, is enclosed in every position of these joints, so its excess is unknown.
+    Branches behind fixed joints move with their link. Branches behind movable joints, such as the fingers of a gripper, are
+    enclosed for all positions of these joints, so their excess is unknown.
     """
     chain = {joint.child for joint, _ in placed}
     carried: dict[str, list[tuple[str, Capsule]]] = {}
@@ -50,7 +50,7 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
 
 
 def _read_own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
-    """Capsules of a link's own <collision> elements, in the link's frame."""
+    """Read the capsules of a link's own <collision> elements, in the link's frame."""
     found = []
     for element in tree.parts(link, "collision"):
         where = f"<collision> of link {link!r}"
@@ -60,7 +60,7 @@ def _read_own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
 
 
 def _order_links(tree: Tree, base: str) -> list[str]:
-    """Links at and below a link, each behind its parent."""
+    """List a link and the links below it, parents first."""
     found = [base]
     for link in found:  # grows while it is read
         found += tree.below.get(link, ())
@@ -68,20 +68,18 @@ def _order_links(tree: Tree, base: str) -> list[str]:
 
 
 def _sweep(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
-    """A capsule that encloses another in every position of the joint that moves it, in the frame before the joint."""
+    """Return a capsule that encloses another for all positions of its joint, in the frame before the joint."""
     if joint.kind == "fixed":
         return c
     where = f"joint {joint.name!r}"
-    if joint.kind in ("revolute", "continuous"):  # a capsule about the axis contains all that turns about it
+    if joint.kind in ("revolute", "continuous"):  # a capsule about the axis contains all rotations
         u = axis(joint)
         along = np.array([c.a @ u, c.b @ u])
         across = max(float(np.linalg.norm(end - (end @ u) * u)) for end in (c.a, c.b))
         return Capsule(along.min() * u, along.max() * u, c.radius + across)
     limit = joint.element.get("limit")
     if joint.kind != "prismatic" or limit is None or limit.get("lower") is None or limit.get("upper") is None:
-        raise RobotModelError(
-            robot, f"{where}: type {joint.kind!r} without limits, so that its links' space is unknown"
-        )
+        raise RobotModelError(robot, f"{where}: type {joint.kind!r} without limits: the space of its links is unknown")
     ends = [read_number(robot, where, limit.get(side), f"{side} limit") * axis(joint) for side in ("lower", "upper")]
     corners = np.array([end + shift for end in (c.a, c.b) for shift in ends])
     hull = fit_capsule(corners[[[0, 1, 2], [1, 2, 3]]])
@@ -92,10 +90,10 @@ def _sweep(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
 
 
 def find_geometry(tree: Tree, element: Any) -> tuple[str, Any]:
-    """Return the geometry of a <collision>."""
+    """Return the kind and element of the geometry of a <collision>."""
     outer = element.find(f"{tree.prefix}geometry")
     for child in () if outer is None else outer:
-        if isinstance(child.tag, str):  # no comment
+        if isinstance(child.tag, str):  # not a comment
             return child.tag.removeprefix(tree.prefix), child
     return "nothing", None
 
