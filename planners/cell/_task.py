@@ -61,7 +61,7 @@ TAKEN_AS_EXACT = (
 
 @dataclass(frozen=True, eq=False)
 class TaskSettings:
-    """What was asked of a task; see `Cell.move_to_spot`."""
+    """The settings of a task; see `Cell.move_to_spot`."""
 
     law: TimeLaw
     solver: str | os.PathLike[str] | IKSolver
@@ -80,14 +80,14 @@ class TaskSettings:
 
 
 class StepFailed(Exception):
-    """A step failed, which ends the task with a status; never seen outside of the task."""
+    """Raised inside a task when a step fails; it carries the status of the task."""
 
     def __init__(self, status: CellStatus) -> None:
         self.status = status
 
 
 class Task:
-    """A task that runs: its steps so far, and what they made."""
+    """A running task with its steps so far and their results."""
 
     def __init__(self, cell: CellParts, settings: TaskSettings) -> None:
         self.cell, self.settings = cell, settings
@@ -159,7 +159,7 @@ class Task:
     # ------------------------------------------------------------ laser and target
 
     def _locate(self, reading: Spot) -> None:
-        """Step "laser": from a reading to a point."""
+        """Run the step "laser": compute the point of a reading."""
         since = perf_counter()
         given = self.settings.true_spot
         try:
@@ -177,7 +177,7 @@ class Task:
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
 
     def _measured_start(self) -> Array:
-        """Where the arm stands by its encoders."""
+        """Return the configuration that the encoders measure, clipped to the position limits."""
         q = self.cell.drive.measure()
         robot = self.cell.robot
         if not np.isfinite(q).all():
@@ -192,7 +192,7 @@ class Task:
         return np.clip(q, robot.limits.lower, robot.limits.upper)
 
     def _aim(self) -> None:
-        """Step "target": the pose that the tool shall have."""
+        """Run the step "target": compute the goal pose of the tool."""
         since, asked = perf_counter(), self.settings.orientation
         R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
         assert self.spot is not None
@@ -210,7 +210,7 @@ class Task:
     # ------------------------------------------------------------ from the line to its execution
 
     def _plan_line(self, law: TimeLaw) -> Plan | None:
-        """Steps "line", "joints", "timing" and "certificate"; None where the tool is at its target already."""
+        """Run the steps "line", "joints", "timing" and "certificate"; return None if the tool is at its target already."""
         since, cell, robot = perf_counter(), self.cell, self.cell.robot
         q = self._measured_start()
         assert self.target is not None
@@ -243,7 +243,7 @@ class Task:
         )  # fmt: skip
 
     def _add_planned(self, found: Plan) -> None:
-        """The steps of a plan, up to the one that failed."""
+        """Record the steps of a plan, up to the one that failed."""
         failed = None if found else FAILED_STEPS.get(found.status, "joints")
         if found.status is PlanStatus.CONTACT and found._trajectory is not None:
             failed = "certificate"
@@ -264,12 +264,12 @@ class Task:
             self.steps.append(Step(name, True, said, "", result, seconds))
 
     def _execute(self, found: Plan, stop: StopRequest | None) -> Execution:
-        """Step "execution", or "stop" where a spot that moved stopped it."""
+        """Run the step "execution"; it is the step "stop" if a moving spot stopped the arm."""
         since = perf_counter()
         return self._check_end(self.cell.drive.execute(found, stop=stop, watch=self.settings.watch), since)
 
     def _check_end(self, execution: Execution, since: float) -> Execution:
-        """The step that an execution was, judged by how it ended."""
+        """Record the step of an execution by its status."""
         if execution.t.size:
             self.clock += float(execution.t[-1])
         if execution:
@@ -284,7 +284,7 @@ class Task:
         return execution
 
     def _measure_arrival(self, found: Plan, execution: Execution) -> None:
-        """Step "tool": where it really went, and what the laser unit measures of it."""
+        """Run the step "tool": compute the true position of the tool, and measure it for a correction."""
         since, robot, settings = perf_counter(), self.cell.robot, self.settings
         assert self.true_spot is not None
         pose = robot.fk(execution.q[-1])
@@ -326,7 +326,7 @@ class Task:
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
 
     def _reach(self) -> None:
-        """Go to the target; where the spot moves on the way, stop and go to where it is now."""
+        """Move to the target; if the spot moves, stop and move to its new position."""
         follow, most = self.settings.follow, self.settings.most_replans
         for replans in range(most + 1):
             self._stopped_by_spot = False
@@ -344,7 +344,7 @@ class Task:
         raise self._fail("replan", CellStatus.SPOT_MOVES, reason, "wait until it rests, or a larger most_replans")
 
     def _turn_to_spot(self) -> None:
-        """Step "replan": the new place of the spot becomes the target."""
+        """Run the step "replan": the new position of the spot becomes the target."""
         since = perf_counter()
         assert self.spot is not None and self.target is not None
         by = float(np.linalg.norm(self.spot - self.target[:3, 3]))
@@ -352,12 +352,12 @@ class Task:
         self._add("replan", f"the spot moved by {_mm(by)}", self.target, since)
 
     def _is_away(self, point: Array | None) -> bool:
-        """Whether a point is away from where the tool is sent."""
+        """Return whether a point is farther from the target than the tolerance `moved`."""
         assert self.target is not None
         return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.settings.moved
 
     def _make_stop_test(self) -> StopRequest | None:
-        """When to stop: as asked, or when the spot has moved."""
+        """Return the stop test of the execution: the request of the caller, or a spot that has moved."""
         asked, follow, since = self.settings.stop, self.settings.follow, self.clock
         if follow is None:
             return asked
@@ -371,14 +371,14 @@ class Task:
         return request
 
     def _has_moved(self, follow: Follow, t: float) -> bool:
-        """Whether the spot is away from where the tool is sent, or cannot be seen any more; asked while the arm moves."""
+        """Return whether the spot has left the target or can no longer be seen; called while the arm moves."""
         try:
             return self._is_away(self.cell.sighting(follow(t), self.settings.plane).point)
         except Exception:  # whatever a reading fails with, the arm must come to rest first; then it is read again
             return True
 
     def _correct(self) -> None:
-        """Move the target by the rest that was measured, and go there."""
+        """Move the target by the measured residual, and execute a motion to it."""
         assert self.target is not None
         rest = self.rounds[-1].residual if self.rounds else None
         if rest is None:

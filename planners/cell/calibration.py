@@ -45,7 +45,7 @@ MOST_HALVINGS = 20
 
 
 class Readings(NamedTuple):
-    """Readings of known points, and what each is worth.
+    """Readings of known points with their weights.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def weight_readings(spots: Array, points: Array, angle_noise: float, range_noise
 
 
 def compute_residuals(readings: Readings, T: Array) -> Array:
-    """Readings minus what the unit would read of the known points at one pose or at several.
+    """Return the readings minus the predicted readings of the known points, at one pose or at several.
 
     Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read: it goes on
     smoothly across the pan axis, where the tilt itself has a corner.
@@ -91,7 +91,7 @@ def compute_residuals(readings: Readings, T: Array) -> Array:
 
 
 def _along(readings: Readings, y: Array) -> tuple[Array, Array]:
-    """Horizontal distances of points y (..., m, 3) in the unit's frame, and the directions (..., m, 2) they are measured in."""
+    """Return the horizontal distances of points y (..., m, 3) in the unit's frame, and their directions (..., m, 2)."""
     level = np.hypot(y[..., 0], y[..., 1])
     pan = readings.spots[:, 0]
     direction = np.where(
@@ -103,7 +103,7 @@ def _along(readings: Readings, y: Array) -> tuple[Array, Array]:
 
 
 def standardise(readings: Readings, T: Array) -> tuple[Array, Array]:
-    """Residuals at a pose in standard deviations, and the derivative of what is predicted, in the same unit."""
+    """Return the residuals at a pose in standard deviations, and the derivative of the prediction in the same unit."""
     R, arm = T[:3, :3], readings.points - T[:3, 3]
     y = arm @ R
     flat, direction = _along(readings, y)
@@ -120,7 +120,7 @@ def standardise(readings: Readings, T: Array) -> tuple[Array, Array]:
 
 
 def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
-    """Least squares of the standardised residuals of some pairs, by Gauss–Newton steps that are halved until they descend."""
+    """Fit a pose to some pairs by least squares of the standardised residuals, with damped Gauss–Newton steps."""
     chosen = Readings(*(field[kept] for field in readings))
     for _ in range(MOST_FIT_STEPS):
         e, J = standardise(chosen, T)
@@ -140,7 +140,7 @@ def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
 
 
 def fit_closed_form(spots: Array, points: Array) -> Array:
-    """Poses that carry points measured by the unit onto known ones with the least sum of squared distances (Kabsch 1976)."""
+    """Return the poses that map measured points to known ones with the least sum of squared distances (Kabsch 1976)."""
     pan, tilt, distance = np.moveaxis(spots, -1, 0)
     flat = distance * np.cos(tilt)
     seen = np.stack([flat * np.cos(pan), flat * np.sin(pan), distance * np.sin(tilt)], axis=-1)
@@ -155,7 +155,7 @@ def fit_closed_form(spots: Array, points: Array) -> Array:
 
 
 def find_robust_pose(readings: Readings) -> tuple[Array, Flags]:
-    """Start that outliers below a half do not spoil: of the poses of many triples, that with the least median of squares."""
+    """Return an initial guess that tolerates outliers below a half: the pose of the triple with the least median of squares."""
     triples = _triples(readings.m)
     candidates = fit_closed_form(readings.spots[triples], readings.points[triples])
     squares = np.sum((compute_residuals(readings, candidates) * readings.weights) ** 2, axis=-1)
@@ -171,7 +171,7 @@ def find_robust_pose(readings: Readings) -> tuple[Array, Flags]:
 
 
 def _triples(m: int) -> Indices:
-    """All triples of m pairs, or `MOST_TRIPLES` random ones, the same in every run, (k, 3)."""
+    """Return all triples of m pairs (k, 3), or `MOST_TRIPLES` random ones, the same in every run."""
     if comb(m, 3) <= MOST_TRIPLES:
         return np.array(list(combinations(range(m), 3)))
     order = np.random.default_rng(0).random((MOST_TRIPLES, m)).argsort(axis=1)
@@ -208,7 +208,7 @@ SEARCH_ROUNDS = 10
 
 
 class CalibrationStatus(StrEnum):
-    """How a calibration ended. Only FOUND is success.
+    """The status of a calibration. Only FOUND is success.
 
     COLLINEAR: the points do not determine the rotation, because they lie nearly on one line or too close together.
     TOO_MANY_OUTLIERS: more pairs disagree than may be excluded. INCONSISTENT: the residuals are larger than the stated noise
@@ -224,7 +224,7 @@ class CalibrationStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The pose of a unit, how well it is known, and what disagrees. ``bool(calibration)`` is success.
+    """The result of a calibration: pose, covariance and outliers. ``bool(calibration)`` is success.
 
     Attributes
     ----------
@@ -265,7 +265,7 @@ class Calibration:
 
 
 def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Calibration:
-    """Find the pose of a laser unit from what it reads of known points.
+    """Find the pose of a laser unit from its readings of known points.
 
     The pose minimises the sum of squared residuals in pan, tilt and range, each over its standard deviation as the unit
     states it. A pan near the pan axis, and a tilt near the unit, are not used where the angle is not linear over the noise.
@@ -337,7 +337,7 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
 
 
 def _distances(e: Array, J: Array, kept: Flags) -> Array:
-    """Squared Mahalanobis distances of pairs from the fit of the others, (m,)."""
+    """Return the squared Mahalanobis distances (m,) of pairs from the fit of the others."""
     # The residuals of a pair that is kept have the covariance I − J C Jᵀ, as the fit was drawn towards them; those of
     # another I + J C Jᵀ. The first gives the distance from the fit without that pair, to first order.
     spread = J @ _pose_covariance(J[kept]) @ J.swapaxes(1, 2)
@@ -351,7 +351,7 @@ def _distances(e: Array, J: Array, kept: Flags) -> Array:
 
 
 def _pose_covariance(J: Array) -> Array:
-    """Covariance of the pose from standardised derivatives (k, 3, 6): (Σ JᵀJ)⁻¹; NaN where they do not fix the pose."""
+    """Return the covariance of the pose from standardised derivatives (k, 3, 6): (Σ JᵀJ)⁻¹; NaN if they do not fix the pose."""
     _, s, Vt = np.linalg.svd(J.reshape(-1, 6), full_matrices=False)
     if len(s) < 6 or s[5] <= SAME_LINE * s[0]:
         return np.full((6, 6), np.nan)
@@ -362,7 +362,7 @@ def _pose_covariance(J: Array) -> Array:
 def _judge(
     readings: Readings, kept: Flags, converged: bool, covariance: Array, chi_squared: float, freedom: int
 ) -> tuple[CalibrationStatus, str, str]:
-    """Status, reason and advice of a calibration."""
+    """Return status, reason and advice of a calibration."""
     from scipy.special import chdtri
 
     out, most = int(np.count_nonzero(~kept)), _most_outliers(readings.m)
@@ -399,19 +399,19 @@ def _judge(
 
 
 def _most_outliers(m: int) -> int:
-    """How many of m pairs may be left out: at most a quarter, and so few that enough are kept."""
+    """Return how many of m pairs may be outliers: at most a quarter, and at least `FEWEST_KEPT` remain."""
     return max(0, min(int(MOST_LEFT_OUT * m), m - FEWEST_KEPT))
 
 
 def _largest_turn(covariance: Array) -> float:
-    """Largest standard deviation of the rotation about any axis [rad]; infinite where the pose is not fixed."""
+    """Return the largest standard deviation of the rotation about any axis [rad]; infinite if the pose is not fixed."""
     if not np.isfinite(covariance).all():
         return float("inf")
     return float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
 
 
 def _check_pairs(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Readings:
-    """The pairs as arrays with their weights, checked."""
+    """Return the checked pairs as arrays with their weights."""
     if not isinstance(laser, PanTiltLaser):
         raise InvalidInput("laser", format_value(laser), "a planners.cell.PanTiltLaser")
     for name, noise in (("angle_noise", laser.angle_noise), ("range_noise", laser.range_noise)):

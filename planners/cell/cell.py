@@ -34,7 +34,7 @@ MOST_ROUNDS = 100
 
 
 class Cell(CellParts):
-    """The paper's system: a laser unit beside an arm on one platform, the control that plans, and the drive that executes.
+    """The system of the paper: a laser unit and an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
 
@@ -107,7 +107,7 @@ class Cell(CellParts):
         self.drive = self._make_drive(drive, q)
 
     def _make_drive(self, drive: Any, q: ArrayLike | None) -> Drive:
-        """The drive, for the arm with its gripper."""
+        """Return the drive for the arm with its gripper."""
         if isinstance(drive, str | os.PathLike):
             return make_drive(drive, self.robot, **({} if q is None else {"q": q}))
         if not isinstance(drive, Drive):
@@ -131,7 +131,7 @@ class Cell(CellParts):
         true_spot: ArrayLike | None = None, follow: Follow | None = None, moved: float = 0.005, most_replans: int = 10,
         look: Look | None = None, stop: StopRequest | None = None, watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
-        """Take the tool along a straight line to a spot, and say where it really went.
+        """Move the tool along a straight line to a spot, and measure its error there.
 
         Parameters
         ----------
@@ -187,7 +187,7 @@ class Cell(CellParts):
         self, outcome: Outcome, *, solver: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
         watch: Watcher | None = None,
     ) -> Outcome:  # fmt: skip
-        """Go on with a task that was stopped on request or by a fault while the arm moved, along the same path.
+        """Resume a task along the same path after a stop on request or a fault during its motion.
 
         An arm that stands off the path goes back to it first. To correct afterwards, or where there is no way back:
         `move_to_spot` again, whose line begins where the arm stands.
@@ -220,7 +220,7 @@ class Cell(CellParts):
         return Task(self, settings).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
-        """Counts are whole numbers, functions can be called, and corrections on a real arm need one that reads its tool."""
+        """Check the counts and the functions of a request; corrections on a real arm need a `look` function."""
         for name, given in functions.items():
             if given is not None and not callable(given):
                 raise InvalidInput(name, format_value(given), "a function")
@@ -281,7 +281,7 @@ class Cell(CellParts):
         return self._run_gripper("close", act)
 
     def _grip(self, gripper: Gripper, held: HeldObject | None, width: float) -> None:
-        """Have arm and drive carry what the gripper holds now."""
+        """Update arm and drive to the present load of the gripper."""
         robot = gripper.mount(self._bare, held)
         if held is not None and held is not self.held:
             self._check_weight(robot, held)
@@ -307,7 +307,7 @@ class Cell(CellParts):
             raise InvalidInput("held", what, "an object that the arm can hold where it stands")
 
     def _run_gripper(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
-        """The outcome of one step of the gripper; nothing changes where it cannot."""
+        """Run one step of the gripper and return its outcome; a refused step changes nothing."""
         since = perf_counter()
         try:
             if self.gripper is None:
@@ -321,7 +321,7 @@ class Cell(CellParts):
 
 
 def _rotation(value: ArrayLike) -> Array:
-    """An orientation (3, 3), checked."""
+    """Return a checked orientation (3, 3)."""
     R = np.asarray(value)
     if R.shape != (3, 3):
         raise InvalidInput("orientation", f"shape {R.shape}", "a rotation matrix (3, 3)")

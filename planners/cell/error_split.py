@@ -44,7 +44,7 @@ class ErrorSplit(NamedTuple):
         return {name: np.linalg.norm(part, axis=-1) for name, part in self._asdict().items()}
 
     def at(self, k: int) -> Self:
-        """Return the split at one of many instants.
+        """Return the split at one instant.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class ErrorSplit(NamedTuple):
         return type(self)(*(part[k] for part in self))
 
     def to_dict(self) -> dict[str, list[float]]:
-        """Plain data for files: the vectors by name [m]."""
+        """Return the vectors by name as plain data [m]."""
         return {name: part.tolist() for name, part in self._asdict().items()}
 
 
@@ -140,7 +140,7 @@ def split_configurations(
 
 
 def _check_points(value: ArrayLike, name: str) -> Array:
-    """Points as an array, checked."""
+    """Return checked points as an array."""
     points = real_array(value, name, "a point (3,) or points (k, 3)")
     if points.ndim not in (1, 2) or points.shape[-1] != 3:
         raise InvalidInput(name, f"shape {points.shape}", "a point (3,) or points (k, 3)")

@@ -167,7 +167,7 @@ class Gripper:
         return arm.with_shapes(self._shapes(robot, arm.tool, held))
 
     def _shapes(self, robot: Robot, grasp: Array, held: HeldObject | None) -> Any:
-        """The arm's shapes with those of gripper and object."""
+        """Return the arm's shapes with those of gripper and object."""
         shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
         for name, (objects, place) in zip(PARTS, given, strict=True):
             if not len(objects):
@@ -181,7 +181,7 @@ class Gripper:
 
 
 def _body(mass: float, com: ArrayLike, inertia: ArrayLike | None, where: str) -> Body:
-    """A rigid body, checked."""
+    """Return a checked rigid body."""
     mass = check_number(mass, f"mass of {where}", "a finite mass ≥ 0 [kg]", least=0.0)
     tensor = np.zeros((3, 3)) if inertia is None else check_shape(inertia, (3, 3), f"inertia of {where}")
     return check_body((mass, check_shape(com, (3,), f"centre of mass of {where}"), tensor), where)

@@ -113,7 +113,7 @@ class Cube(NamedTuple):
 
 
 def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PoseFigures:
-    """Accuracy AP and repeatability RP of one pose.
+    """Return accuracy AP and repeatability RP of one pose.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
 
 
 def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PathFigures:
-    """Accuracy AT and repeatability RT of a path.
+    """Return accuracy AT and repeatability RT of a path.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
 
 
 def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> Array:
-    """Where a followed path meets the normal planes of a commanded one, by straight lines between its samples.
+    """Return where a followed path meets the normal planes of a commanded one, by straight lines between its samples.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> A
 
 
 def _crossing(point: Array, tangent: Array, path: Array) -> Array:
-    """The crossing of one plane that is nearest to its point."""
+    """Return the crossing of one plane that is nearest to its point."""
     height = (path - point) @ tangent
     change = np.diff(height)
     crossed = np.flatnonzero((height[:-1] * height[1:] <= 0.0) & (change != 0.0))
@@ -267,7 +267,7 @@ def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
 
 
 def _planes(up: int) -> list[Array]:
-    """Corners (4, 3) of the four inclined planes of the cube, in half edges, in turn around the centre."""
+    """Return the corners (4, 3) of the four inclined planes of the cube, in half edges, in turn around the centre."""
     planes = []
     for side, lean in product([i for i in range(3) if i != up], (1.0, -1.0)):
         other = 3 - up - side
@@ -280,7 +280,7 @@ def _planes(up: int) -> list[Array]:
 
 
 def _solve_cube(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array | None:
-    """Configurations that reach all poses with the margin, each solved from the centre; None where one has none."""
+    """Return configurations that reach all poses with the margin, each solved from the centre; None if one pose has none."""
     lower, upper = robot.limits.lower + POSE_MARGIN, robot.limits.upper - POSE_MARGIN
     found = [q]
     for T in poses[1:]:
@@ -293,7 +293,7 @@ def _solve_cube(robot: Robot, solver: IKSolver, poses: Array, q: Array) -> Array
 
 
 def describe_cube(edge: float) -> str:
-    """How the five poses were chosen, in words."""
+    """Return a description of how the five poses were chosen."""
     return (
         f"Five poses in a diagonal plane of a cube of {1e3 * edge:.0f} mm around the tool at the start: its centre, and a "
         "tenth of the diagonal from each end of the plane's diagonals; the orientation is that of the start. The cube is "
@@ -302,13 +302,13 @@ def describe_cube(edge: float) -> str:
 
 
 def _repeatability(positions: Array) -> Array:
-    """The mean distance from the mean and three standard deviations of it, over the cycles, the first axis."""
+    """Return the mean distance from the mean plus three standard deviations of it, over the cycles (first axis)."""
     distance = np.linalg.norm(positions - positions.mean(axis=0), axis=-1)
     return np.asarray(distance.mean(axis=0) + 3.0 * distance.std(axis=0, ddof=1))
 
 
 def _why_no_spread(positions: Array, noise: bool) -> str:
-    """Why the cycles have no spread; empty where they have one."""
+    """Return why the cycles have no spread; empty if they have one."""
     if not noise:
         return NO_NOISE
     if len(positions) < 2:
@@ -317,7 +317,7 @@ def _why_no_spread(positions: Array, noise: bool) -> str:
 
 
 def _check_finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:
-    """Finite numbers of a shape, −1 for any number above 0."""
+    """Return finite numbers of a shape, checked; −1 is any number above 0."""
     found = real_array(values, name, expected)
     fits = found.ndim == len(shape) and all(
         n == m or (m == -1 and n > 0) for n, m in zip(found.shape, shape, strict=True)

@@ -106,7 +106,7 @@ class PanTiltLaser:
     # ------------------------------------------------------------ geometry
 
     def direction(self, pan: ArrayLike, tilt: ArrayLike) -> Array:
-        """Directions of the beam in the arm's base frame.
+        """Return the directions of the beam in the arm's base frame.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class PanTiltLaser:
         return np.asarray(_beam(pan, tilt) @ self.pose[:3, :3].T)
 
     def point(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
-        """Points of readings; limits are not asked for, as a noisy reading may exceed them.
+        """Return the points of readings; limits are not checked, because a noisy reading may exceed them.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class PanTiltLaser:
         return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam(pan, tilt) @ self.pose[:3, :3].T))
 
     def reading(self, points: ArrayLike) -> Spot:
-        """What the unit would read of points without noise and without limits; `angles` judges one point by the limits.
+        """Return the readings of points without noise and without limits; `angles` checks one point against the limits.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class PanTiltLaser:
         return Spot(pan, np.arctan2(z, off_axis), np.hypot(off_axis, z))
 
     def jacobians(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> tuple[Array, Array]:
-        """Derivatives of points by their readings, and by the small twist of the unit's pose.
+        """Return the derivatives of points by their readings, and by a small twist of the unit's pose.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class PanTiltLaser:
         return by_reading, by_pose
 
     def covariance(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
-        """Covariance of measured points: the noise of the reading and of the calibration, carried to first order.
+        """Return the covariance of measured points from the noise of reading and calibration, to first order.
 
         Parameters
         ----------
@@ -258,7 +258,7 @@ class PanTiltLaser:
         return replace(self, pose=check_pose(pose, "pose"), pose_covariance=checked)
 
     def read(self, point: ArrayLike, rng: np.random.Generator) -> Spot:
-        """A noisy reading of a true point, by a unit that stands where this one stands; for simulations.
+        """Return a noisy reading of a true point by this unit, for simulations.
 
         Parameters
         ----------
@@ -282,7 +282,7 @@ class PanTiltLaser:
         return Spot(noisy[..., 0], noisy[..., 1], np.maximum(noisy[..., 2], 0.0))
 
     def angles(self, point: ArrayLike) -> Sighting:
-        """Pan, tilt and range at which the unit points at a point, and whether it can.
+        """Return the pan, tilt and range at which the beam meets a point, and whether the unit can reach them.
 
         Parameters
         ----------
@@ -310,7 +310,7 @@ class PanTiltLaser:
         return self._judge(spot, point, ahead)
 
     def intersect_plane(self, pan: float, tilt: float, plane: Plane) -> Sighting:
-        """Where the beam meets a plane, such as the graph paper; the range is not measured but follows from the plane.
+        """Return where the beam meets a plane, such as the graph paper; the range follows from the plane.
 
         Parameters
         ----------
@@ -350,7 +350,7 @@ class PanTiltLaser:
         return self._judge(Spot(pan, tilt, distance), point, True, onto)
 
     def _judge(self, spot: Spot, point: Array, ahead: bool, onto: Array | None = None) -> Sighting:
-        """The sighting of a spot: found if pan, tilt and range are inside the limits."""
+        """Return the sighting of a spot: FOUND if pan, tilt and range are inside the limits."""
         pan, tilt, distance = (float(x) for x in spot)
         turned = _turn_into(pan, self.pan_limits)
         if turned is None:
@@ -369,20 +369,20 @@ class PanTiltLaser:
         return Sighting(SightStatus.FOUND, "", "", point, Spot(turned, tilt, distance), covariance)
 
     def _on_pan_axis(self, points: Array) -> Flags:
-        """Whether points lie on the pan axis, as far as rounding lets us know."""
+        """Return whether points lie on the pan axis, to rounding."""
         y = (points - self.pose[:3, 3]) @ self.pose[:3, :2]
         size = np.linalg.norm(points, axis=-1) + np.linalg.norm(self.pose[:3, 3])
         return np.asarray(np.hypot(y[..., 0], y[..., 1]) <= ON_PAN_AXIS * size)
 
 
 def _beam(pan: Array, tilt: Array) -> Array:
-    """Directions of the beam in the unit's own frame, (..., 3)."""
+    """Return the directions (..., 3) of the beam in the unit's own frame."""
     flat = np.cos(tilt)
     return np.stack([np.cos(pan) * flat, np.sin(pan) * flat, np.sin(tilt)], axis=-1)
 
 
 def _turn_into(pan: float, limits: Limits) -> float | None:
-    """Pan, or the same direction by a turn more or less, inside the limits; None if there is none."""
+    """Return the pan, or the same direction a turn away, that is inside the limits; None if there is none."""
     turns = (pan, pan + 2 * pi, pan - 2 * pi)
     return next((p for p in turns if _is_inside(p, limits, ANGLE_SLACK)), None)
 

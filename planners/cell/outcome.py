@@ -20,7 +20,7 @@ MEASURED = ("tool", "residual", "error")
 
 
 class CellStatus(StrEnum):
-    """How a task ended. Only ARRIVED is success; the arm is at rest in all of them as far as the drive knows.
+    """The status of a task. Only ARRIVED is success; the arm is at rest in all of them as far as the drive knows.
 
     NO_SPOT: the laser unit gives no point. NO_PLAN: no motion to it was found whose certificate holds. REFUSED: the drive or
     the gripper refused, and nothing was sent. STOPPED: the drive was stopped on request. FAULT: a fault of the drive
@@ -69,7 +69,7 @@ class Step(NamedTuple):
 
 
 class Round(NamedTuple):
-    """One execution to the spot and what was found after it; the first is the motion itself, those after it corrections.
+    """One execution to the spot with its measurement; the first is the motion itself, the others are corrections.
 
     Attributes
     ----------
@@ -164,12 +164,12 @@ class Outcome:
 
     @property
     def executions(self) -> tuple[Execution, ...]:
-        """What the drive did, in order, stops on the way to a spot that moved among it."""
+        """All executions in order, stops for a moving spot included."""
         return tuple(step.result for step in self.steps if isinstance(step.result, Execution))
 
     @property
     def tool(self) -> Array | None:
-        """Where the tool really is at the end, stopped or not (3,) [m]; None where nothing was executed."""
+        """True position of the tool (3,) at the end, stopped or not [m]; None if nothing was executed."""
         q = self.executions[-1].q[-1:] if self.executions else np.empty((0, self.robot.n))
         return self.robot.fk(q[0])[:3, 3] if len(q) and np.isfinite(q).all() else None
 
@@ -194,7 +194,7 @@ class Outcome:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files and programs [m, s]; the plans and executions themselves are not in it."""
+        """Return the outcome as plain data [m, s], without the plans and executions."""
         failed = (
             {} if self.failed is None else {"failed": self.failed.name, "reason": self.reason, "advice": self.advice}
         )

@@ -27,7 +27,7 @@ MOST_PERIODS = 500_000
 
 
 class Setpoints(NamedTuple):
-    """What the servo is sent at every tick: row k is the state of the motion at k periods, the last one its end.
+    """The set-points of a motion: row k is its state at k periods, the last row its end.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def slow_to(plan: Plan, duration: float) -> Plan:
 
 
 def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -> Setpoints:
-    """Return what a servo is sent of a motion: row k is its state at k periods, or at its end.
+    """Return the set-points of a motion: row k is its state at k periods, or at its end.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -
 
 
 def count_periods(motion: Trajectory, period: float) -> int:
-    """Count the periods that a motion needs; a nanosecond more than a whole number is rounding."""
+    """Return the number of periods of a motion; a nanosecond more than a whole number is rounding."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
     if motion.end < period - SAME_INSTANT:
         raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")

@@ -23,7 +23,7 @@ Limits = tuple[float, float]
 
 
 def freeze(array: ArrayLike) -> Array:
-    """Return a copy that cannot be written to, for the fields of immutable objects."""
+    """Return a read-only copy, for the fields of immutable objects."""
     copy = np.array(array, dtype=np.float64)
     copy.setflags(write=False)
     return copy
@@ -108,7 +108,7 @@ class SightStatus(StrEnum):
 
 
 class Spot(NamedTuple):
-    """What the unit reads of a spot: pan [rad], tilt [rad] and range [m]; scalars, or arrays of one shape."""
+    """A reading of a spot: pan [rad], tilt [rad] and range [m]; scalars, or arrays of one shape."""
 
     pan: float | Array
     tilt: float | Array
@@ -129,7 +129,7 @@ Look = Callable[[], Spot]
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A spot and its point, or why there is none. ``bool(sighting)`` is success.
+    """A spot and its point, or the reason why there is none. ``bool(sighting)`` is success.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class Plane:
         return Plane(T[:3, :3] @ self.point + T[:3, 3], T[:3, :3] @ self.normal)
 
     def distance(self, points: ArrayLike) -> Array:
-        """Signed distances of points, positive on the side that the normal points to.
+        """Return the signed distances of points, positive on the side of the normal.
 
         Parameters
         ----------

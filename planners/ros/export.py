@@ -32,7 +32,7 @@ MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 class RosExport(NamedTuple):
-    """What `to_ros` wrote, and what the controller makes of it.
+    """The export of `to_ros`: the motion after controller interpolation and its certificate.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ def ros_message(
 
 
 def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNames = None) -> Trajectory:
-    """Read a ``trajectory_msgs/JointTrajectory`` as the motion that ROS 2's joint_trajectory_controller makes of it.
+    """Read a ``trajectory_msgs/JointTrajectory`` as the motion after interpolation by ROS 2's joint_trajectory_controller.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id:
 
 
 def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
-    """The rate, after checking that the motion can be sent at it."""
+    """Return the rate, checked for this motion."""
     for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
         if not isinstance(flag, bool):
             raise InvalidInput(argument, repr(flag)[:60], "True or False")
@@ -267,7 +267,7 @@ def _report(motion: Motion, executed: Trajectory, points: int, certificate: Cert
 
 
 def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
-    """Lines for people who read the file: the motion, its duration and what the controller makes of it."""
+    """Return comment lines for readers of the file: the motion, its duration, and its peaks after controller interpolation."""
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
     remarks = [

@@ -25,7 +25,7 @@ POINT_FIELDS = ("positions", "velocities", "accelerations")
 
 
 class Form(NamedTuple):
-    """How a message is written: the interpolation, the index of the joint of each written name, and the frame."""
+    """The form of a message: its interpolation, the joint index of each written name, and its frame."""
 
     interpolation: str
     columns: dict[str, int]
@@ -55,7 +55,7 @@ def _time(nanoseconds: int) -> dict[str, int]:
 
 
 def reconstruct(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
-    """Return the motion that ROS 2's joint_trajectory_controller makes of a message.
+    """Return the motion of a message after interpolation by ROS 2's joint_trajectory_controller.
 
     Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
     carry velocities, else linearly (ros2_controllers, trajectory.cpp, interpolate_between_points).
@@ -97,7 +97,7 @@ def _nanoseconds(time: Any, point: str) -> int:
 
 
 def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:
-    """Values (k, n) of one field of all points."""
+    """Return the values (k, n) of one field of all points."""
     rows = []
     for i, point in enumerate(points):
         row = point.get(field)
@@ -126,7 +126,7 @@ def from_text(text: str, suffix: str) -> Any:
 
 
 def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
-    """Block YAML with a list a line."""
+    """Return block YAML with one line per list."""
     header = message["header"]
     lines = [f"# {remark}" for remark in remarks]
     lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quoted(header['frame_id'])}"]

@@ -29,7 +29,7 @@ ADVICE = "a motion that keeps its own limits, points at its knots, or a higher r
 
 
 def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
-    """Slow a motion until what the controller makes of its points keeps the limits that are judged."""
+    """Slow a motion until it respects the judged limits after controller interpolation."""
     source, judged = motion.trajectory, find_judged_limits(motion, form)
     between = np.empty(0)
     if motion.speed is not None and rate is not None:
@@ -48,7 +48,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
 
 
 def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:
-    """Return those of the limits promised by the law that the interpolation can keep."""
+    """Return the enforced limits that the interpolation can respect."""
     possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
     return tuple(field for field in motion.enforced if field in possible)
 
@@ -81,7 +81,7 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
 
 
 def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
-    """The motion slowed by at least a factor, to whole periods or nanoseconds; and the times of the points [ns]."""
+    """Return the motion slowed by at least a factor, to whole periods or nanoseconds, and the times of the points [ns]."""
     # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
     duration = Fraction(trajectory.duration) * Fraction(factor)
     if rate is None:

@@ -80,7 +80,7 @@ class RclpyTransport(Transport):
         return goal
 
     def _answered(self, goal: Goal, future: Any) -> None:
-        """The controller accepted the goal or not."""
+        """Record whether the controller accepted the goal."""
         try:
             handle = future.result()
         except Exception as error:  # whatever the middleware raises
@@ -96,7 +96,7 @@ class RclpyTransport(Transport):
             handle.cancel_goal_async()
 
     def cancel(self, goal: Goal) -> None:
-        """Ask for a goal to be cancelled; see `Transport.cancel`."""
+        """Cancel a goal; see `Transport.cancel`."""
         self._cancelled.add(goal.id)
         handle = self._handles.get(goal.id)
         if handle is not None:
@@ -110,7 +110,7 @@ class RclpyTransport(Transport):
                 end()
 
     def _trajectory(self, data: dict[str, Any]) -> Any:
-        """A ``trajectory_msgs/JointTrajectory`` from plain data."""
+        """Return a ``trajectory_msgs/JointTrajectory`` from plain data."""
         message = self._ros["JointTrajectory"]()
         message.joint_names = data["joint_names"]
         message.header.frame_id = data["header"]["frame_id"]
@@ -152,7 +152,7 @@ def _ended(goal: Goal, future: Any) -> None:
 
 
 def _packages() -> dict[str, Any]:
-    """The packages of a sourced ROS 2."""
+    """Return the packages of a sourced ROS 2."""
     try:
         import rclpy
         import rclpy.action

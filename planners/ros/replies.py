@@ -24,7 +24,7 @@ NANOSECONDS = 1_000_000_000
 
 
 class GoalState(IntEnum):
-    """How a goal ended, with the numbers of ``action_msgs/GoalStatus``."""
+    """The final state of a goal, with the numbers of ``action_msgs/GoalStatus``."""
 
     UNKNOWN = 0
     SUCCEEDED = 4
@@ -55,7 +55,7 @@ class Feedback(NamedTuple):
 
 
 class Result(NamedTuple):
-    """The result of a goal: how it ended, and the controller's error code and words."""
+    """The result of a goal: its final state, and the controller's error code and text."""
 
     state: GoalState
     code: int
@@ -110,7 +110,7 @@ def read_stamp(message: Mapping[str, Any], what: str) -> int:
 
 
 def write_time(stamp: int) -> dict[str, int]:
-    """Write a time as ROS does."""
+    """Return a time as a ROS time."""
     return {"sec": stamp // NANOSECONDS, "nanosec": stamp % NANOSECONDS}
 
 

@@ -91,7 +91,7 @@ class RosbridgeTransport(Transport):
             self.close()
 
     def _guard(self, protocol: Any) -> Any:
-        """Read messages ourselves first: roslibpy drops one that it cannot read, and logs its traceback."""
+        """Read messages before roslibpy, which drops those that it cannot read and logs a traceback."""
         read, fragments = protocol.on_message, Fragments()
 
         def guarded(payload: bytes) -> None:
@@ -153,7 +153,7 @@ class RosbridgeTransport(Transport):
         return goal
 
     def cancel(self, goal: Goal) -> None:
-        """Ask for a goal to be cancelled; see `Transport.cancel`."""
+        """Cancel a goal; see `Transport.cancel`."""
         if self.lost:
             return
         # By all connections: an older rosbridge reads it only from another than the goal's, a newer one only from the same.

@@ -39,7 +39,7 @@ class Reading(NamedTuple):
 
 
 class Goal:
-    """A goal that was sent: whether it was accepted, its latest feedback, and its result. A transport tells it.
+    """A sent goal: whether it was accepted, its latest feedback, and its result. A transport updates it.
 
     Attributes
     ----------
@@ -72,11 +72,11 @@ class Goal:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will come: it was refused, or has its result."""
+        """Whether the goal was refused or has its result."""
         return bool(self.refused) or self.result is not None
 
     def wait(self, until: Callable[[], bool], seconds: float) -> bool:
-        """Wait for something that the controller tells of this goal.
+        """Wait for a change of this goal.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Goal:
             return self._changed.wait_for(until, max(seconds, 0.0))
 
     def tell_accepted(self) -> None:
-        """The controller took it."""
+        """Record that the controller accepted the goal."""
         self._set(accepted=True)
 
     def tell_refused(self, reason: str) -> None:
@@ -112,7 +112,7 @@ class Goal:
             self._set(refused=said)
 
     def tell_feedback(self, values: Any) -> None:
-        """Feedback came; that it comes shows that the goal was accepted.
+        """Record feedback; it shows that the goal was accepted.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Goal:
             self._set(accepted=True, odd=str(error))
 
     def tell_result(self, state: Any, values: Any) -> None:
-        """The result came; one that cannot be read is UNKNOWN, since the goal has ended in any case.
+        """Record the result; it is UNKNOWN if it cannot be read, because the goal has ended in any case.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Goal:
 
 
 class Transport(ABC):
-    """What carries goals to a controller and joint states back.
+    """A connection that carries goals to a controller and joint states back.
 
     Its methods return at once, and raise nothing that comes from the other side: what went wrong is in `lost` and `odd`.
 
@@ -206,7 +206,7 @@ class Transport(ABC):
         self.close()
 
     def tell_states(self, message: Any) -> None:
-        """Joint states came.
+        """Record joint states.
 
         Parameters
         ----------

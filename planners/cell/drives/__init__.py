@@ -15,7 +15,7 @@ __all__ = ["Commands", "Drive", "SimulatedDrive", "Steps", "drives", "make_drive
 
 
 def drives() -> tuple[str, ...]:
-    """Names of all drives."""
+    """Return the names of all drives."""
     return names("planners.cell.drives")
 
 

@@ -37,7 +37,7 @@ Refusal = tuple[str, str]
 
 
 def check_plan(plan: Plan, robot: Robot) -> None:
-    """Raise InvalidInput for anything but a plan of this arm."""
+    """Raise InvalidInput unless the argument is a plan of this arm."""
     if not isinstance(plan, Plan):
         raise InvalidInput("plan", repr(plan)[:60], "a Plan")
     if plan.robot != robot:
@@ -63,7 +63,7 @@ def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = No
 
 
 def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
-    """Say why a plan must not be sent to an arm that stands here, or whose set-points the drive would refuse."""
+    """Return why a plan must not be sent: the arm is not at its start, or the drive would refuse its set-points."""
     names, start = plan.robot.joint_names, plan.trajectory(0.0)
     lost = np.flatnonzero(np.isnan(measured))
     if lost.size:
@@ -85,7 +85,7 @@ def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | Non
 
 
 def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
-    """Return the function that is asked at every tick whether to stop."""
+    """Return the function that decides at every tick whether to stop."""
     if stop is None:
         return lambda t: False
     if callable(stop):
@@ -100,7 +100,7 @@ def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
 def read_encoders(
     actual: Array, options: Options, clock: float, noise: np.random.Generator, frozen: dict[int, float]
 ) -> Array:
-    """Read the encoders."""
+    """Return the readings of the encoders."""
     read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
     counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
     read = np.where(options.resolution > 0.0, np.round(read / counts) * counts, read)
@@ -112,7 +112,7 @@ def read_encoders(
 
 
 def judge_host(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
-    """Judge what the host has sent by tick k: whether it is late, and whether its set-points are within the limits."""
+    """Check the host at tick k: it must not be late, and its set-points must be within the limits."""
     for each in options.disturbances:
         if run.stopping:
             return
@@ -125,7 +125,7 @@ def judge_host(run: Run, k: int, since: float, options: Options, robot: Robot) -
 
 
 def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
-    """Judge the encoders at tick k: whether one is lost, and whether every joint follows its set-points."""
+    """Check the encoders at tick k: none may be lost, and every joint must follow its set-points."""
     if run.fault is not None:
         return
     t, names = k * options.period, robot.joint_names
@@ -160,7 +160,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
 
 
 def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
-    """Judge where the arm came to rest at the last tick k, by its encoders and by the true state of the simulated arm."""
+    """Check the final position of the arm at the last tick k, by its encoders and by the true state of the simulated arm."""
     if run.fault is not None:
         return
     t, false = k * options.period, find_false_reading(read, actual, options)
@@ -190,7 +190,7 @@ def find_false_reading(read: Array, actual: Array, options: Options) -> int | No
 
 
 def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
-    """Judge whether the arm is at rest when the set-points end; if it moves, record a fault."""
+    """Return whether the arm is at rest when the set-points end; if it moves, record a fault."""
     speed = np.abs(dq) / np.where(robot.prismatic, *reversed(AT_STANDSTILL))
     i = int(speed.argmax())
     if speed[i] <= 1.0:
@@ -214,7 +214,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
 
 
 def judge_end(run: Run) -> tuple[ExecutionStatus, str, str]:
-    """Status, reason and advice of an execution that has come to rest."""
+    """Return status, reason and advice of an execution that has come to rest."""
     if run.fault is not None:
         return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
     if run.requested and run.stop is not None and not run.at_goal:
@@ -227,12 +227,12 @@ def judge_end(run: Run) -> tuple[ExecutionStatus, str, str]:
 
 
 def _tick(t: float, period: float) -> int:
-    """The first tick that is not before a time."""
+    """Return the first tick that is not before a time."""
     return ceil(t / period - 1e-9)
 
 
 def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
-    """Count a tick at which nothing arrives; where the last set-point that the drive holds is due, that is a fault."""
+    """Count a tick without a message; it is a fault if the drive holds no further set-point."""
     if not first <= k < first + ticks or k + options.ahead > run.last:
         return
     run.late += 1
@@ -243,7 +243,7 @@ def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -
 
 
 def _judge_setpoint(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
-    """Refuse a set-point that is outside the limits; one that is within them is taken as it is."""
+    """Reject a set-point that is outside the limits; accept a wrong one that is within them."""
     joint, before = int(wrong.joint), run.stream.q[row - 1]
     value = run.stream.q[row, joint] + wrong.by
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
@@ -261,6 +261,6 @@ def _judge_setpoint(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> N
 
 
 def _velocity_limits(robot: Robot) -> Array:
-    """The arm's own velocity limits (n,) [rad/s, m/s]; infinite where unknown."""
+    """Return the arm's own velocity limits (n,) [rad/s, m/s]; infinite where unknown."""
     known = robot.limits.velocity
     return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,))

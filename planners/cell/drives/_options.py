@@ -18,7 +18,7 @@ from planners.cell.setpoints import PERIOD
 
 @dataclass(frozen=True)
 class Stall:
-    """A joint stands still, whatever it is sent: something blocks it.
+    """A blocked joint, which does not move.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Stall:
 
 @dataclass(frozen=True)
 class LostEncoder:
-    """A joint's encoder is lost: it reads NaN from then on, or, frozen, what it read last.
+    """A lost encoder, which reads NaN, or a frozen one, which repeats its last reading.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class LostEncoder:
 
 @dataclass(frozen=True)
 class LateHost:
-    """The host sends nothing for some ticks, and then what it has missed.
+    """A host that sends nothing for some ticks, and then all missed set-points.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class LateHost:
 
 @dataclass(frozen=True)
 class WrongSetpoint:
-    """The host sends one set-point that is off by some amount; NaN for one that is no number.
+    """One set-point with an error; NaN makes it invalid.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ not made for real time."""
 
 
 class Options(NamedTuple):
-    """How a simulated drive takes set-points, reads encoders, and judges both.
+    """The options of a simulated drive: its set-points, encoders and tolerances.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ def make_options(
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
     end_tolerance: ArrayLike | None = None, pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
 ) -> Options:  # fmt: skip
-    """Check the options of a simulated drive."""
+    """Return the checked options of a simulated drive."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
     check_count(ahead, "ahead", 1)
     noise = check_number(encoder_noise, "encoder_noise", "a standard deviation, at least 0", least=0.0)
@@ -167,7 +167,7 @@ def make_options(
 
 
 def joint_index(robot: Robot, joint: str | int) -> int:
-    """Index of a joint that is given by its name or its index."""
+    """Return the index of a joint that is given by its name or its index."""
     if isinstance(joint, str) and joint in robot.joint_names:
         return robot.joint_names.index(joint)
     if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < robot.n:
@@ -176,7 +176,7 @@ def joint_index(robot: Robot, joint: str | int) -> int:
 
 
 def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float], argument: str) -> Array:
-    """One number above 0 for each joint [rad, m]."""
+    """Return one number above 0 for each joint [rad, m]."""
     if value is None:
         return np.where(robot.prismatic, default[1], default[0])
     array = real_array(value, argument, f"a number above 0, or {robot.n}")
@@ -186,7 +186,7 @@ def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float
 
 
 def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
-    """Resolution of each encoder [rad, m]."""
+    """Return the resolution of each encoder [rad, m]."""
     array = real_array(encoder, "encoder", f"counts per turn, or {robot.n} numbers")
     if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
         raise InvalidInput("encoder", repr(encoder)[:60], f"counts per turn above 0, or {robot.n} numbers above 0")
@@ -197,7 +197,7 @@ def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
 
 
 def _check_disturbances(robot: Robot, disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
-    """The disturbances, their joints by index."""
+    """Return the checked disturbances, with joints as indices."""
     checked: list[Disturbance] = []
     for each in disturbances:
         if isinstance(each, Stall):

@@ -50,7 +50,7 @@ class TimedStop(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """The stops of a motion, by their instants; the spacing of those [s]; and why one was not found, empty where all were."""
+    """The stops of a motion in the order of their instants, the spacing of the instants [s], and why a stop was not found."""
 
     found: list[TimedStop]
     every: float
@@ -74,7 +74,7 @@ def motor_motion(plan: Plan) -> Motion:
 
 
 def describe_exceeded(plan: Plan) -> str:
-    """Say which limits a motion passes that its law does not promise."""
+    """Return a note on limits that a motion exceeds and its law does not enforce."""
     proof = plan.certificate
     found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.enforced}
     words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]

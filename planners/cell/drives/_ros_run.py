@@ -35,7 +35,7 @@ TOLERANCES = {-4: "it left its path tolerance", -5: "it missed its goal toleranc
 
 @dataclass
 class Run:
-    """The state of one execution.
+    """The state of a running execution.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Run:
     # ------------------------------------------------------------ the loop
 
     def follow(self, asking: Callable[[float], bool], watch: Watcher | None) -> Execution:
-        """Follow the goal until it has ended, listening to a request to stop."""
+        """Follow the goal until it has ended or a stop is requested."""
         try:
             self._loop(asking, watch)
         except BaseException:  # from the caller's functions, or Ctrl-C: the arm must not go on unattended
@@ -109,7 +109,7 @@ class Run:
         return self._report()
 
     def _loop(self, asking: Callable[[float], bool], watch: Watcher | None) -> None:
-        """Look at the goal until it has ended, or nothing more is to be expected of it."""
+        """Poll the goal until it has ended or its connection is lost."""
         patience, grace = self.drive.timing.patience, self.drive.timing.grace
         while not (self.goal.ended or self.drive.transport.lost or (self.cancelled and self.now > self._give_up)):
             self.goal.wait(lambda: self.goal.ended, POLL)
@@ -143,7 +143,7 @@ class Run:
         return stop.accepted
 
     def _look(self, watch: Watcher | None) -> None:
-        """Note a new joint state, where the controller is, and joint states that no longer come."""
+        """Record a new joint state and the position of the controller; stop if joint states no longer arrive."""
         feedback = self.goal.feedback
         if feedback is not None and feedback is not self._located:
             self._locate(feedback, self.goal.heard)
@@ -173,7 +173,7 @@ class Run:
             self._stop()
 
     def _locate(self, feedback: Feedback, heard: float) -> None:
-        """Find the instant of the motion that the controller is at, from the state that it desires."""
+        """Find the instant of the motion at which the controller is, from its desired state."""
         self._located = feedback
         order = [feedback.names.index(name) if name in feedback.names else -1 for name in self._names]
         if min(order) < 0:
@@ -191,7 +191,7 @@ class Run:
 
     @property
     def _names(self) -> list[str]:
-        """The controller's names of the joints, in the order of the robot's."""
+        """Return the controller's names of the joints in the order of the robot."""
         return sorted(self.drive.columns, key=lambda name: self.drive.columns[name])
 
     # ------------------------------------------------------------ stopping
@@ -240,7 +240,7 @@ class Run:
         self.notes += ("whether the arm is at rest is not known: its joint states do not show it",)
 
     def _stands(self) -> bool:
-        """Whether the last two joint states are those of an arm at rest."""
+        """Return whether the last two joint states show an arm at rest."""
         (_, t, q, _), (_, t_after, q_after, dq) = self.samples[-2:]
         slow = self.drive.start_tolerance / 10.0
         return bool(
@@ -279,7 +279,7 @@ class Run:
                 self._fail(FaultKind.CONTROLLER, f"{what}: {result.words or 'no words'}", "its log; then resume")
 
     def _judge_rest(self, at_end: bool) -> None:
-        """A fault where the arm does not stand at the motion's end, or after a cancellation not on the path."""
+        """Record a fault if the arm is not at the end of the motion, or after a cancellation not on the path."""
         near = self.drive.start_tolerance
         joint, off = self._farthest(self.motion.end)
         if at_end and off > near:
@@ -293,13 +293,13 @@ class Run:
                 self._fail(FaultKind.CONTROLLER, what, "a new plan from where it stands")
 
     def _farthest(self, t: float) -> tuple[str, float]:
-        """The joint that the last joint state has farthest from the motion at a time, and how far."""
+        """Return the joint with the largest deviation from the motion at a time, and its deviation."""
         at = self.samples[-1][2] if self.samples else np.full(self.drive.robot.n, np.nan)
         off = np.nan_to_num(np.abs(at - self.motion(min(t, self.motion.end))), nan=np.inf)
         return self.drive.robot.joint_names[int(off.argmax())], float(off.max())
 
     def _report(self) -> Execution:
-        """What the arm did."""
+        """Return the record of the execution."""
         if self.fault is None:
             self._judge()
         status, reason, advice = ExecutionStatus.DONE, "", ""
@@ -330,7 +330,7 @@ class Run:
         )  # fmt: skip
 
     def _recorded(self) -> tuple[Array, Array, Array]:
-        """Times since the start, positions and velocities of the joint states, by the robot's clock where it is known."""
+        """Return times since the start, positions and velocities of the joint states, by the robot's clock if it is known."""
         rows = []
         for stamp, at, q, dq in self.samples:
             by_robot = stamp and self.stamp is not None
@@ -347,12 +347,12 @@ class Run:
 
 
 def _describe_silence(patience: float) -> tuple[str, str]:
-    """Reason and advice for a goal of which nothing was heard."""
+    """Return reason and advice for a goal without any answer."""
     what = f"the controller did not say within {patience:g} s that it takes the goal; it may take it later all the same"
     return what, "see that the arm stands, and the controller's log"
 
 
 def _describe_delay(seconds: float, grace: float) -> tuple[str, str]:
-    """Reason and advice for a goal that did not end."""
+    """Return reason and advice for a goal that did not end in time."""
     what = f"no result came within {grace:g} s after the {seconds:.6g} s of the motion"
     return what, "see what holds the arm, and the controller's goal tolerances; then resume"

@@ -17,7 +17,7 @@ from planners.trajectory import Trajectory
 
 
 class EncoderMonitor:
-    """The time for which each joint's reading has been bit-identical, and how far its set-point moved since then."""
+    """A monitor of frozen encoders: how long each reading has been the same, and how far its set-point moved meanwhile."""
 
     def __init__(self) -> None:
         self._read = self._low = self._high = self._since = np.array(np.nan)
@@ -39,7 +39,7 @@ class EncoderMonitor:
 
 
 class Commands(NamedTuple):
-    """What the drive asks of the servo at the plant's steps of one period, its start and its end included.
+    """The commands to the servo at the plant's steps of one period, its start and its end included.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Commands(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """What the arm did in one period, after each of the plant's steps.
+    """The state of the arm in one period, after each of the plant's steps.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
 
 @dataclass
 class Run:
-    """The state of one execution.
+    """The state of a running execution.
 
     Attributes
     ----------

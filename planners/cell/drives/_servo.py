@@ -83,7 +83,7 @@ def _check_inertia(robot: Robot) -> None:
 
 
 def _check_positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
-    """One number above 0 for each joint."""
+    """Return one number above 0 for each joint."""
     wanted = f"a finite number above 0, or {robot.n} of them"
     array = real_array(value, argument, wanted)
     if array.shape not in ((), (robot.n,)) or not (np.isfinite(array) & (array > 0.0)).all():

@@ -55,7 +55,7 @@ def plan_stop(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
 
 
 def ends_at_goal(plan: Plan) -> bool:
-    """Whether a plan or a stop ends at the end of its path."""
+    """Return whether a plan or a stop ends at the end of its path."""
     return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
 
 
@@ -81,7 +81,7 @@ def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
 
 
 def _speed_limit(running: Plan) -> dict[str, Any]:
-    """The constant tool speed that was asked, as a limit on the tool or on its rotation where it only turns."""
+    """Return the requested tool speed as a limit on the tool, or on its rotation if it only turns."""
     if running.speed is None:
         return {}
     most, moves = running.speed * (1.0 + SPEED_SPARE), running.certificate.tool_speed.value > 0.5 * running.speed
@@ -91,7 +91,7 @@ def _speed_limit(running: Plan) -> dict[str, Any]:
 
 
 def _largest_values(reached: Array, limit: Array) -> Array:
-    """The largest values (n,) of a motion, or a finite limit (n,) where that is higher."""
+    """Return the largest values (n,) of a motion, or the finite limits (n,) that are higher."""
     reached = np.maximum(reached, LEAST_SHARE * reached.max()) * (1.0 + SPEED_SPARE)
     return np.maximum(reached, np.where(np.isfinite(limit), limit, 0.0))
 

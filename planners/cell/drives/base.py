@@ -21,7 +21,7 @@ from planners.trajectory import Trajectory
 
 
 class ExecutionStatus(StrEnum):
-    """How an execution ended. Only DONE is success; the arm is at rest in all of them as far as the drive knows.
+    """The status of an execution. Only DONE is success; the arm is at rest in all of them as far as the drive knows.
 
     DONE: the arm was taken to the end of the plan. STOPPED: it was stopped on request, on the path. FAULT: a fault stopped
     it. REFUSED: nothing was sent, because a check before the start failed. DRY_RUN: all checks passed, and nothing was sent.
@@ -35,7 +35,7 @@ class ExecutionStatus(StrEnum):
 
 
 class FaultKind(StrEnum):
-    """What stopped an execution.
+    """The kind of a fault.
 
     A set-point outside the limits, a joint that does not follow, a lost encoder, a late host, a connection that failed, a
     controller that did not take what was sent or ended it.
@@ -50,7 +50,7 @@ class FaultKind(StrEnum):
 
 
 class Fault(NamedTuple):
-    """What went wrong, when, at which joint (None for all), and what to do before going on."""
+    """A fault: its kind, time, joint (None for all), reason, and what to do before resuming."""
 
     kind: FaultKind
     t: float
@@ -60,7 +60,7 @@ class Fault(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What a watcher of an execution is told at every tick.
+    """The state of an execution at one tick, for a watcher.
 
     Time since its start [s]; set-point, measured and actual configuration (n,) [rad, m]: the actual one is that of the
     simulated plant, and the measured one on a real arm.
@@ -80,7 +80,7 @@ Watcher = Callable[[Moment], None]
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What a drive did with a plan. ``bool(execution)`` is success: the arm was taken to the plan's end.
+    """The record of an execution. ``bool(execution)`` is success: the arm reached the end of the plan.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class Execution:
 
 
 class Drive(ABC):
-    """What executes plans on one arm. A drive is a subclass in a file of its own that names itself ``METHOD``.
+    """The base class of drives, which execute plans on one arm. A drive is a subclass in its own file, named ``METHOD``.
 
     Attributes
     ----------
@@ -239,7 +239,7 @@ class Drive(ABC):
 
 
 def _unload(robot: Robot) -> Robot:
-    """The arm without what it carries."""
+    """Return the arm without payload, tool and shapes."""
     return robot.with_payload(None).with_tool(np.eye(4)).with_shapes(None)
 
 

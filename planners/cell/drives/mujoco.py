@@ -127,7 +127,7 @@ class MujocoDrive(SimulatedDrive):
     # ------------------------------------------------------------ the plant
 
     def _build(self, robot: Robot, plant: Robot | None) -> None:
-        """The model that the servos know, and the plant."""
+        """Build the model of the servos and the plant."""
         heavy, self._assumed = assume_masses(robot)
         self._given = plant
         self.plant = _check_plant(heavy, plant, known=not self._assumed)
@@ -189,7 +189,7 @@ class MujocoDrive(SimulatedDrive):
         return Steps(q, dq, torque)
 
     def _lost(self) -> tuple[Flags, Flags, Array]:
-        """Which encoders are lost, which are frozen, and what those read instead of where the joints are."""
+        """Return which encoders are lost, which are frozen, and the readings of the frozen ones."""
         lost, frozen = np.zeros((2, self.robot.n), dtype=bool)
         instead = np.full(self.robot.n, np.nan)
         for each in self.options.disturbances:
@@ -200,7 +200,7 @@ class MujocoDrive(SimulatedDrive):
         return lost, frozen, instead
 
     def _brake(self, asked: Commands, stalled: Flags, lost: Flags) -> None:
-        """Set the friction of the joints: their own, that of a brake, or that of something which blocks them."""
+        """Set the friction of the joints: their own, that of a brake, or that of a block."""
         self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
         if self._stuck is not None:
             self._state[2, self._stuck] = 1.0
@@ -214,7 +214,7 @@ class MujocoDrive(SimulatedDrive):
         self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)
 
     def _feed_forward(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Torques of the model at set-points, with Coulomb friction that begins smoothly."""
+        """Return the torques of the model at set-points, with smoothed Coulomb friction."""
         torque, smooth = np.empty_like(q), (self._load.viscous, np.zeros(q.shape[1]))
         joint_torques(self._chain, self._load.bodies, smooth, np.stack([q, dq, ddq], axis=1), torque)
         return torque + self._load.coulomb * np.tanh(dq / CREEP)
@@ -259,13 +259,13 @@ def _check_plant(robot: Robot, plant: Robot | None, *, known: bool) -> Robot:
 
 
 def _torque_limits(robot: Robot) -> Array:
-    """Torque limits (n,), infinite where unknown."""
+    """Return the torque limits (n,) [N·m, N]; infinite where unknown."""
     known = robot.limits.torque
     return np.full(robot.n, np.inf) if known is None else np.broadcast_to(known, (robot.n,)).astype(float)
 
 
 def _with_one_mass(robot: Robot, *, middle: bool) -> Robot:
-    """The arm with the middle or the heaviest payload, where its mass is an interval."""
+    """Return the arm with the middle or the heaviest payload if its mass is an interval."""
     payload = robot.payload
     if payload is None or len(payload.masses) == 1:
         return robot
@@ -274,7 +274,7 @@ def _with_one_mass(robot: Robot, *, middle: bool) -> Robot:
 
 
 def _with_load_of(plant: Robot, before: Robot, now: Robot) -> Robot:
-    """A plant that carries what the robot carries now, heavier or lighter by as much as its payload was."""
+    """Return the plant with the present payload of the robot, scaled by the same factor as its payload before."""
     old, new = before.payload, now.payload
     factor = plant.payload.masses[-1] / old.masses[-1] if plant.payload and old else 1.0
     plant = plant.with_payload(None).with_tool(now.tool)

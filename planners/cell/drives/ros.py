@@ -315,7 +315,7 @@ class RosDrive(Drive):
 
 
 def _find_position(execution: Execution) -> float:
-    """About where on the path an execution ended [m, or rad]."""
+    """Return the approximate position on the path at which an execution ended [m, or rad]."""
     if execution.stop_plan is not None and execution.stop_plan.span is not None:
         return execution.stop_plan.span[1]
     binding = execution.plan.certificate.binding
@@ -323,13 +323,13 @@ def _find_position(execution: Execution) -> float:
 
 
 def _describe_slowing(plan: Plan, sent: Plan) -> str:
-    """A note on a motion that is sent slower than it was planned; empty for one that is not."""
+    """Return a note on a motion that is sent slower than planned; empty for any other."""
     factor = sent.trajectory.end / plan.trajectory.end
     return f"slowed by {factor:.6g}, so that the controller keeps its limits" if factor > 1.0 + SAID_FROM else ""
 
 
 def _describe_message(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
-    """What would be sent, and how to send it."""
+    """Return a description of the message, and how to send it."""
     first, last = (", ".join(f"{x:.6g}" for x in message["points"][i]["positions"]) for i in (0, -1))
     what = (
         f"nothing was sent: {len(message['points'])} points of {plan.trajectory.end:.6g} s to {place}, for the joints "

@@ -14,7 +14,7 @@ from planners.motion import Motion
 
 
 def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
-    """Say what arm, law, path and scene a motion has."""
+    """Return the arm, law, path and scene of a motion as rows."""
     robot, path = motion.robot, motion.path
     shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
     turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
@@ -34,7 +34,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
 
 
 def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
-    """Say what a motion keeps."""
+    """Return the certificate of a motion as rows."""
     rows = [("Certificate", "valid" if proof.is_valid else f"NOT valid: {'; '.join(proof.reasons)}")]
     for name in ALL_LIMITS:
         ratio, joint, t = proof.worst(name)
@@ -47,7 +47,7 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
 
 
 def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
-    """Say how an execution ended."""
+    """Return the end of an execution as rows."""
     rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
     if execution.reason:
         rows.append(("Reason", execution.reason))
@@ -60,13 +60,13 @@ def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str],
 
 
 def drive_words(name: str) -> str:
-    """Say which drive it was, and that it is a simulated one."""
+    """Return the name of a drive, marked if it is simulated."""
     kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
     return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
 
 
 def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
-    """Say how a task of the cell ended: its status, the error and where it comes from, its rounds, steps and notes."""
+    """Return a task of the cell as rows: status, error and its parts, rounds, steps and notes."""
     rows = [("Task", str(outcome.status).replace("_", " "))]
     if outcome.failed is not None:
         rows += [("Failed step", outcome.failed.name), ("Reason", outcome.reason), ("Advice", outcome.advice)]
@@ -84,11 +84,11 @@ def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
 
 
 def _millimetres(length: float) -> str:
-    """A length [m] in words; what is below a nanometre is rounding."""
+    """Return a length [m] as text; below a nanometre it is rounding."""
     return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
 
 
 def unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
-    """Say what is not drawn of an execution."""
+    """Return the number of instants that are not drawn as rows."""
     words = f"{unread} instants without an encoder reading of every joint"
     return (("Not drawn", words),) if unread else ()

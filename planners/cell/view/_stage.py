@@ -22,7 +22,7 @@ AROUND_CAPSULE = 24
 
 
 class Stage:
-    """The arm and what stands around it in a viser server."""
+    """The arm and its surroundings in a viser server."""
 
     def __init__(self, server: Any, show: Show) -> None:
         self.server, self.show = server, show
@@ -47,7 +47,7 @@ class Stage:
     # ------------------------------------------------------------ parts
 
     def _arm(self) -> list[Any]:
-        """The arm's capsules below frames of its links, and the frames that move: of the joints, and of the tool."""
+        """Add the arm's capsules below the frames of its links; return the moving frames of joints and tool."""
         scene, robot = self.server.scene, self.show.robot
         scene.add_frame("/arm/0", axes_length=0.16 * self.reach, axes_radius=0.004 * self.reach)
         moving = [scene.add_frame(f"/arm/{i + 1}", show_axes=False) for i in range(robot.n)]
@@ -59,7 +59,7 @@ class Stage:
         return moving
 
     def _surroundings(self, up: Array) -> None:
-        """Grid, path, executed path, beam and scene."""
+        """Add grid, path, executed path, beam and scene."""
         show = self.show
         self._lines("/grid", _grid(show.robot, up, self.reach), LEVEL_COLOUR, 1.0)
         self._polyline("/path", show.path, PATH_COLOUR, 5.0)
@@ -73,7 +73,7 @@ class Stage:
         self._scene()
 
     def _scene(self) -> None:
-        """Boxes, spheres, capsules and planes, so that one sees through them."""
+        """Add translucent boxes, spheres, capsules and planes."""
         scene = self.show.scene
         if scene is None:
             return
@@ -103,13 +103,13 @@ class Stage:
         self._lines(name, np.stack([points[:-1], points[1:]], axis=1), colour, width)
 
     def _lines(self, name: str, ends: Array, colour: tuple[int, int, int], width: float) -> None:
-        """Line segments (k, 2, 3), those with NaN left out."""
+        """Add line segments (k, 2, 3) without NaN."""
         ends = ends[np.isfinite(ends).all(axis=(1, 2))]
         if len(ends):
             self.server.scene.add_line_segments(name, ends, colour, thickness=width, thickness_units="screen")
 
     def _look(self, up: Array) -> None:
-        """Stand the camera upright beside the path."""
+        """Place the camera upright beside the path."""
         course = self.show.path[np.isfinite(self.show.path).all(axis=1)]  # a row of NaN is between two paths
         middle = course[len(course) // 2]
         level = middle - (middle @ up) * up
@@ -122,7 +122,7 @@ class Stage:
 
 
 def tool_points(robot: Robot, track: Track) -> Array:
-    """Return where the tool is at the instants of a motion."""
+    """Return the positions of the tool at the instants of a motion."""
     return np.asarray(robot.fk(track.q)[:, :3, 3], dtype=np.float64)
 
 
@@ -144,7 +144,7 @@ def capsule_mesh(a: Array, b: Array, radius: float) -> tuple[Array, Indices]:
 
 
 def _bodies(robot: Robot, reach: float) -> list[tuple[int, Array, Array, float]]:
-    """Link, ends and radius of what is drawn of the arm: its capsules, or thin ones between the joint frames."""
+    """Return link, ends and radius of the drawn capsules of the arm, or of thin ones between the joint frames."""
     if robot.shapes is not None:
         return [(int(link), a, b, float(radius)) for link, a, b, radius in zip(*robot.shapes.capsules, strict=True)]
     fixed, prismatic, tool = robot.chain
@@ -159,14 +159,14 @@ def _bodies(robot: Robot, reach: float) -> list[tuple[int, Array, Array, float]]
 
 
 def _reach(show: Show) -> float:
-    """How far the drawn arm and path come from the base [m]."""
+    """Return the largest distance of the drawn arm and path from the base [m]."""
     instants = show.planned.q[:: max(1, len(show.planned.q) // 25)]
     far = np.linalg.norm(show.robot.frames(instants)[..., :3, 3], axis=-1).max()
     return float(max(0.05, far, np.nanmax(np.linalg.norm(show.path, axis=1), initial=0.0)))
 
 
 def _grid(robot: Robot, up: Array, reach: float) -> Array:
-    """Lines (k, 2, 3) of a level grid under the base, a tenth of the reach apart [m]."""
+    """Return the lines (k, 2, 3) of a level grid under the base, a tenth of the reach apart [m]."""
     foot = 0.0
     if robot.shapes is not None:
         _, *ends, radius = (column[robot.shapes.capsules[0] == 0] for column in robot.shapes.capsules)
@@ -179,14 +179,14 @@ def _grid(robot: Robot, up: Array, reach: float) -> Array:
 
 
 def _across(z: Array) -> tuple[Array, Array]:
-    """Two directions that are perpendicular to a direction and to each other."""
+    """Return two directions that are perpendicular to a direction and to each other."""
     x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
     x /= np.linalg.norm(x)
     return x, np.cross(z, x)
 
 
 def _quaternion(T: Array) -> Array:
-    """Rotation of a pose as viser takes it (w, x, y, z)."""
+    """Return the rotation of a pose as a quaternion (w, x, y, z) for viser."""
     from viser.transforms import SO3
 
     return np.asarray(SO3.from_matrix(T[:3, :3]).wxyz, dtype=np.float64)

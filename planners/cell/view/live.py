@@ -112,7 +112,7 @@ class Viewer:
     # ------------------------------------------------------------ controls
 
     def _controls(self) -> None:
-        """Buttons, slider and tables."""
+        """Add buttons, slider and tables."""
         gui = self.server.gui
         self.title = gui.add_html("")
         self.time = gui.add_slider("Time [s]", 0.0, self.show.duration or 1.0, 1e-3, 0.0)
@@ -221,7 +221,7 @@ class Viewer:
 
 
 def check_address(host: str, port: int) -> None:
-    """Raise unless a server can listen there now: viser itself would go on to another port."""
+    """Raise unless a server can listen there now; viser itself would use another port."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -234,7 +234,7 @@ def check_address(host: str, port: int) -> None:
 
 
 def _make_server(host: str, port: int) -> Any:
-    """A viser server that never opens a tunnel to share what it shows."""
+    """Return a viser server that never opens a tunnel to share its content."""
     try:
         import viser
     except ImportError:
@@ -242,7 +242,7 @@ def _make_server(host: str, port: int) -> Any:
 
     class Local(viser.ViserServer):  # type: ignore[misc]
         def request_share_url(self, verbose: bool = True) -> None:
-            """Ask for none."""
+            """Request no address."""
 
     server = Local(host=host, port=port, verbose=False, label="optik")
     server.gui.configure_theme(show_share_button=False, show_logo=False)
@@ -250,23 +250,23 @@ def _make_server(host: str, port: int) -> Any:
 
 
 def _describe_end(execution: Execution) -> str:
-    """How an execution ended, in words."""
+    """Return the end of an execution as text."""
     words = f"{execution.drive}: {str(execution.status).replace('_', ' ')}"
     return "; ".join(filter(None, (words, execution.reason, execution.advice)))
 
 
 def _format(value: float) -> str:
-    """A number with two digits after the point, without a sign where it is 0."""
+    """Return a number with two decimals, without a sign if it is 0."""
     return f"{value:z.2f}".replace("-", "−")
 
 
 def _paragraph(text: str, weight: str = "normal") -> str:
-    """Text in HTML."""
+    """Return text in HTML."""
     return f'<p style="margin:4px 10px;font-weight:{weight}">{escape(text)}</p>'
 
 
 def _table(rows: tuple[tuple[str, str], ...]) -> str:
-    """Rows of names and texts in HTML."""
+    """Return rows of names and texts in HTML."""
     cell = '<td style="padding:1px 8px 1px 0;vertical-align:top">'
     body = "".join(f"<tr>{cell}{escape(name)}</td>{cell}{escape(text)}</td></tr>" for name, text in rows)
     return f'<table style="font-size:13px;margin:4px 10px">{body}</table>'

@@ -84,14 +84,14 @@ def make_page(show: Show) -> str:
 
 
 def _asset(name: str) -> Markup:
-    """A file beside this one, as it is."""
+    """Return the text of a file beside this one."""
     from markupsafe import Markup
 
     return Markup(files("planners.cell").joinpath("view", name).read_text(encoding="utf-8"))
 
 
 def _script(data: Any) -> Markup:
-    """JSON that can stand in a page's script: no text in it ends that."""
+    """Return JSON for a page's script; no text in it can end the script."""
     from markupsafe import Markup
 
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
@@ -99,7 +99,7 @@ def _script(data: Any) -> Markup:
 
 
 def _numbers(values: ArrayLike) -> str:
-    """An array as the script reads it: base64 of 64-bit floats."""
+    """Return an array for the script: base64 of 64-bit floats."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()
 
 
@@ -107,7 +107,7 @@ def _numbers(values: ArrayLike) -> str:
 
 
 def _data(show: Show, scene: dict[str, str]) -> dict[str, Any]:
-    """Everything that the script draws."""
+    """Return the data that the script draws."""
     shapes = show.robot.shapes
     return {
         "arm": _arm(show.robot),
@@ -139,14 +139,14 @@ def find_up(robot: Robot) -> Array:
 
 
 def _track(track: Track) -> dict[str, str]:
-    """A motion, thinned out where it has more numbers than fit."""
+    """Return a motion for the script, thinned out if it has too many numbers."""
     most = max(2, MOST_NUMBERS // (1 + 2 * track.q.shape[1]))
     kept = np.unique(np.linspace(0, len(track.t) - 1, min(len(track.t), most)).round().astype(np.int64))
     return {name: _numbers(values[kept]) for name, values in track._asdict().items()}
 
 
 def _scene(show: Show) -> tuple[dict[str, str], tuple[tuple[str, str], ...]]:
-    """The scene for the script, and a row of the facts where not all of it is drawn."""
+    """Return the scene for the script, and a row of facts if not all of it is drawn."""
     scene = show.scene or Scene()
     boxes = [(np.linalg.norm(edges) / 2, T[:3, 3], np.append(T, edges)) for T, edges in scene.boxes]
     ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules)
@@ -171,5 +171,5 @@ def _scene(show: Show) -> tuple[dict[str, str], tuple[tuple[str, str], ...]]:
 
 
 def _distance(path: Array, point: Array) -> float:
-    """From a point to the nearest drawn point of the path [m]."""
+    """Return the distance of a point from the nearest drawn point of the path [m]."""
     return float(np.nanmin(np.linalg.norm(path - point, axis=1), initial=np.inf))

@@ -67,7 +67,7 @@ def _find_nearest(robot: Robot, scene: Scene, q: Array) -> Array:
 
 
 def show_recorded(data: Mapping[str, Any]) -> Show:
-    """Show the content of a file of an execution or of a failed plan."""
+    """Return the content of a viewer for a file of an execution or of a failed plan."""
     return _show_execution(data) if data.get("format") == EXECUTION else _show_failed_plan(data)
 
 

@@ -37,7 +37,7 @@ PATH_POINTS = 400
 
 
 class Track(NamedTuple):
-    """A motion at instants, between which a viewer interpolates a cubic through positions and velocities.
+    """A sampled motion; a viewer interpolates cubics through its positions and velocities.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Track(NamedTuple):
 
 
 class Beam(NamedTuple):
-    """A laser beam: where it leaves the unit, and the spot that it lights, (3,) each, in the arm's base frame [m]."""
+    """A laser beam: its origin at the unit and its spot, (3,) each, in the arm's base frame [m]."""
 
     origin: Array
     spot: Array
@@ -85,7 +85,7 @@ class Beam(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Show:
-    """What a viewer draws, all in the arm's base frame.
+    """The content of a viewer, in the arm's base frame.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Show:
 
 
 def show_motion(motion: Motion | HasMotion) -> Show:
-    """Show a motion.
+    """Return the content of a viewer for a motion.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def show_motion(motion: Motion | HasMotion) -> Show:
 
 
 def show_execution(execution: Execution) -> Show:
-    """Show what a drive did beside what was sent to it.
+    """Return the content of a viewer for an execution: the sent and the executed motion.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def show_execution(execution: Execution) -> Show:
 
 
 def show_outcome(outcome: Outcome) -> Show:
-    """Show what came of a task of the cell: all its executions, one after another, with the laser beam.
+    """Return the content of a viewer for a task of the cell: its executions in sequence, with the laser beam.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def thin_execution(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
 
 
 def sample_path(path: Path) -> Array:
-    """Points of a path to draw."""
+    """Return the points of a path to draw."""
     s = np.union1d(np.linspace(0.0, path.end, PATH_POINTS), path.breaks)
     return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
 
@@ -245,7 +245,7 @@ def sample_path(path: Path) -> Array:
 def _collect_executions(
     outcome: Outcome,
 ) -> tuple[list[tuple[float, Track]], list[tuple[float, Track]], list[Array], int]:
-    """Motions that were sent, what the arm did, each with the time at which it began, the paths, and unread instants."""
+    """Return the sent and the executed motions with their start times, the paths, and the number of unread instants."""
     planned, executed, paths, began, missing = [], [], [], 0.0, 0
     for execution in outcome.executions:
         if execution.motion is None:
@@ -262,7 +262,7 @@ def _collect_executions(
 
 
 def _find_unexecuted(outcome: Outcome) -> list[Track]:
-    """The last motion that a task planned and did not execute, or the joint path's start, at which the arm stands."""
+    """Return the last motion that a task planned and did not execute, or the start of its joint path."""
     for step in reversed(outcome.steps):
         if isinstance(step.result, Trajectory):
             return [sample_track(step.result)]
@@ -273,13 +273,13 @@ def _find_unexecuted(outcome: Outcome) -> list[Track]:
 
 
 def _join(tracks: list[tuple[float, Track]]) -> Track:
-    """Several motions as one, each from the time at which it begins; the arm rests between them."""
+    """Return several motions as one, each from its start time; the arm rests between them."""
     t, q, dq = (np.concatenate(parts) for parts in zip(*_add_rests(tracks), strict=True))
     return _thin(t, q, dq)
 
 
 def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, Array]]:
-    """Instants of every motion, and before the next one begins the last of them once more, at rest."""
+    """Yield the instants of every motion, and its last one again, at rest, before the next motion begins."""
     for k, (began, track) in enumerate(tracks):
         yield began + track.t, track.q, track.dq
         if k + 1 < len(tracks) and tracks[k + 1][0] > began + track.t[-1]:
@@ -287,6 +287,6 @@ def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array
 
 
 def _thin(t: Array, q: Array, dq: Array) -> Track:
-    """At most 2000 of the instants, both ends included."""
+    """Return at most `MOST_INSTANTS` of the instants, both ends included."""
     kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
     return Track(t[kept], q[kept], dq[kept])
