@@ -10,8 +10,9 @@ from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.ik.base import Tolerance
 from optik.scene import Scene
-from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.certificate import Certificate, certify
 from planners.certificate.coverage import check_span
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow, check_valid
 from planners.following.failure import FollowStatus
@@ -55,7 +56,7 @@ class Motion:
         Name of the law that made it.
     enforced : tuple of str
         The limits that the motion must respect: those that its law enforces, and those that the caller gave; by default all.
-    tolerance : (2,) tuple of float, optional
+    tolerance : Tolerance, or (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which its certificate is valid.
     span : (2,) tuple of float, optional
         The part of the path [s] that it is meant to cover, by default all.
@@ -78,7 +79,7 @@ class Motion:
     trajectory: Trajectory
     law: str = ""
     enforced: tuple[str, ...] = ALL_LIMITS
-    tolerance: tuple[float, float] | None = None
+    tolerance: Tolerance | None = None
     span: tuple[float, float] | None = None
     speed: float | None = None
     scene: Scene | None = None
@@ -100,7 +101,7 @@ class Motion:
             )
 
         if self.tolerance is not None:
-            object.__setattr__(self, "tolerance", check_tolerance(self.tolerance))
+            object.__setattr__(self, "tolerance", Tolerance.of(self.tolerance))
         if self.span is not None:
             object.__setattr__(self, "span", check_span(self.span, self.path))
         if self.speed is not None:

@@ -15,15 +15,16 @@ from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import IKSolver, Tolerance, get_solver
+from optik.ik import IKSolver, get_solver
+from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
-from planners.certificate.certificate import Certificate, certify, check_tolerance
+from planners.certificate.certificate import Certificate, certify
 from planners.certificate.statics import check_statics
 from planners.certificate.summary import plan_summary
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
 from planners.fit import fitted, stretch
-from planners.following.follow import Followed, JointPath, PlanFailure, follow
+from planners.following.follow import DEFAULT_TOLERANCE, Followed, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
@@ -228,7 +229,7 @@ def plan(
     solver: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
     duration: float | None = None, strict: bool = False,
-    tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
+    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
     scene: Scene | None = None, allow: Allow = (),
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
@@ -253,7 +254,7 @@ def plan(
         Duration [s] to which the law's motion is slowed; a tool speed that the law was asked for must stay the same.
     strict : bool
         Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
-    tolerance : (2,) tuple of float
+    tolerance : Tolerance, or (2,) tuple of float
         Largest distance [m] and angle [rad] between tool and path with which the certificate is valid.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
@@ -275,7 +276,7 @@ def plan(
     """
     solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
     _check_options(duration, strict)
-    allowed = Tolerance(*(FOLLOWED * x for x in request.tolerance))
+    allowed = request.tolerance.scaled(FOLLOWED)
     started = perf_counter()
     followed = follow(solver, request.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene)
     return _clocked(started, perf_counter(), _timed(request, followed, duration, strict))
@@ -290,7 +291,7 @@ def _clocked(started: float, followed: float, found: Plan) -> Plan:
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    judged: tuple[tuple[float, float], float, Scene | None, Allow],
+    judged: tuple[ToleranceLike, float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Build what was given by name or left out, and check that it belongs together."""
     solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
@@ -308,7 +309,7 @@ def _build_request(
     tolerance, rate, scene, allow = judged
     check_scene(robot, scene)
     return solver, PlanRequest(
-        robot, path, limits, solver.name, law, check_tolerance(tolerance), rate, scene=scene,
+        robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS),
     )  # fmt: skip
 
@@ -345,7 +346,7 @@ class PlanRequest:
     limits: MotionLimits
     solver: str
     law: TimeLaw
-    tolerance: tuple[float, float]
+    tolerance: Tolerance
     rate: float
     span: tuple[float, float] | None = None
     scene: Scene | None = None

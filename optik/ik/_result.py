@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optik.check import check_number
 from optik.content import content, have_equal_content
+from optik.errors import InvalidInput
 from optik.ik._status import SOLVED, STATUS_OF_CODE, IKStatus
 from optik.types import Array, Flags
 
@@ -31,7 +33,30 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for field in ("position", "rotation"):
-            check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
+            value = check_number(getattr(self, field), f"tolerance.{field}", "a number above 0", above=0.0)
+            object.__setattr__(self, field, value)
+
+    @classmethod
+    def of(cls, value: ToleranceLike) -> Tolerance:
+        """Return a tolerance that may be given as a pair."""
+        if isinstance(value, Tolerance):
+            return value
+        if not isinstance(value, tuple | list) or len(value) != 2:
+            raise InvalidInput(
+                "tolerance", repr(value)[:60], "Tolerance(position [m], rotation [rad]), or the two numbers"
+            )
+        return cls(*value)
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.position, self.rotation))
+
+    def scaled(self, factor: float) -> Tolerance:
+        """Return the tolerance times a factor."""
+        return Tolerance(factor * self.position, factor * self.rotation)
+
+
+ToleranceLike: TypeAlias = Tolerance | tuple[float, float]
+"""A tolerance, or its position [m] and rotation [rad]."""
 
 
 IK_TOLERANCE = Tolerance()

@@ -20,6 +20,7 @@ from optik.ik._result import IK_TOLERANCE
 from optik.ik._result import IKBatch as IKBatch
 from optik.ik._result import IKResult as IKResult
 from optik.ik._result import Tolerance as Tolerance
+from optik.ik._result import ToleranceLike as ToleranceLike
 from optik.ik._status import STATUS_OF_CODE
 from optik.ik._status import IKStatus as IKStatus
 from optik.task import Task, as_task, judge
@@ -94,7 +95,7 @@ class IKSolver(ABC):
         self,
         robot: Robot,
         *,
-        tolerance: Tolerance = IK_TOLERANCE,
+        tolerance: ToleranceLike = IK_TOLERANCE,
         max_iterations: int = 100,
         max_restarts: int = 0,
         time_limit: float | None = None,
@@ -106,10 +107,8 @@ class IKSolver(ABC):
         check_count(max_restarts, "max_restarts", 0, MAX_ATTEMPTS)
         if time_limit is not None:
             check_number(time_limit, "time_limit", "seconds above 0, or None", above=0.0)
-        if not isinstance(tolerance, Tolerance):
-            raise InvalidInput("tolerance", repr(tolerance)[:60], "a Tolerance(position=…, rotation=…)")
         self.robot = robot
-        self.tolerance = tolerance
+        self.tolerance = Tolerance.of(tolerance)
         self.max_iterations = max_iterations
         self.max_restarts = max_restarts
         self.time_limit = time_limit

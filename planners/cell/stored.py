@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import Tolerance, get_solver
+from optik.ik import get_solver
 from planners.certificate.violation import Allow, check_valid
-from planners.following.follow import JointPath, follow
+from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
 from planners.plan import FOLLOWED, Plan, verdict
 
-UNSTORED = (1e-5, 1e-5)
-"""That of a plan, for a motion that was stored without one [m, rad]."""
 SAME_WAY = 1e-4
 """Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and an
 arm that goes another way is farther off at once."""
@@ -68,8 +66,8 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
 
 def _follow_path(motion: Motion, solver: str) -> JointPath:
     """The joint path from the motion's start."""
-    tolerance = motion.tolerance or UNSTORED
-    allowed = Tolerance(*(FOLLOWED * x for x in tolerance))
+    tolerance = motion.tolerance or DEFAULT_TOLERANCE
+    allowed = tolerance.scaled(FOLLOWED)
     found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
     if found.failure is not None:
         failure = found.failure

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
-from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
@@ -105,7 +105,7 @@ class Certificate:
     rate: float
     position_margin: Array
     path_error: PathError
-    tolerance: tuple[float, float] | None
+    tolerance: Tolerance | None
     tool_speed: ToolExtreme
     rotation_speed: ToolExtreme
     singular_value: float
@@ -239,7 +239,7 @@ def certify(
     limits: MotionLimits | None = None,
     *,
     law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
-    tolerance: tuple[float, float] | None = None, span: tuple[float, float] | None = None,
+    tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
     scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None,
 ) -> Certificate:  # fmt: skip
     """Prove what a trajectory keeps at every instant.
@@ -287,9 +287,9 @@ def certify(
     if unknown := [field for field in enforced if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     if tolerance is not None:
-        tolerance = check_tolerance(tolerance)
+        tolerance = Tolerance.of(tolerance)
     check_scene(robot, scene)
-    enough = (1.0, 1.0) if tolerance is None else (tolerance[0] / ENOUGH, tolerance[1] / ENOUGH)
+    enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
     promise = _Promise(law, enforced, rate, tolerance, scene, before)
     return _proved(analyse_motion(robot, trajectory, path, enough), limits, promise, span)
 
@@ -300,7 +300,7 @@ class _Promise(NamedTuple):
     law: str
     enforced: tuple[str, ...]
     rate: float
-    tolerance: tuple[float, float] | None
+    tolerance: Tolerance | None
     scene: Scene | None
     before: tuple[MotionLimits, float] | None
 
@@ -375,12 +375,3 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if path is not None:
         limits.check_path(path)
     return limits
-
-
-def check_tolerance(tolerance: tuple[float, float]) -> tuple[float, float]:
-    """Return a checked tolerance."""
-    expected = "two numbers above 0: a distance [m] and an angle [rad]"
-    if not isinstance(tolerance, tuple | list) or len(tolerance) != 2:
-        raise InvalidInput("tolerance", repr(tolerance)[:60], expected)
-    distance, angle = (check_number(x, "tolerance", expected, above=0.0) for x in tolerance)
-    return distance, angle

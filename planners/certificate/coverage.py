@@ -8,6 +8,7 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from optik.ik.base import Tolerance
 from optik.types import Array
 from planners.certificate.path_error import Passage
 from planners.certificate.violation import Violation
@@ -37,9 +38,9 @@ class Coverage(NamedTuple):
     t_back: float
     missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
-    def find_violations(self, tolerance: tuple[float, float] | None, duration: float) -> list[Violation]:
+    def find_violations(self, tolerance: Tolerance | None, duration: float) -> list[Violation]:
         """In which ways the motion does not run through its path, forwards."""
-        late, early, back = (not np.less_equal(x, tolerance or COVERED).all() for x in self.missing)
+        late, early, back = (not np.less_equal(x, tuple(tolerance or COVERED)).all() for x in self.missing)
         found = []
         if late:
             words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
+from optik.ik.base import Tolerance
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds
 from planners.certificate.dividing import Closeness, Divided, joined, tiled
@@ -48,7 +49,7 @@ class PathError(NamedTuple):
         """Plain data for files; undefined numbers, of a motion without a path, as None."""
         return {name: x if np.isfinite(x) else None for name, x in self._asdict().items()}
 
-    def find_violations(self, tolerance: tuple[float, float] | None) -> list[Violation]:
+    def find_violations(self, tolerance: Tolerance | None) -> list[Violation]:
         """How the tool leaves its path by more than the tolerance.
 
         Parameters
@@ -64,12 +65,12 @@ class PathError(NamedTuple):
         if tolerance is None:
             return []
         violations: list[Violation] = []
-        if not self.distance <= tolerance[0]:
+        if not self.distance <= tolerance.position:
             words = f"the tool is up to {self.distance:.3g} m off its path at t = {self.t_distance:.6g} s"
-            violations.append(_beyond(words, self.t_distance, self.found_distance, tolerance[0], "m"))
-        if not self.angle <= tolerance[1]:
+            violations.append(_beyond(words, self.t_distance, self.found_distance, tolerance.position, "m"))
+        if not self.angle <= tolerance.rotation:
             words = f"the tool is turned by up to {self.angle:.3g} rad at t = {self.t_angle:.6g} s"
-            violations.append(_beyond(words, self.t_angle, self.found_angle, tolerance[1], "rad"))
+            violations.append(_beyond(words, self.t_angle, self.found_angle, tolerance.rotation, "rad"))
         return violations
 
 

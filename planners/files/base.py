@@ -14,6 +14,7 @@ import scipy
 from optik.arm.plain import read_numbers, read_record, read_word, read_words
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.ik import Tolerance
 from optik.scene import Scene
 from optik.types import Array
 from planners.limits import MotionLimits
@@ -173,7 +174,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
         _trajectory(parts.knots, parts.coefficients, robot.n),
         read_word(header["law"], "law"),
         read_words(header["enforced"], "enforced"),
-        None if header["tolerance"] is None else _pair(header["tolerance"], "tolerance"),
+        None if header["tolerance"] is None else Tolerance(*_pair(header["tolerance"], "tolerance")),
         None if header.get("span") is None else _pair(header["span"], "span"),
         None if header.get("speed") is None else float(read_numbers(header["speed"], (), "speed")),
         None if header.get("scene") is None else Scene.from_dict(header["scene"]),

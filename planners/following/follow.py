@@ -16,6 +16,7 @@ from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
 from optik.ik._problem import check_start
+from optik.ik.base import ToleranceLike
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
@@ -77,7 +78,7 @@ def follow(
     path: Path,
     q_start: ArrayLike | None = None,
     *,
-    branch: str | None = None, samples: int = 151, tolerance: Tolerance = DEFAULT_TOLERANCE,
+    branch: str | None = None, samples: int = 151, tolerance: ToleranceLike = DEFAULT_TOLERANCE,
     scene: Scene | None = None,
 ) -> Followed:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
@@ -120,7 +121,8 @@ def follow(
     for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    q, branch = _checked(solver, path, q_start, branch, samples, tolerance)
+    q, branch = _checked(solver, path, q_start, branch, samples)
+    tolerance = Tolerance.of(tolerance)
     grid = np.linspace(0.0, path.end, samples)
     return _clear(solver, path, grid, (q, branch), tolerance, make_collision_check(solver.robot, scene))
 
@@ -199,14 +201,12 @@ def _tracked(
 
 
 def _checked(
-    solver: IKSolver, path: Path, q_start: ArrayLike | None, branch: str | None, samples: int, tolerance: Tolerance
+    solver: IKSolver, path: Path, q_start: ArrayLike | None, branch: str | None, samples: int
 ) -> tuple[Array | None, str]:
     robot = solver.robot
     check_count(samples, "samples", 2)
     if samples > MOST_SAMPLES:
         raise InvalidInput("samples", samples, f"at most {MOST_SAMPLES}; 151 hold a line to a nanometre")
-    if not isinstance(tolerance, Tolerance):
-        raise InvalidInput("tolerance", repr(tolerance)[:60], "a Tolerance(position=…, rotation=…)")
     if not solver.task.is_pose:
         raise InvalidInput("solver", f"one for the task {solver.task}", "one for the whole pose")
     branch = branch or ("best" if q_start is None else "start")

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
+from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
-from planners.certificate.certificate import check_tolerance
 from planners.following.collision import make_collision_check
+from planners.following.follow import DEFAULT_TOLERANCE
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest, PlanStatus
 from planners.replan.onward import onward_plan
@@ -28,7 +29,7 @@ def replan(
     *,
     stop: bool = False, timing: str | os.PathLike[str] | TimeLaw | None = None,
     limits: MotionLimits | None = None, time_limit: float = 0.02,
-    tolerance: tuple[float, float] = (1e-5, 1e-5), rate: float = 1000.0,
+    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
     scene: Scene | None = None,
 ) -> Plan:  # fmt: skip
     """Replan from a moving state: to the end of the path, for example within other limits, or to rest on the path.
@@ -54,7 +55,7 @@ def replan(
         By default those of the plan.
     time_limit : float
         Computing time [s] for improving a stop towards the optimum; 0 returns the stop of the sweep.
-    tolerance, rate : (2,) tuple of float, and float
+    tolerance, rate : Tolerance, or (2,) tuple of float, and float
         Distance [m] and angle [rad], and the controller's rate [1/s], as in `plan`.
     scene : Scene, optional
         Obstacles, and the margin to them; by default the plan's scene.
@@ -72,7 +73,7 @@ def replan(
         stopped already, or a law that starts only at rest.
     """
     running = _running(plan, stop, time_limit)
-    request = build_request(plan, timing, limits, (check_tolerance(tolerance), rate, scene))
+    request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput(

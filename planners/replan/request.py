@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput, NoSolution
+from optik.ik.base import Tolerance
 from optik.scene import Scene
 from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
@@ -41,7 +42,7 @@ def build_request(
     plan: Plan,
     timing: str | os.PathLike[str] | TimeLaw | None,
     limits: MotionLimits | None,
-    judged: tuple[tuple[float, float], float, Scene | None],
+    judged: tuple[Tolerance, float, Scene | None],
 ) -> PlanRequest:
     """Build the request: construct a law given by name, and check that it can enforce these limits."""
     tolerance, rate, scene = judged

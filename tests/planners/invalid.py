@@ -124,7 +124,7 @@ def off_path(rng: np.random.Generator) -> Invalid:
     off = poses[:, :3, 3] - line.start[:3, 3]
     away = float(np.linalg.norm(off - np.outer(off @ along, along), axis=1).max())
     assert plan.certificate.tolerance is not None
-    return Invalid(replace(plan, path=line), "path", away / plan.certificate.tolerance[0])
+    return Invalid(replace(plan, path=line), "path", away / plan.certificate.tolerance.position)
 
 
 def too_fast(rng: np.random.Generator) -> Invalid:

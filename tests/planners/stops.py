@@ -109,7 +109,10 @@ def ratios_of(plan: Plan, execution: Execution) -> dict[str, float]:
     if plan.speed is not None:
         moving = np.einsum("kij,kj->ki", oracles.jacobian(robot, joints(few)), joints(few, 1))
         found["speed"] = float(np.linalg.norm(moving[:, :3], axis=1).max() / plan.speed / (1.0 + 1e-6))
-    return found | {"distance": float(distance.max() / tolerance[0]), "angle": float(angle.max() / tolerance[1])}
+    return found | {
+        "distance": float(distance.max() / tolerance.position),
+        "angle": float(angle.max() / tolerance.rotation),
+    }
 
 
 def contradictions(plan: Plan, execution: Execution, ratios: dict[str, float]) -> Iterator[str]:

@@ -411,7 +411,7 @@ def test_a_tolerance_below_a_nanometre_is_proved_where_it_is_kept() -> None:
 def test_a_tolerance_that_cannot_be_meant_is_refused(wrong: Any) -> None:
     with pytest.raises(InvalidInput) as info:
         certified(paper_motion(), tolerance=wrong)
-    assert info.value.argument == "tolerance"
+    assert info.value.argument.partition(".")[0] == "tolerance"
 
 
 def test_limits_of_the_tool_are_judged() -> None:

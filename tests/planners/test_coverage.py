@@ -11,6 +11,7 @@ from scipy.interpolate import PPoly
 from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
+from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.certificate.coverage import COVERED, Coverage, length_between
 from planners.hermite import through
@@ -107,7 +108,8 @@ def test_what_may_be_missing_is_the_tolerance_and_no_more(
     for share in (1.0, 1.01):
         missing = np.zeros((3, 2))
         missing[way, part] = share * (tolerance or COVERED)[part]
-        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).find_violations(tolerance, 2.0)  # type: ignore[arg-type]
+        within = tolerance and Tolerance(*tolerance)
+        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).find_violations(within, 2.0)  # type: ignore[arg-type]
         assert [(words in x.words, x.t) for x in found] == ([(True, (0.0, 2.0, 0.7)[way])] if share > 1.0 else [])
 
 

@@ -166,8 +166,8 @@ def test_limits_that_are_infinite_on_every_joint_are_missing(law: str) -> None:
 @NUMBERS
 def test_tolerances_durations_and_rates_that_are_none_are_refused(bad: float) -> None:
     line = Line(HERE, at(0.05, 0.0, 0.0))
-    refused("tolerance", line, tolerance=(bad, 1e-5))
-    refused("tolerance", line, tolerance=(1e-5, bad))
+    refused("tolerance.position", line, tolerance=(bad, 1e-5))
+    refused("tolerance.rotation", line, tolerance=(1e-5, bad))
     refused("duration", line, duration=bad)
     refused("rate", line, rate=bad)
 

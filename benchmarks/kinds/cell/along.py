@@ -7,7 +7,7 @@ import numpy as np
 from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from optik.ik import IKSolver
+from optik.ik import IKSolver, Tolerance
 from optik.types import Array
 from planners.fit import fitted
 from planners.following.follow import PlanFailure
@@ -19,7 +19,7 @@ from planners.plan import Plan, PlanStatus, make_law
 
 POSES = 151
 """Poses of the line: 3 s at intervals of 0.02 s, as in the paper."""
-WIDE = (1.0, 4.0)
+WIDE = Tolerance(1.0, 4.0)
 """Tolerance of the certificate [m, rad]; it is wide, because the remaining error of the iterations is measured here."""
 
 
