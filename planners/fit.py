@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
-from planners.certificate.analysis import analyse_motion
+from planners.certificate.analysis import MotionAnalysis
 from planners.limits import MotionLimits, check_names
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -21,26 +21,18 @@ HASTENED = 4
 """Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
 
 
-def stretch(
-    robot: Robot,
-    trajectory: Trajectory,
-    limits: MotionLimits,
-    enforced: tuple[str, ...] | None = None,
-    path: Path | None = None,
-) -> float:
-    """Least factor by which a motion from rest to rest is stretched in time so that it keeps the limits exactly."""
+def stretch(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
+    """Return the least factor by which a motion from rest to rest is stretched in time to respect the limits."""
     if enforced is not None:
         check_names(enforced, "enforced")
-    motion, bounds = analyse_motion(robot, trajectory, path), limits.bounds(robot.n)
+    bounds = limits.bounds(motion.robot.n)
     chosen = [kind for kind in limits.kinds if enforced is None or kind.name in enforced]
     return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
-def keeps_all(
-    robot: Robot, trajectory: Trajectory, limits: MotionLimits, names: tuple[str, ...], path: Path | None = None
-) -> bool:
-    """Say whether a motion keeps its limits, by the judgements of the certificate."""
-    motion, bounds = analyse_motion(robot, trajectory, path), limits.bounds(robot.n)
+def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> bool:
+    """Say whether a motion respects these limits, as the certificate judges them."""
+    bounds = limits.bounds(motion.robot.n)
     chosen = [kind for kind in limits.kinds if kind.name in names and np.isfinite(bounds[kind.name]).any()]
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
@@ -52,25 +44,30 @@ def fitted(
     enforced: tuple[str, ...] | None = None,
     path: Path | None = None,
 ) -> Trajectory:
-    """Return a motion from rest to rest, scaled in time so that it just keeps its limits."""
-    factor = stretch(robot, trajectory, limits, enforced, path)
+    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none."""
+    return fit(MotionAnalysis(robot, trajectory, path), limits, enforced).trajectory
+
+
+def fit(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> MotionAnalysis:
+    """Return a motion from rest to rest, scaled in time to reach a limit and exceed none, with its analysis."""
+    factor = stretch(motion, limits, enforced)
     if not factor > 0.0:
-        return trajectory
+        return motion
     margin = 0.0
     while True:
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
-        trajectory = trajectory.slowed(factor * (1.0 + margin))
-        factor = stretch(robot, trajectory, limits, enforced, path)
+        motion = motion.slowed(factor * (1.0 + margin))
+        factor = stretch(motion, limits, enforced)
         if factor <= 1.0:
             break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
     for _ in range(HASTENED):
         if not 0.0 < factor < 1.0 - SPARE:
             break
-        closer = trajectory.slowed(factor)
-        factor = stretch(robot, closer, limits, enforced, path)
+        closer = motion.slowed(factor)
+        factor = stretch(closer, limits, enforced)
         if factor > 1.0:
             break
-        trajectory = closer
-    return trajectory
+        motion = closer
+    return motion

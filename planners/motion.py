@@ -14,7 +14,8 @@ from optik.ik.base import Tolerance
 from optik.scene import Scene
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.coverage import check_span
-from planners.certificate.violation import ALLOWANCES, Allow, check_allow, check_valid
+from planners.certificate.validity import check_valid
+from planners.certificate.violation import ALLOWANCES, Allow, check_allow
 from planners.following.failure import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.paths.base import Path

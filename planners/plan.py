@@ -18,19 +18,20 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate, certify
-from planners.certificate.statics import check_statics
 from planners.certificate.summary import plan_summary
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
-from planners.fit import fitted, stretch
+from planners.fit import fit, stretch
 from planners.following.follow import DEFAULT_TOLERANCE, Followed, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing.base import StopKind, check_motion
+from planners.timing._statics import check_statics
+from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
 
 __all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
@@ -115,7 +116,10 @@ class Plan:
         return self.status is PlanStatus.SOLVED
 
     def __str__(self) -> str:
-        return plan_summary(self, self._certificate)
+        path, why = self.path, self.failure
+        what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
+        failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
+        return plan_summary(f"{self.status}: {what}", path, failure, self._certificate, self.slowed)
 
     @property
     def has_motion(self) -> bool:
@@ -362,12 +366,14 @@ class PlanRequest:
         given = tuple(name for name in self.limits.given_names if name not in enforced)
         return (*enforced, *required_limits(given, self.allow))
 
-    def judged(self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0) -> Plan:
+    def judged(
+        self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0, analysis: MotionAnalysis | None = None
+    ) -> Plan:
         """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
         started = perf_counter()
         proof = certify(
             self.robot, self.path, trajectory, self.limits, law=self.law.name, enforced=self.enforced, rate=self.rate,
-            tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before,
+            tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before, analysis=analysis,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
         status, failure = verdict(proof, self.law.list_enforced(self.limits))
@@ -409,19 +415,19 @@ def _timed(request: PlanRequest, followed: Followed, duration: float | None, str
     joints, enforced = followed.joint_path, request.law.list_enforced(request.limits)
     try:
         check_statics(joints, request.limits, enforced)
-        raw = check_motion(request.law, request.law.run(joints, request.limits), request.robot)
-        factor = stretch(request.robot, raw, request.limits, enforced, request.path)
-        exceeded = factor > 1.0
-        if exceeded and strict:
-            proof = certify(request.robot, request.path, raw, request.limits, enforced=enforced)
+        raw = request.law.run_with_analysis(joints, request.limits)
+        factor = stretch(raw, request.limits, enforced)
+        if factor > 1.0 and strict:
+            proof = certify(request.robot, request.path, raw.trajectory, request.limits, enforced=enforced)
             return request._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        trajectory = fitted(request.robot, raw, request.limits, enforced, request.path) if exceeded else raw
-        slowed = trajectory.duration / raw.duration
+        motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
+        trajectory, analysis = motion.trajectory, motion if duration is None else None
+        slowed = trajectory.duration / raw.trajectory.duration
         if duration is not None:
             trajectory = _lasting(trajectory, duration, request.law)
     except NoSolution as error:
         return request.infeasible(joints, error)
-    return request.judged(joints, trajectory, slowed)
+    return request.judged(joints, trajectory, slowed, analysis)
 
 
 def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

@@ -173,7 +173,8 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
 def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
     """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
     import planners
-    from planners.certificate.violation import LIMIT_WORDS, forbidden, words_for
+    from planners.certificate.validity import find_forbidden
+    from planners.certificate.violation import LIMIT_WORDS, words_for
 
     check_out(wish)
     allow = allowed_words(wish.allow)
@@ -183,7 +184,7 @@ def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") ->
         branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
         allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
-    refused = forbidden(plan.certificate, allow) if plan.has_motion else ()
+    refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
     valid = plan.has_motion and not refused
     if valid and wish.out is not None:
         if wish.out.suffix.lower() in ROS and wish.format is None:

@@ -6,7 +6,8 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
-from planners.certificate.violation import Allow, check_valid
+from planners.certificate.validity import check_valid
+from planners.certificate.violation import Allow
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
 from planners.plan import FOLLOWED, Plan, verdict

@@ -1,23 +1,31 @@
-"""A motion under examination: what several judgements need of it, each computed once."""
+"""Analysis of a motion: quantities that several parts of a certificate need, each computed once."""
 
 from __future__ import annotations
 
 from functools import cached_property
 
+import numpy as np
+
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.types import Flags
+from optik.types import Array, Flags
 from planners.certificate import continuity
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
+from planners.certificate.segment_speed import segment_speed
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
 from planners.certificate.torque import TorqueBounds
+from planners.certificate.torque_slowing import slowing
+from planners.limits._motion import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
+PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest")
+"""Properties of a `MotionAnalysis` that do not depend on the path."""
 
-class MotionAnalysis:
-    """A motion of an arm, and what is known of it."""
+
+class MotionAnalysis(LimitedMotion):
+    """A motion of an arm along a path, if it has one, and what is computed of it; `enough` [m, rad] is a small path error."""
 
     def __init__(
         self,
@@ -26,7 +34,20 @@ class MotionAnalysis:
         path: Path | None = None,
         enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
     ) -> None:
-        self.robot, self.trajectory, self._path, self._enough = robot, trajectory, path, enough
+        self.robot, self.trajectory, self._path = robot, trajectory, path
+        self._enough = min(enough[0], ERROR_FLOOR), min(enough[1], ERROR_FLOOR)
+
+    def along_path(self, path: Path | None, enough: tuple[float, float]) -> MotionAnalysis:
+        """Return the analysis of the same motion along a path, without computing again what does not depend on the path."""
+        motion, known = MotionAnalysis(self.robot, self.trajectory, path, enough), vars(self)
+        if path is self._path and motion._enough == self._enough:
+            return self
+        vars(motion).update({name: known[name] for name in PATH_INDEPENDENT if name in known})
+        return motion
+
+    def slowed(self, factor: float) -> MotionAnalysis:
+        """Return the motion stretched in time by a factor."""
+        return MotionAnalysis(self.robot, self.trajectory.slowed(factor), self._path, self._enough)
 
     @property
     def has_path(self) -> bool:
@@ -35,15 +56,21 @@ class MotionAnalysis:
 
     @property
     def path(self) -> Path:
-        """The path; raises InvalidInput where none is known."""
+        """The path; raises InvalidInput if there is none."""
         if self._path is None:
             raise InvalidInput("path", "none", "the path of the motion: limits of its segments need it")
         return self._path
 
     @cached_property
     def along(self) -> tuple[PathError, Passage]:
-        """How far the tool leaves its path, and where on it the motion is."""
+        """The path error, and the motion's progress along the path."""
         return path_error(self.robot, self.path, self.trajectory, self.bounds, self._enough)
+
+    @property
+    def knot_positions(self) -> Array:
+        """Path parameter (m + 1,) at the knots of the trajectory [m, or rad]."""
+        passage = self.along[1]
+        return passage.s[passage.knot]
 
     @cached_property
     def bounds(self) -> MotionBounds:
@@ -55,38 +82,48 @@ class MotionAnalysis:
         """Proved bounds on the tool's speeds."""
         return tool_speed(self.robot, self.trajectory, self.bounds)
 
+    def tool_speed_bound(self, part: int) -> tuple[float, float]:
+        """Return a proved bound on the tool's speed [m/s, rad/s], and when it is nearly reached [s]."""
+        found = self.tool_speed
+        return (found.rotation, found.t_rotation) if part else (found.speed, found.t_speed)
+
+    def tool_speed_ratio(self, on_pieces: Array, part: int) -> tuple[float, float]:
+        """Return a proved bound on the tool's speed over the limit of the path's piece, and when it is nearly reached [s]."""
+        return segment_speed(self.bounds, self.path, self.along[1], on_pieces, part)
+
+    def tool_speed_ends(self, part: int) -> tuple[Array, Array]:
+        """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
+        rows = slice(3 * part, 3 * part + 3)
+        first, last = (np.linalg.norm(side.motion[:, 0, rows], axis=1) for side in self.bounds.ends)
+        return first, last
+
     @cached_property
     def torques(self) -> TorqueBounds:
-        """Its torques, and proved bounds on them; raises `InvalidInput` where the arm's masses are unknown."""
+        """Torques and proved bounds on them; raises InvalidInput if the arm's masses are unknown."""
         return TorqueBounds(self.robot, self.bounds.knots, *self.bounds.joint_ends)
+
+    def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
+        """Return proved bounds on the torques, or on their rates, over the limits (2, n)."""
+        return self.torques.proved(bound, rate=rate)
+
+    def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
+        """Return the larger of the ratios (m, n) at both ends of every piece."""
+        return self.torques.piece_ratios(bound, rate=rate)
+
+    def torque_slowing(self, bound: Array, *, rate: bool) -> float:
+        """Return the least factor by which the motion is stretched in time to respect the limits (2, n)."""
+        return slowing(self.torques, bound, rate=rate)
 
     @cached_property
     def jumps(self) -> Flags:
-        """Where (4, m + 1, n) a joint's derivative of order 0 to 3 jumps."""
+        """Discontinuities (4, m + 1, n) of the joints' derivatives of order 0 to 3 at the knots."""
         return continuity.jumps(self.trajectory)
+
+    def steps(self, order: int) -> Array:
+        """Return the steps (m + 1, n) of a derivative at the knots."""
+        return continuity.steps(self.trajectory, order)
 
     @cached_property
     def rest(self) -> tuple[bool, bool]:
         """Whether the motion starts and ends at rest."""
         return continuity.rest(self.trajectory)
-
-
-NO_FINER = (ERROR_FLOOR, ERROR_FLOOR)
-"""Distance [m] and angle [rad] of a path error that need not be finer by default: those of rounding."""
-OF_THE_MOTION = ("bounds", "tool_speed", "torques", "jumps", "rest")
-"""What is known of a motion whatever path it follows."""
-_LAST: list[MotionAnalysis] = []
-"""The motion that was examined last: a law, the fit and the certificate judge the same one in turn."""
-
-
-def analyse_motion(
-    robot: Robot, trajectory: Trajectory, path: Path | None = None, enough: tuple[float, float] = NO_FINER
-) -> MotionAnalysis:
-    """Return a motion under examination, with all that is known of it where it is the one that was examined last."""
-    motion = MotionAnalysis(robot, trajectory, path, enough)
-    for last in _LAST[:]:
-        if last.trajectory is trajectory and last.robot == robot:
-            known = vars(last)
-            vars(motion).update({name: known[name] for name in OF_THE_MOTION if name in known})
-    _LAST[:] = [motion]
-    return motion

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from optik.arm.robot import Robot
 from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput
@@ -15,7 +17,7 @@ from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
-from planners.certificate.analysis import MotionAnalysis, analyse_motion
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.continuity import Jump, continuous_order, find_continuity_violations, largest_jump
 from planners.certificate.coverage import Coverage, check_span, coverage
@@ -25,7 +27,6 @@ from planners.certificate.path_error import PathError
 from planners.certificate.position import find_position_violations, position_margins, position_times
 from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
-from planners.certificate.summary import certificate_lines
 from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._extreme import plain
@@ -36,6 +37,8 @@ RATIO_ROUNDING = 1e-12
 """What rounding may add to a ratio of exactly 1."""
 ENOUGH = 1.1
 """Share of the tolerance, inverted, at which a bound on the path error need not be finer."""
+MOST_LIMITS = 7
+"""Largest number of limits in a summary; those nearest to their bounds are shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +127,7 @@ class Certificate:
     t_position_margin: Array | None = None
 
     def __str__(self) -> str:
-        return "\n".join(certificate_lines(self))
+        return "\n".join(summary_lines(self))
 
     def judged(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
@@ -240,44 +243,42 @@ def certify(
     *,
     law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
     tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
-    scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None,
+    scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None, analysis: MotionAnalysis | None = None,
 ) -> Certificate:  # fmt: skip
-    """Prove what a trajectory keeps at every instant.
+    """Certify the limits that a trajectory respects at every instant.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     path : Path or None
-        The path that the tool should follow; None for a motion of joints, of which no path is judged: `Certificate.path_error`
-        is NaN, and the places in ``binding`` and ``coverage`` are times.
+        The path that the tool should follow; None for a joint motion: the path error is NaN, and positions are times.
     trajectory, limits : Trajectory, and MotionLimits, optional
         The motion and its limits, by default the robot's own.
-    law : str
-        Name of the law that made it.
-    enforced : tuple of str, optional
-        The limits that it promises; by default all kinds that ``limits`` has, given or free.
+    law, enforced : str, and tuple of str, optional
+        Name of the law, and the limits that it enforces; by default all kinds that ``limits`` has, given or free.
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     tolerance : (2,) tuple of float, optional
         Largest distance [m] and angle [rad] to the path with which the certificate is valid.
     span : (2,) tuple of float, optional
-        Places of the path where the motion should begin and end; by default the path's own ends.
+        Path parameters at which the motion should begin and end [m, rad]; by default the ends of the path.
     scene : Scene, optional
         Obstacles and the margin to them; self-contact is checked too. By default there is no collision check.
     before : (2,) tuple, optional
         Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
+    analysis : MotionAnalysis, optional
+        What is already computed of this trajectory, by `planners.timing.TimeLaw.run_with_analysis`.
 
     Returns
     -------
     Certificate
-        With exact extrema of the polynomials, one-sided values at jumps included.
+        Exact extrema of the polynomials include the one-sided values at jumps.
 
     Raises
     ------
     InvalidInput
-        Arguments of another kind, a trajectory of another number of joints, a path without length, a rate or a tolerance that
-        is not above 0, an unknown name in ``enforced``, a span that is none, limits for another path, an arm without shapes.
+        An invalid argument, arguments that do not belong together, an unknown limit in ``enforced``, an arm without shapes.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):
@@ -286,12 +287,14 @@ def certify(
     enforced = limits.names if enforced is None else enforced
     if unknown := [field for field in enforced if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
-    if tolerance is not None:
-        tolerance = Tolerance.of(tolerance)
+    tolerance = None if tolerance is None else Tolerance.of(tolerance)
     check_scene(robot, scene)
     enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
     promise = _Promise(law, enforced, rate, tolerance, scene, before)
-    return _proved(analyse_motion(robot, trajectory, path, enough), limits, promise, span)
+    analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
+    if analysis.trajectory is not trajectory or analysis.robot != robot:
+        raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
+    return _proved(analysis.along_path(path, enough), limits, promise, span)
 
 
 class _Promise(NamedTuple):
@@ -375,3 +378,52 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if path is not None:
         limits.check_path(path)
     return limits
+
+
+# ------------------------------------------------------------ summary
+
+
+def summary_lines(proof: Certificate) -> list[str]:
+    """Return a summary of a certificate, at most eleven lines: validity, limits, path, tool, clearance."""
+    if proof.is_valid:
+        enforced = ", ".join(name for name in proof.enforced if not np.isnan(proof.worst(name)[0]))
+        status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
+    else:
+        more = f" (and {len(proof.reasons) - 1} more violations)" if len(proof.reasons) > 1 else ""
+        status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
+    return [status, f"duration {proof.duration:.3g} s", *_limit_lines(proof), *_tool_lines(proof)]
+
+
+def _limit_lines(proof: Certificate) -> list[str]:
+    """Return the peak / limit lines, at most those with the largest ratios."""
+    found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
+    bounded = sorted((name for name in found if not np.isnan(found[name][0])), key=lambda name: -found[name][0])
+    shown, lines = bounded[:MOST_LIMITS], []
+    for name in (name for name in found if name in shown):
+        ratio, subject, t = found[name]
+        enforced = "" if name in proof.enforced else ", not enforced"
+        lines.append(f"peak / limit, {name}: {ratio:.3g} ({subject} at {t:.3g} s{enforced})")
+    if len(bounded) > MOST_LIMITS:
+        lines[-1] += f"; {len(bounded) - MOST_LIMITS} more limits with smaller ratios"
+    return lines
+
+
+def _tool_lines(proof: Certificate) -> list[str]:
+    """Return the lines on path error, tool speed and clearance."""
+    off, lines = proof.path_error, []
+    tool = f"tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g}"
+    if np.isfinite(off.distance):
+        tool = f"path error at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad, {tool}"
+    lines.append(tool)
+    if proof.clearance is not None and np.isfinite(proof.clearance.found):
+        near = proof.clearance
+        words = f"at least {1e3 * near.value:.3g} mm" if np.isfinite(near.value) else "not proved"
+        first, second = near.pair
+        lines.append(f"clearance {words}; found {1e3 * near.found:.3g} mm ({first} and {second} at {near.time:.3g} s)")
+    return lines
+
+
+def shorten(words: str, most: int = 300) -> str:
+    """Return text on one line, cut to at most a number of characters."""
+    line = " ".join(words.split())
+    return line if len(line) <= most else f"{line[: most - 1]}…"

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array, Indices
-from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import Instants, MotionBounds
 from planners.certificate.dividing import Closeness, Divided, tiled
 from planners.certificate.nearest import Nearest
+from planners.certificate.path_error import Passage
 from planners.certificate.tool_speed import SPEED_EXCESS, SPEED_INTERVALS, speeds_within
 from planners.paths.base import Path
 
@@ -32,15 +32,16 @@ class Limited(NamedTuple):
     bound: Array
 
 
-def segment_speed(motion: MotionAnalysis, on_pieces: Array, part: int) -> tuple[float, float]:
+def segment_speed(
+    bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array, part: int
+) -> tuple[float, float]:
     """Bound the ratio of the tool's speed to the limit of the piece of the path that the tool is on, at every instant.
 
     Which piece it is on is told by the place s(t) that is nearest to the tool (`planners.certificate.path_error`). Where s(t)
     goes back within an interval, the least limit of all pieces that it comes to counts.
     """
-    bounds = motion.bounds
-    piece, begin, end, limit = _stretches(motion, on_pieces)
-    ratios = _Ratios(bounds, motion.trajectory.end, part)
+    piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
+    ratios = _Ratios(bounds, float(bounds.knots[-1]), part)
     left, right = (Limited(*bounds.at(piece, t), limit) for t in (begin, end))
     return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
 
@@ -68,9 +69,10 @@ class _Ratios(Divided[Limited]):
         return np.stack([ratio, np.zeros(ratio.size)], axis=1)
 
 
-def _stretches(motion: MotionAnalysis, on_pieces: Array) -> tuple[Indices, Array, Array, Array]:
+def _stretches(
+    bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array
+) -> tuple[Indices, Array, Array, Array]:
     """Intervals of time (k,) in which one limit holds: their pieces of the motion, begins, ends [s] and limits."""
-    passage, path = motion.along[1], motion.path
     t, s, inner = passage.t, passage.s, path.breaks[1:-1]
     low, high = np.minimum(s[:-1], s[1:]), np.maximum(s[:-1], s[1:])
     back = s[1:] < s[:-1]
@@ -91,7 +93,7 @@ def _stretches(motion: MotionAnalysis, on_pieces: Array) -> tuple[Indices, Array
         return piece, t[:-1], t[1:], limit
     nth = np.arange(parted.size) - np.repeat(np.cumsum(count) - count, count)
     crossed = changes[np.searchsorted(changes, first[parted]) + nth]
-    when = _crossings(motion.bounds, path, piece[parted], (t[parted], t[parted + 1]), inner[crossed])
+    when = _crossings(bounds, path, piece[parted], (t[parted], t[parted + 1]), inner[crossed])
     begin, after = np.concatenate([t[:-1], when]), np.concatenate([limit, on_pieces[crossed + 1]])
     owner = np.concatenate([piece, piece[parted]])
     order = np.lexsort((np.arange(begin.size), begin))

@@ -28,6 +28,7 @@ from planners.certificate.torque_bounds import (
     sizes,
     slope_range,
 )
+from planners.limits._motion import TorqueRatios
 
 TORQUE_EXCESS = 1e-5
 """Largest excess of the bound over the largest value found, as a share of it."""
@@ -39,25 +40,6 @@ NARROWEST = 1e-9
 """Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
 STANDSTILL = 1e-9
 """Share of the largest velocity of all joints below which a joint is at rest at an instant: rounding of the polynomials."""
-
-
-class Proved(NamedTuple):
-    """What is proved of every joint (n,); the limits are 1 where a joint is free.
-
-    Attributes
-    ----------
-    ratio, found : (n,) array
-        The proved bound on a value over its limit, and the largest ratio found [1].
-    time : (n,) array
-        When it was found [s].
-    upper : (n,) array of bool
-        Whether it is on the upper side.
-    """
-
-    ratio: Array
-    found: Array
-    time: Array
-    upper: Array
 
 
 class Ends(NamedTuple):
@@ -105,11 +87,11 @@ class TorqueBounds:
             fourths = np.empty(first[:, 0].shape)
             _fourths(model[2], model[3] == GRAVITY, np.diff(knots), first, fourths)
             self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right, fourths))
-        self._kept: dict[tuple[bool, bytes], Proved] = {}
+        self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
     def proved(
         self, bound: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
-    ) -> Proved:
+    ) -> TorqueRatios:
         """Bound the torques, or their rates, over their limits at every instant; found once, then kept."""
         key = (rate, np.array([*np.ravel(bound), excess, most]).tobytes())
         if key not in self._kept:
@@ -131,13 +113,13 @@ class TorqueBounds:
         return np.asarray(worst)
 
 
-def _worse(a: Proved, b: Proved) -> Proved:
+def _worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
     """The worse of two loads, joint by joint."""
     first = a.ratio >= b.ratio
-    return Proved(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
+    return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
-def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> Proved:
+def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
     """The bounds of one load; how: whether of the rates, the excess, and how often an interval is halved at most."""
     rate, excess, most = how
     lower, upper = bound
@@ -152,7 +134,7 @@ def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int
     proved, found, when = results
     above = proved[1] >= proved[0]
     ratio, largest, time = (np.where(above, x[1], x[0]) for x in (proved, found, when))
-    return Proved(ratio, largest, time, above)
+    return TorqueRatios(ratio, largest, time, above)
 
 
 def resting(ends: Ends) -> float:

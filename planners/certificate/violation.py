@@ -1,16 +1,11 @@
-"""Violations that a certificate finds, the words that permit them, and the refusal of invalid motions."""
+"""Violations that a certificate finds, and the words that permit them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from optik.errors import InvalidInput, InvalidMotion
-
-if TYPE_CHECKING:
-    from planners.certificate.certificate import Certificate
+from optik.errors import InvalidInput
 
 ALLOWANCES = ("contact", "path", "limits", "jerk", "coverage", "not_proved")
 """The words of ``allow=``. They permit: contact, or a distance below the margin; a path error above the tolerance; exceeded
@@ -48,21 +43,6 @@ def required_limits(names: tuple[str, ...], allow: Allow) -> tuple[str, ...]:
     """Return the limits that a motion must respect, without those whose violation these words permit."""
     allowed = check_allow(allow)
     return tuple(name for name in names if word_of_limit(name) not in allowed)
-
-
-def forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:
-    """Return the violations of a motion that these words do not permit."""
-    allowed = check_allow(allow)
-    return tuple(violation for violation in proof.violations if violation.allow not in allowed)
-
-
-def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice: str = "") -> None:
-    """Raise InvalidMotion with the violations that these words do not permit, if there are any."""
-    violations = forbidden(proof, allow)
-    if violations:
-        reason = context + "; ".join(violation.words for violation in violations)
-        s = float(np.interp(violations[0].t, proof.binding.t, proof.binding.s))
-        raise InvalidMotion(reason, words_for(violations, allow), s=s, joint=violations[0].joint, advice=advice)
 
 
 def words_for(violations: Sequence[Violation], allow: Allow = ()) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from planners.limits._known import (
     kind_of,
     register,
 )
+from planners.limits._motion import LimitedMotion
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
 from planners.limits._sides import inner, over, sides
@@ -31,6 +32,7 @@ __all__ = [
     "DerivativeLimit",
     "Extreme",
     "Limit",
+    "LimitedMotion",
     "MotionLimits",
     "PathPoints",
     "ToolExtreme",

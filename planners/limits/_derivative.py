@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from optik.types import Array, Flags
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.continuity import steps
 from planners.curve import chain_rows
 from planners.limits._extreme import Extreme
+from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
 from planners.limits._sides import centred, inner, over, sides
 from planners.limits.base import Limit, scale_of
@@ -28,7 +27,7 @@ class DerivativeLimit(Limit):
             return np.asarray(rows / np.where(rows < 0.0, -lower[:, None], upper[:, None]))
         return centred(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
-    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
         """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`."""
         extrema = motion.trajectory.extrema(self.order)
         if bound.ndim == 1:
@@ -41,13 +40,13 @@ class DerivativeLimit(Limit):
                 extreme = _infinite_at_jumps(motion, order, extreme, motion.jumps[order], bound)
         return extreme
 
-    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         """Exact worst values of each piece over the bound; see `Limit.piece_ratios`."""
         if bound.ndim == 1:
             return motion.trajectory.piece_worst(self.order) / bound
         return np.maximum(*(over(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
-    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
+    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
         """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`."""
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
@@ -62,12 +61,11 @@ def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
     return Extreme(value, np.where(free, np.nan, np.maximum(below, above)), time)
 
 
-def _infinite_at_jumps(motion: MotionAnalysis, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
+def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
     """Extreme with infinite values at the largest jump of each joint that jumps in a derivative of this order."""
-    trajectory = motion.trajectory
-    size = np.where(jumps, np.abs(steps(trajectory, order)), 0.0)
+    size = np.where(jumps, np.abs(motion.steps(order)), 0.0)
     jumping = jumps.any(axis=0)
-    when = trajectory.knots[size.argmax(axis=0)]
+    when = motion.trajectory.knots[size.argmax(axis=0)]
     infinite = np.where(np.isfinite(inner(bound)), np.inf, np.nan)
     return Extreme(
         np.where(jumping, np.inf, extreme.value),

@@ -9,9 +9,8 @@ import numpy as np
 
 from optik.arm.inertia import Load
 from optik.types import Array
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.torque_slowing import slowing
 from planners.limits._extreme import Extreme
+from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
 from planners.limits._sides import sides
 from planners.limits.base import Limit
@@ -41,12 +40,12 @@ class LoadedLimit(Limit):
     def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
         """The rows (k, n, columns) of one load."""
 
-    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
         """The proved bound; NaN where the limit is free. See `Limit.judge`."""
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
         lower, upper = sides(bound)
-        found = motion.torques.proved(np.stack([lower, upper]), rate=self.rate)
+        found = motion.torque_ratios(np.stack([lower, upper]), rate=self.rate)
         limited = np.isfinite(upper)
         value = found.ratio * np.where(limited, np.where(found.upper, upper, -lower), 1.0)
         extreme = Extreme(value, np.where(limited, found.ratio, np.nan), found.time)
@@ -57,14 +56,14 @@ class LoadedLimit(Limit):
         when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
-    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
-        return motion.torques.piece_ratios(np.stack(sides(bound)), rate=self.rate)
+        return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
-    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
+    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
         """From the parts of the torques that go with powers of the speed; see `Limit.slowing`."""
         if not np.isfinite(bound).any():
             return 0.0
-        return slowing(motion.torques, np.stack(sides(bound)), rate=self.rate)
+        return motion.torque_slowing(np.stack(sides(bound)), rate=self.rate)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,9 +11,8 @@ from optik.arm.limits import check_positive
 from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.segment_speed import segment_speed
 from planners.limits._extreme import ToolExtreme
+from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
 from planners.limits._segments import bound_at, inside_ends, on_pieces
 from planners.limits.base import Limit
@@ -27,11 +25,11 @@ class ToolSpeedLimit(Limit):
 
     Attributes
     ----------
-    part : slice
-        Rows of the twist (v, ω).
+    part : int
+        Part of the twist: 0 for v, 1 for ω.
     """
 
-    part: ClassVar[slice]
+    part: ClassVar[int]
     order: ClassVar[int] = 1
     subject: ClassVar[str | None] = "tool"
 
@@ -57,30 +55,28 @@ class ToolSpeedLimit(Limit):
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
         """Norm of the path's twist per unit of s, over the bound; see `Limit.rows`."""
-        norm = np.linalg.norm(at.twist[:, self.part], axis=1) if np.isfinite(bound).any() else np.zeros(at.s.size)
+        norm = (
+            np.linalg.norm(at.twist[:, 3 * self.part : 3 * self.part + 3], axis=1)
+            if np.isfinite(bound).any()
+            else np.zeros(at.s.size)
+        )
         here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
         return np.asarray((norm / here)[:, None, None])
 
-    def judge(self, motion: MotionAnalysis, bound: Array) -> ToolExtreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
         """The proved bound on the speed; see `Limit.judge`."""
-        value, time = self._proved(motion)
+        value, time = motion.tool_speed_bound(self.part)
         if not np.isfinite(bound).any():
             return ToolExtreme(value, float("nan"), time)
         if bound.size == 1:
             return ToolExtreme(value, value / float(bound[0]), time)
-        ratio, time = segment_speed(motion, on_pieces(motion.path, bound, self.name), self.part.start // 3)
+        ratio, time = motion.tool_speed_ratio(on_pieces(motion.path, bound, self.name), self.part)
         return ToolExtreme(value, ratio, time)
 
-    @abstractmethod
-    def _proved(self, motion: MotionAnalysis) -> tuple[float, float]:
-        """Proved bound on the speed over the motion, and when it is nearly reached [s]."""
-
-    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
-        speeds = [np.linalg.norm(side.motion[:, 0, self.part], axis=1) for side in motion.bounds.ends]
+        speeds = motion.tool_speed_ends(self.part)
         if bound.size == 1:
             return np.asarray(np.maximum(*speeds)[:, None] / bound)
-        passage = motion.along[1]
-        s = passage.s[passage.knot]
-        allowed = inside_ends(motion.path, bound, s, self.name)
+        allowed = inside_ends(motion.path, bound, motion.knot_positions, self.name)
         return np.asarray(np.maximum(*(v / most for v, most in zip(speeds, allowed, strict=True)))[:, None])

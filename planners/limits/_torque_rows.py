@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from optik import dynamics
+from optik.arm.inertia import Load
 from optik.types import Array
 from planners.limits._points import PathPoints
-
-if TYPE_CHECKING:
-    from optik.arm.inertia import Load
 
 
 def torque_rows(at: PathPoints, load: Load) -> Array:

@@ -14,8 +14,8 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.certificate.analysis import MotionAnalysis
 from planners.limits._extreme import Extreme, ToolExtreme
+from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
 from planners.limits._sides import checked_pair, is_pair
 
@@ -190,12 +190,12 @@ class Limit(ABC):
         return robot.joint_names if self.subject is None else (self.subject,)
 
     @abstractmethod
-    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme | ToolExtreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme | ToolExtreme:
         """Worst value over a whole motion: exact or a proved bound, not the largest of samples.
 
         Parameters
         ----------
-        motion : MotionAnalysis
+        motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].
@@ -207,12 +207,12 @@ class Limit(ABC):
         """
 
     @abstractmethod
-    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         """Worst ratio to the bound on each piece of a motion, which tells the active constraint there.
 
         Parameters
         ----------
-        motion : MotionAnalysis
+        motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].
@@ -223,7 +223,7 @@ class Limit(ABC):
             Ratios [1]; 0 where free.
         """
 
-    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
+    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
         """Least factor by which a motion is stretched in time so that it keeps the limit.
 
         A limit whose value has a part that no slowing changes (the torque against gravity) overrides this, and returns
@@ -231,7 +231,7 @@ class Limit(ABC):
 
         Parameters
         ----------
-        motion : MotionAnalysis
+        motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
             What `array` returned [as `units`].

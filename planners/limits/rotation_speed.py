@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from planners.certificate.analysis import MotionAnalysis
 from planners.limits._tool import ToolSpeedLimit
 
 
@@ -13,10 +12,7 @@ class RotationSpeed(ToolSpeedLimit):
 
     name: ClassVar[str] = "rotation_speed"
     units: ClassVar[tuple[str, str]] = ("rad/s", "rad/s")
-    part: ClassVar[slice] = slice(3, 6)
-
-    def _proved(self, motion: MotionAnalysis) -> tuple[float, float]:
-        return motion.tool_speed.rotation, motion.tool_speed.t_rotation
+    part: ClassVar[int] = 1
 
 
 METHOD = RotationSpeed

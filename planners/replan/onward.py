@@ -33,7 +33,8 @@ def onward_plan(request: PlanRequest, plan: Plan, start: MovingState) -> Plan:
     """Return the certified motion that ends first; or else one that respects lower limits only later."""
     touching: Plan | None = None
     for motion in _motions(request, plan, start):
-        found = judged(request, plan, start, motion, None)
+        analysis = start.rest_analysis if motion is start.rest else None
+        found = judged(request, plan, start, motion, None, analysis=analysis)
         if found:
             return found
         if found.certificate.clearance is not None and found.certificate.clearance.touches:
@@ -71,11 +72,11 @@ def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion that slows down within the plan's own limits until it can respect the new ones, at the latest at rest."""
     running, rest, limits = plan.trajectory, start.rest, limits_at(plan, start.t)
     old = replace(request, limits=limits)
-    if rest is None or request.limits == limits or request.limits.names != limits.names:
+    if rest is None or start.rest_analysis is None or request.limits == limits or request.limits.names != limits.names:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch(plan.robot, rest, request.limits, request.enforced, plan.path)
+    slower = stretch(start.rest_analysis, request.limits, request.enforced)
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
@@ -95,7 +96,7 @@ def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
         found = _from_slow(request, plan, start, first, s, slow)
         if found is not None:
             return found
-    found = judged(replace(request, before=(limits, rest.end)), plan, start, rest, None)
+    found = judged(replace(request, before=(limits, rest.end)), plan, start, rest, None, analysis=start.rest_analysis)
     return found if found else None
 
 

@@ -9,6 +9,7 @@ from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
@@ -82,11 +83,13 @@ def judged(
     motion: Trajectory,
     kind: StopKind | None,
     end: float | None = None,
+    analysis: MotionAnalysis | None = None,
 ) -> Plan:
     """Return the plan of a certified motion, with the part of the path that it covers."""
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
-    return replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind).judged(plan.joint_path, motion)
+    covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
+    return covering.judged(plan.joint_path, motion, analysis=analysis)
 
 
 def by_law(

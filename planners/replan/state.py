@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
 from planners.following.place import place_between, place_on
 from planners.limits import MotionLimits
@@ -60,6 +61,11 @@ class MovingState:
             return None
         rest = rest_of(self.plan.trajectory, self.t, self.at.s)
         return begun(rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits)
+
+    @cached_property
+    def rest_analysis(self) -> MotionAnalysis | None:
+        """The analysis of `rest`, which several plans share."""
+        return None if self.rest is None else MotionAnalysis(self.plan.robot, self.rest, self.plan.path)
 
     @property
     def joints(self) -> State:

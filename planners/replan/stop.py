@@ -49,7 +49,11 @@ def _first_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit
         best = _refined(request, plan, start, best, perf_counter() + time_limit)
     if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
-    end = None if start.rest is None else judged(request, plan, start, start.rest, StopKind.END)
+    end = (
+        None
+        if start.rest is None
+        else judged(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
+    )
     if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
         return end
     return best or request.infeasible(plan.joint_path, reason(request, plan, start, True))

@@ -18,7 +18,8 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes, write_atomically
 from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
-from planners.certificate.violation import Allow, check_valid, required_limits
+from planners.certificate.validity import check_valid
+from planners.certificate.violation import Allow, required_limits
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, motion_of
 from planners.ros.message import LONGEST_DURATION, Form, from_text, quoted, reconstruct, to_text
@@ -137,8 +138,9 @@ def ros_message(
     motion = motion_of(motion)
     form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
     required = replace(motion, enforced=required_limits(motion.enforced, allow))
-    message, executed = fit_pace(required if keep_speed else replace(required, speed=None), form, rate, strict)
-    certificate = replace(motion, trajectory=executed).certify()
+    message, analysis = fit_pace(required if keep_speed else replace(required, speed=None), form, rate, strict)
+    executed = analysis.trajectory
+    certificate = replace(motion, trajectory=executed).certify(analysis=analysis)
     _check_executed(certificate, find_judged_limits(required, form), form, allow)
     return message, _report(motion, executed, len(message["points"]), certificate)
 

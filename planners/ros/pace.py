@@ -10,6 +10,7 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.controller import POINTS, points_of
 from planners.fit import stretch
 from planners.limits import SAME_SPEED
@@ -28,7 +29,7 @@ ADVICE = "a motion that keeps its own limits, points at its knots, or a higher r
 """What helps where the controller would leave the limits between the points."""
 
 
-def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], Trajectory]:
+def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], MotionAnalysis]:
     """Slow a motion until it respects the judged limits after controller interpolation."""
     source, judged = motion.trajectory, find_judged_limits(motion, form)
     between = np.empty(0)
@@ -38,9 +39,10 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
     for _ in range(SLOWINGS):
         message = message_of(*_set_pace(source, rate, factor, between), form)
         executed = reconstruct(message, form.names)
-        needed = stretch(motion.robot, executed, motion.limits, judged, motion.path)
+        analysis = MotionAnalysis(motion.robot, executed, motion.path)
+        needed = stretch(analysis, motion.limits, judged)
         if needed <= 1.0:
-            return message, executed
+            return message, analysis
         _check_slowing(motion, executed.duration / source.duration * needed, strict)
         factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
     reason = f"{factor:.3g} times as long it would still leave its limits as the controller interpolates"

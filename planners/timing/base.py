@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed, passed_at
 from planners.following.follow import JointPath
 from planners.hermite import quintic
@@ -102,6 +103,24 @@ class TimeLaw(ABC):
             No timing exists within the limits.
         """
 
+    def run_with_analysis(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
+        """Time the joint path as `run` does, and return the motion with what is already computed of it.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        MotionAnalysis
+            The motion of `run`.
+        """
+        motion = check_motion(self, self.run(joint_path, limits), joint_path.robot)
+        return MotionAnalysis(joint_path.robot, motion, joint_path.path)
+
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
         """Time the remaining joint path from a moving state to its end.
 
@@ -183,6 +202,24 @@ class TimeLaw(ABC):
         of = {"torque": "acceleration", "torque_rate": "jerk"}
         slowed = [name for name in LOADED if of[name] in self.enforced and limits.value(name) is not None]
         return (*self.enforced, *(name for name in slowed if name not in self.enforced), *(limits.extra or ()))
+
+
+class AnalysingLaw(TimeLaw):
+    """A law that analyses its motion to scale it to the limits; the certificate of a plan continues with this analysis."""
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+        """Time the joint path."""
+        return self._time(joint_path, limits).trajectory
+
+    def run_with_analysis(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
+        """Time the joint path, and return the motion with its analysis."""
+        if type(self).run is not AnalysingLaw.run:  # a subclass has another motion
+            return super().run_with_analysis(joint_path, limits)
+        return self._time(joint_path, limits)
+
+    @abstractmethod
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
+        """Time the joint path, and return the motion with its analysis."""
 
 
 def check_law(law: object) -> TimeLaw:

@@ -11,8 +11,9 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed, passed_at
-from planners.fit import fitted, stretch
+from planners.fit import fit, stretch
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
@@ -30,7 +31,7 @@ from planners.timing._sectional.ramps import (
     ratio_of,
     worst,
 )
-from planners.timing.base import TimeLaw, refit, speed_bound
+from planners.timing.base import AnalysingLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 
@@ -57,7 +58,7 @@ FIRST_ROOM, ROOM_LEFT, ROOMS = 0.999, 0.998, 3
 """Fraction of the limits that ramps use first, factor on it after an excess, and number of fractions that are tried."""
 
 
-class ConstantSpeed(TimeLaw):
+class ConstantSpeed(AnalysingLaw):
     """Constant speed of the tool, |v|, from the end of one ramp to the start of the other; |ω| if the tool only turns.
 
     The ramps are limited in jerk and as short as the local limits allow. Each takes at most the fraction `ramp` of the
@@ -82,8 +83,7 @@ class ConstantSpeed(TimeLaw):
         if ramp > 0.5:
             raise InvalidInput("ramp", ramp, "a share above 0, at most 0.5")
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         self.need(limits, joint_path.robot)
         shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
@@ -94,12 +94,12 @@ class ConstantSpeed(TimeLaw):
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
         widest = _widest(distance.table, self.ramp, shortest)
         built = _built(joint_path, limits, distance, widest)
-        fastest = fitted(joint_path.robot, built, limits, self.list_enforced(limits), joint_path.path)
-        greatest = widest[0].v1 * built.duration / fastest.duration
+        fastest = fit(MotionAnalysis(joint_path.robot, built, joint_path.path), limits, self.list_enforced(limits))
+        greatest = widest[0].v1 * built.duration / fastest.trajectory.duration
         if self.speed is None:
             _check_crawl(joint_path, limits, distance, widest, greatest)
             motion = self._quickest(joint_path, limits, distance, greatest, shortest)
-            return fastest if motion is None or motion.duration > fastest.duration else motion
+            return fastest if motion is None or motion.trajectory.duration > fastest.trajectory.duration else motion
         if self.speed > greatest:
             found, in_ramp = _worst(joint_path, limits, distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
@@ -115,20 +115,19 @@ class ConstantSpeed(TimeLaw):
 
     def _quickest(
         self, joint_path: JointPath, limits: MotionLimits, distance: _Distance, speed: float, shortest: float
-    ) -> Trajectory | None:
+    ) -> MotionAnalysis | None:
         """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
-        robot, promised, path = joint_path.robot, self.list_enforced(limits), joint_path.path
-        room = FIRST_ROOM
+        enforced, room = self.list_enforced(limits), FIRST_ROOM
         for _ in range(ROOMS):
             ramps = _shortest(distance.table, speed, self.ramp, room, shortest)
             if ramps is None:
                 return None
-            motion = _built(joint_path, limits, distance, ramps)
-            excess = stretch(robot, motion, limits, promised, path)
+            motion = MotionAnalysis(joint_path.robot, _built(joint_path, limits, distance, ramps), joint_path.path)
+            excess = stretch(motion, limits, enforced)
             if excess <= 1.0:
                 return motion
             if self.speed is None and excess <= 1.0 / FIRST_ROOM:
-                return fitted(robot, motion, limits, promised, path)
+                return fit(motion, limits, enforced)
             room *= ROOM_LEFT / excess
         return None
 

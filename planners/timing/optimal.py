@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed
-from planners.fit import FIRST_MARGIN, fitted, keeps_all
+from planners.fit import FIRST_MARGIN, fit, fitted, is_within
 from planners.following.follow import JointPath
 from planners.hermite import through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
@@ -24,7 +25,7 @@ from planners.timing._optimal.limited import dynamic_excess, torque_excess
 from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import Programme, divided, gentle, programme
 from planners.timing._optimal.start import briefest, start
-from planners.timing.base import PathState, TimeLaw
+from planners.timing.base import AnalysingLaw, PathState
 from planners.trajectory import Trajectory
 
 GAP = 1e-5
@@ -61,7 +62,7 @@ BETWEEN_SAMPLES = 1.00005
 """Largest ratio of the tool speed inside a piece to that at the four instants where it is sampled."""
 
 
-class Optimal(TimeLaw):
+class Optimal(AnalysingLaw):
     """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
 
     The initial guess is a motion that nearly keeps all limits, made by two sweeps (`planners.timing._optimal.start`); the
@@ -92,21 +93,21 @@ class Optimal(TimeLaw):
             check_count(intervals, "intervals", 8)
         self.intervals = intervals
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path from rest to rest."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         self.need(limits, joint_path.robot)
-        robot, promised = joint_path.robot, self.list_enforced(limits)
+        enforced = self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals):
             loaded = problem.rows.loaded
             found = _solved(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
             if found is None:
                 continue
-            if loaded:  # slowed by what was found, one proof is enough as a rule
-                slowed = found.motion.slowed(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
-                if keeps_all(robot, slowed, limits, promised, joint_path.path):
+            motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
+            if loaded:  # after slowing by the estimated factor, one proof is usually enough
+                slowed = motion.slowed(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
+                if is_within(slowed, limits, enforced):
                     return slowed
-            return fitted(robot, found.motion, limits, promised, joint_path.path)
+            return fit(motion, limits, enforced)
         limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "

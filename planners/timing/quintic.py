@@ -73,7 +73,7 @@ class Quintic(TimeLaw):
         float
             T [s].
         """
-        return self.duration * stretch(joint_path.robot, self.run(joint_path, limits), limits, path=joint_path.path)
+        return self.duration * stretch(self.run_with_analysis(joint_path, limits), limits)
 
 
 METHOD = Quintic

@@ -8,18 +8,18 @@ import numpy as np
 
 from optik.errors import NoSolution
 from optik.types import Array
-from planners.fit import fitted
+from planners.certificate.analysis import MotionAnalysis
+from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.timing._ruckig import velocity_control
 from planners.timing._sectional.ramps import Ramp, adapted, law_of, phases_of, profile
 from planners.timing._sectional.sections import sections
-from planners.timing.base import TimeLaw, refit
+from planners.timing.base import AnalysingLaw, refit
 from planners.timing.smooth import least_duration
-from planners.trajectory import Trajectory
 
 
-class RuckigLaw(TimeLaw):
+class RuckigLaw(AnalysingLaw):
     """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not slow the whole path.
 
     Where the sections end, and how fast the motion is there, is found by dynamic programming over candidate places and
@@ -35,15 +35,13 @@ class RuckigLaw(TimeLaw):
     name: ClassVar[str] = "ruckig"
     enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
         law = law_of(ramps, [_solved(ramp) for ramp in ramps])
-        return fitted(
-            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.list_enforced(limits), joint_path.path
-        )
+        motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
+        return fit(motion, limits, self.list_enforced(limits))
 
 
 def _solved(ramp: Ramp) -> Array:

@@ -10,12 +10,12 @@ import scipy
 
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import passed_at
-from planners.fit import fitted
+from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.timing.base import TimeLaw, refit
-from planners.trajectory import Trajectory
+from planners.timing.base import AnalysingLaw, refit
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
@@ -23,7 +23,7 @@ NO_JOINT_MOTION = 1e-11
 """Joint motion [rad or m] that is rounding: a limit on such a joint bounds no motion."""
 
 
-class Smooth(TimeLaw):
+class Smooth(AnalysingLaw):
     """s(t) = L (10 u³ − 15 u⁴ + 6 u⁵), u = t / T (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6).
 
     At a given u, every velocity goes with 1/T, every acceleration with 1/T² and every jerk with 1/T³: one evaluation
@@ -33,15 +33,13 @@ class Smooth(TimeLaw):
     name: ClassVar[str] = "smooth"
     enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
-        return fitted(
-            joint_path.robot, refit(joint_path, law, bound["jerk"]), limits, self.list_enforced(limits), joint_path.path
-        )
+        motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
+        return fit(motion, limits, self.list_enforced(limits))
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:

@@ -27,6 +27,7 @@ from planners.limits import (
     register,
     scale_of,
 )
+from planners.limits._motion import LimitedMotion
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
@@ -44,10 +45,10 @@ class Weighted(Limit):
     def rows(self, at: PathPoints, bound: Array) -> Array:
         return np.asarray((np.abs(at.q(1)) @ WEIGHTS)[:, None, None] / bound[0])
 
-    def piece_ratios(self, motion: MotionAnalysis, bound: Array) -> Array:
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
         return np.asarray((motion.trajectory.piece_worst(1) @ WEIGHTS)[:, None] / bound)
 
-    def judge(self, motion: MotionAnalysis, bound: Array) -> ToolExtreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
         ratios = self.piece_ratios(motion, bound)[:, 0]
         k = int(ratios.argmax())
         return ToolExtreme(float(ratios[k] * bound[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
@@ -60,11 +61,11 @@ class Loaded(DerivativeLimit):
     units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
     order: ClassVar[int] = 2
 
-    def judge(self, motion: MotionAnalysis, bound: Array) -> Extreme:
+    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
         found = motion.trajectory.extrema(2)
         return Extreme(found.worst + 1.0, (found.worst + 1.0) / bound, found.t_worst)
 
-    def slowing(self, motion: MotionAnalysis, bound: Array) -> float:
+    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
         if (bound <= 1.0).any():
             return np.inf
         return scale_of(float((motion.trajectory.extrema(2).worst / (bound - 1.0)).max()), 2)
@@ -145,11 +146,11 @@ def test_fit_scales_by_what_the_limit_says() -> None:
     fast = plan(paper6r(), default_line(), START, limits=OUR).trajectory
     worst = float(fast.extrema(2).worst.max())
     limits = MotionLimits(extra={"loaded_acceleration": 1.0 + worst / 4.0})
-    assert stretch(paper6r(), fast, limits) == pytest.approx(2.0, rel=1e-12)
+    assert stretch(MotionAnalysis(paper6r(), fast), limits) == pytest.approx(2.0, rel=1e-12)
     slow = fitted(paper6r(), fast, limits)
     assert slow.duration / fast.duration == pytest.approx(2.0, rel=1e-9)
-    assert stretch(paper6r(), slow, limits) <= 1.0
-    assert stretch(paper6r(), fast, limits, ("velocity",)) == 0.0
+    assert stretch(MotionAnalysis(paper6r(), slow), limits) <= 1.0
+    assert stretch(MotionAnalysis(paper6r(), fast), limits, ("velocity",)) == 0.0
     with pytest.raises(NoSolution, match="any speed"):
         fitted(paper6r(), fast, MotionLimits(extra={"loaded_acceleration": 0.9}))
     never = plan(

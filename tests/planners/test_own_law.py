@@ -10,6 +10,7 @@ import pytest
 import planners
 from optik.errors import InvalidInput
 from planners import JointPath, MotionLimits, TimeLaw, Trajectory
+from planners.certificate.analysis import MotionAnalysis
 from planners.fit import fitted, stretch
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
@@ -74,7 +75,7 @@ def test_promises_that_are_no_limits_are_refused_before_anything_runs(enforced: 
 @pytest.mark.parametrize("enforced", ["velocity", ("jrek",)])
 def test_motions_are_fitted_to_limits_that_exist(enforced: Any) -> None:
     trajectory = Quintic(duration=2.0).run(default_joint_path(), LIMITS)
-    for use in (fitted, stretch):
+    for use in (fitted, lambda robot, motion, *rest: stretch(MotionAnalysis(robot, motion), *rest)):
         with pytest.raises(InvalidInput, match="enforced"):
             use(paper6r(), trajectory, LIMITS, enforced)
 

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import JointPath, MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed
 from planners.fit import stretch
 from planners.hermite import through
@@ -123,7 +124,7 @@ def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ..
     assert proof.binding.ratio.max() == pytest.approx(proof.tool_speed.ratio, rel=0.02)
     alone = certify(paper6r(), bent(), motion, limits(0.3))
     assert proof.tool_speed.value == alone.tool_speed.value
-    factor = stretch(paper6r(), motion, limits(speeds), ("tool_speed",), bent())
+    factor = stretch(MotionAnalysis(paper6r(), motion, bent()), limits(speeds), ("tool_speed",))
     assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
 
 
@@ -242,7 +243,7 @@ def test_a_wrong_count_is_named_with_both_numbers() -> None:
     ):
         plan(paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, rotation_speed=(1.0, 2.0)))
     with pytest.raises(InvalidInput, match="path"):
-        stretch(paper6r(), motion.trajectory, limits())
+        stretch(MotionAnalysis(paper6r(), motion.trajectory), limits())
     for bad in ((0.1, -0.3, 0.2), (), (0.1, float("nan")), [[0.1, 0.2]], (0.1, "x")):
         with pytest.raises(InvalidInput, match="tool_speed"):
             MotionLimits(tool_speed=bad)  # type: ignore[arg-type]

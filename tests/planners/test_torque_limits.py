@@ -25,10 +25,13 @@ from planners import (
     replan,
     save,
 )
-from planners.certificate.statics import static_torque
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.bounds import MotionBounds
 from planners.curve import composed
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits._torque_rows import torque_rows
+from planners.timing._statics import static_torque
+from planners.timing.smooth import Smooth
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.torques import loaded, values
 
@@ -262,3 +265,40 @@ def test_a_certificate_says_energy_power_and_steps_of_friction() -> None:
     assert len(data["torque"]["value"]) == 6 and data["torque_rate"]["value"] == [None] * 6
     started = [step for step in data["friction_steps"] if step["t"] == 0.0]
     assert {step["size"] for step in started} == {COULOMB}
+
+
+@pytest.mark.parametrize("law", ["smooth", "ruckig", "constant_speed", "optimal"])
+def test_law_and_certificate_of_a_plan_share_one_analysis_of_its_motion(
+    law: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    analysed: list[Trajectory] = []
+    bounds_of = MotionBounds.__init__
+
+    def count(self: MotionBounds, arm: optik.Robot, trajectory: Trajectory) -> None:
+        analysed.append(trajectory)
+        bounds_of(self, arm, trajectory)
+
+    monkeypatch.setattr(MotionBounds, "__init__", count)
+    limits = MotionLimits(*OUR, torque=200.0, tool_speed=0.3)
+    found = plan(robot(), default_line(), START, timing=law, limits=limits)
+    assert found, found
+    assert sum(motion is found.trajectory for motion in analysed) == 1
+    assert len({id(motion) for motion in analysed}) == len(analysed)
+
+
+def test_a_subclass_of_a_law_with_its_own_run_is_planned_with_it() -> None:
+    class Gentle(Smooth):
+        def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+            return super().run(joint_path, limits).slowed(2.0)
+
+    fast, slow = (
+        plan(paper6r(), default_line(), START, timing=law, limits=MotionLimits(*OUR)) for law in ("smooth", Gentle())
+    )
+    assert slow.trajectory.duration == pytest.approx(2.0 * fast.trajectory.duration, rel=1e-12)
+
+
+def test_an_analysis_of_another_motion_is_refused() -> None:
+    motion = plan(paper6r(), default_line(), START, limits=MotionLimits(*OUR)).trajectory
+    with pytest.raises(InvalidInput) as caught:
+        certify(paper6r(), default_line(), motion, analysis=MotionAnalysis(paper6r(), motion.slowed(2.0)))
+    assert caught.value.argument == "analysis"

@@ -14,8 +14,8 @@ from optik.dynamics import torques_batch
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.torque import Proved
 from planners.hermite import through
+from planners.limits._motion import TorqueRatios
 from tests import oracles
 
 
@@ -63,7 +63,7 @@ def values(robot: Robot, trajectory: Trajectory, t: Array, load: Any) -> Array:
     return out
 
 
-def proved(robot: Robot, trajectory: Trajectory, *, rate: bool, **options: Any) -> Proved:
+def proved(robot: Robot, trajectory: Trajectory, *, rate: bool, **options: Any) -> TorqueRatios:
     """The proof with limits of 1: its ratios are torques."""
     bound = np.stack([-np.ones(robot.n), np.ones(robot.n)])
     return MotionAnalysis(robot, trajectory).torques.proved(bound, rate=rate, **options)

@@ -12,6 +12,7 @@ from benchmarks.kinds._torques import JOINT_LIMITS
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
+from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
 from planners.fit import stretch
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
@@ -74,7 +75,7 @@ def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certific
     """Duration at which the same motion, scaled in time uniformly, just keeps every limit."""
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
-    return motion.duration * stretch(robot, motion, limits, path=path)
+    return motion.duration * stretch(MotionAnalysis(robot, motion, path), limits)
 
 
 def breaks(proof: Certificate) -> list[str]:

@@ -15,7 +15,8 @@ from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongS
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
 from planners.certificate.certificate import Certificate
-from planners.certificate.violation import Allow, check_valid
+from planners.certificate.validity import check_valid
+from planners.certificate.violation import Allow
 from planners.plan import Plan
 
 GREATEST_STEP = 1.0 + 1e-6

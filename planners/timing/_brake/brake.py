@@ -15,7 +15,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.certificate.analysis import analyse_motion
+from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed
 from planners.hermite import quintic
 from planners.limits import MotionLimits
@@ -110,7 +110,7 @@ def _tighten(
 ) -> bool:
     """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
     more = TIGHTER * rounds
-    bounds, done = limits.bounds(robot.n), False
+    analysis, bounds, done = MotionAnalysis(robot, motion), limits.bounds(robot.n), False
     first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
     last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
     for loaded in (False, True):
@@ -119,7 +119,7 @@ def _tighten(
         for kind in kinds:
             if isinstance(kind, LoadedLimit) is not loaded:
                 continue
-            ratios = kind.piece_ratios(analyse_motion(robot, motion), bounds[kind.name]).max(axis=1) / scales[kind.name]
+            ratios = kind.piece_ratios(analysis, bounds[kind.name]).max(axis=1) / scales[kind.name]
             for piece in np.flatnonzero(ratios > 1.0):
                 cells.tighten(
                     kind.order, slice(first[piece], last[piece] + 1), 1.0 + 1.2 * (ratios[piece] - 1.0) + more

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy
 
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.bounds import MotionBounds
-from planners.certificate.torque import Proved, TorqueBounds
+from planners.certificate.torque import TorqueBounds
+from planners.following.joint_path import JointPath
+from planners.limits import MotionLimits
+from planners.limits._motion import TorqueRatios
 from planners.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from planners.following.joint_path import JointPath
-    from planners.limits import MotionLimits
 
 STATIC_EXCESS = 1e-3
 """Largest excess of the bound on the static torque over the largest value found, as a share of it: where the limit lies between
 both, the time law has the last word."""
 
 
-def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> Proved:
+def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> TorqueRatios:
     """Bound the static torque on a joint path: against gravity, and against Coulomb friction in the path's direction.
 
     Where a joint rests or reverses, as all of them do at both ends, friction counts on both sides.
@@ -41,11 +38,11 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> Pr
     return found
 
 
-def _with_rest(found: Proved, bound: Array, s: float, value: Array, friction: Array) -> Proved:
+def _with_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
     """What is found, or what a place of rest needs where that is more: friction counts on both sides."""
     down, up = (value - friction) / bound[0], (value + friction) / bound[1]
     ratio = np.maximum(down, up)
-    return Proved(
+    return TorqueRatios(
         np.maximum(found.ratio, ratio),
         np.maximum(found.found, ratio),
         np.where(ratio > found.found, s, found.time),
