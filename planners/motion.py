@@ -7,11 +7,11 @@ from enum import StrEnum
 from typing import Any, Protocol
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.scene import Scene
+from optik.scene.contact import check_scene
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.coverage import check_span
 from planners.certificate.validity import check_valid

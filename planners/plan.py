@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
+from optik.scene.contact import check_scene
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.summary import plan_summary

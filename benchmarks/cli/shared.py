@@ -176,7 +176,7 @@ def sampled_start(arm: optik.Robot) -> Any:
     q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
     q = arm.limits.clip(q)
     if arm.shapes is not None:
-        from optik.arm.shapes.contact import find_nearest_pairs
+        from optik.scene.contact import find_nearest_pairs
 
         free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
         q = q[free] if free.any() else q

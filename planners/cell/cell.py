@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.ik import IKSolver
 from optik.scene import Scene
+from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.cell._parts import MOST_READINGS, CellParts
 from planners.cell._task import Task, make_settings

@@ -7,10 +7,10 @@ from math import sqrt
 import numpy as np
 
 from optik import kinematics
-from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, find_nearest, read_row, transform_point
 from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain, Triple
+from optik.scene.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, find_nearest, read_row, transform_point
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
+from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
 from planners.certificate.analysis import MotionAnalysis

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene, find_pairs
 from optik.scene import Scene
+from optik.scene.contact import check_scene, find_pairs
 from optik.types import Flags
 from planners.certificate._clearance import search
 from planners.certificate.dividing import NARROWEST_SHARE

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.scene import Scene
+from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.types import Array, Flags
 from planners.certificate.clearance import Clearance, clearance
 from planners.following.failure import FollowStatus, PlanFailure

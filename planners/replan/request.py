@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 
-from optik.arm.shapes.contact import check_scene
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
+from optik.scene.contact import check_scene
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath

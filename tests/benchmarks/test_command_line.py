@@ -16,9 +16,9 @@ import planners
 from benchmarks.cli.running import FEWEST_PARTS, _Rate
 from benchmarks.cli.shared import START_SAMPLES, sampled_start
 from optik.arm.library import read_home, robot_from_toml
-from optik.arm.shapes.contact import find_contact
 from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
+from optik.scene.contact import find_contact
 from tests.oracles import REPOSITORY
 
 

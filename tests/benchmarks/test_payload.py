@@ -18,8 +18,8 @@ from benchmarks.kinds.laws.run import check_laws, line_rows
 from benchmarks.kinds.laws.settings import LawBlock, read_block
 from benchmarks.kinds.plans.nearest import nearest_points, placed
 from benchmarks.settings import Target
-from optik.arm.shapes.contact import SELF, find_nearest_pairs, find_pairs
 from optik.errors import InvalidInput
+from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
 from planners import MotionLimits
 
 BLOCK: dict[str, Any] = {

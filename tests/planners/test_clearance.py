@@ -14,9 +14,9 @@ from scipy.interpolate import PPoly
 import optik
 import planners
 from optik import Scene
-from optik.arm.shapes.contact import SELF, find_contact, find_nearest_pairs, find_pairs
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
+from optik.scene.contact import SELF, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners import Clearance, MotionLimits, PlanStatus, Trajectory
 from planners.certificate import clearance as module

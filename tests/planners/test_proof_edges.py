@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from optik import DHRow, JointLimits, Robot, Scene, Shapes
 from optik.arm.inertia import Inertia
-from optik.arm.shapes.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.distance import DISTANCE_ROUNDING
 from optik.errors import InvalidInput
+from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory

@@ -15,10 +15,10 @@ from benchmarks.kinds.clearance.sampling import CoalSampling
 from benchmarks.kinds.clearance.settings import PROOF, ClearanceBlock, sampling_label
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import find_nearest_pairs
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from optik.scene import Scene
+from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
 from planners.hermite import through

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, PLANE, SELF, find_pairs
 from optik.scene import Scene
+from optik.scene.contact import BOX, PLANE, SELF, find_pairs
 from optik.types import Array
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import BOX, PLANE, SELF, find_pairs, rooms_batch
 from optik.distance import segment_box, segment_plane, segment_segment
 from optik.scene import Scene
+from optik.scene.contact import BOX, PLANE, SELF, find_pairs, rooms_batch
 from optik.types import Array, Indices
 from planners.certificate.clearance import Clearance
 from planners.plan import Plan

@@ -17,10 +17,10 @@ from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from optik import se3
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import check_scene
 from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.ik import make_solver
+from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.continuity import steps
 from planners.limits import MotionLimits

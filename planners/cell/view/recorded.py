@@ -9,9 +9,9 @@ import numpy as np
 
 from optik.arm.plain import read_numbers, read_record, read_word
 from optik.arm.robot import Robot
-from optik.arm.shapes.contact import find_contact, find_nearest_pairs
 from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
+from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
 from planners.cell.view._facts import certificate_facts, drive_words, motion_facts, unread_facts
 from planners.cell.view.show import Show, Track, sample_path, sample_track, thin_execution
