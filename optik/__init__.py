@@ -1,14 +1,15 @@
 """Kinematics, dynamics and inverse kinematics of serial arms."""
 
-from optik import errors, ik
-from optik.arm.inertia import Inertia, Payload
+from optik import errors as errors
+from optik import ik as ik
+from optik.arm.inertia import Inertia
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow
 from optik.errors import OptikError
-from optik.ik import IKBatch, IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
+from optik.ik import IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
 from optik.scene import Scene
 from optik.task import Task
 
@@ -16,20 +17,16 @@ __version__ = "0.1.0"
 
 __all__ = [
     "DHRow",
-    "IKBatch",
     "IKResult",
     "IKStatus",
     "Inertia",
     "JointLimits",
     "OptikError",
-    "Payload",
     "Robot",
     "Scene",
     "Shapes",
     "Task",
     "Tolerance",
-    "errors",
-    "ik",
     "load",
     "robots",
     "solve_ik",

@@ -48,17 +48,17 @@ def only_for_types(node: ast.AST) -> bool:
     )
 
 
-def statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node below one, also inside functions, but what only a type checker reads."""
+def statements(node: ast.AST, with_types: bool) -> Iterator[ast.AST]:
+    """Every node below one, also inside functions; what only a type checker reads on request."""
     for child in ast.iter_child_nodes(node):
-        if only_for_types(child):
-            yield from (n for other in child.orelse for n in (other, *statements(other)))
+        if only_for_types(child) and not with_types:
+            yield from (n for other in child.orelse for n in (other, *statements(other, with_types)))
             continue
         yield child
-        yield from statements(child)
+        yield from statements(child, with_types)
 
 
-def imports(root: Path, packages: tuple[str, ...]) -> dict[str, set[str]]:
+def imports(root: Path, packages: tuple[str, ...], with_types: bool = False) -> dict[str, set[str]]:
     """For each module the modules that it names in imports, anywhere in it; of a package, what is imported from it."""
     files = {}
     for package in packages:
@@ -68,7 +68,7 @@ def imports(root: Path, packages: tuple[str, ...]) -> dict[str, set[str]]:
     graph: dict[str, set[str]] = defaultdict(set)
     for module, file in files.items():
         inside = module if file.name == "__init__.py" else module.rpartition(".")[0]
-        for node in statements(parsed(file)):
+        for node in statements(parsed(file), with_types):
             if isinstance(node, ast.Import):
                 graph[module] |= {a.name for a in node.names if a.name in files}
             elif isinstance(node, ast.ImportFrom):
@@ -98,8 +98,20 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     return sorted(list(group) for group in groups)
 
 
+def part(module: str) -> str:
+    """A module at the top of a package, or the folder there that it is in."""
+    return ".".join(module.split(".")[:2])
+
+
 def test_no_module_is_imported_by_what_it_imports() -> None:
     assert circles(imports(REPOSITORY, PACKAGES)) == []
+
+
+def test_no_folder_of_optik_and_planners_is_imported_by_what_it_imports() -> None:
+    graph: dict[str, set[str]] = defaultdict(set)
+    for module, found in imports(REPOSITORY, ("optik", "planners"), with_types=True).items():
+        graph[part(module)] |= {part(other) for other in found if "." in other} - {part(module)}
+    assert circles(graph) == []
 
 
 def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tmp_path: Path) -> None:

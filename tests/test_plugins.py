@@ -29,6 +29,7 @@ from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import InvalidInput, MissingDependency, UnknownName
 from optik.plugins import files, usage
+from planners.paths import path_of
 from tests import conftest
 from tests.oracles import REPOSITORY
 from tests.planners.cases import START, default_joint_path, paper6r
@@ -464,7 +465,7 @@ def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_
     monkeypatch.setattr(registry, "_loaded", {})
     for named in ("spiral", str(spiral)):
         with pytest.raises(UnknownName, match="unknown path"):
-            planners.path_of(path.to_dict() | {"path": named}, arm)
+            path_of(path.to_dict() | {"path": named}, arm)
     with pytest.raises(InvalidInput, match="radius_m"):
         planners.make_path(spiral, arm, **data, radius_m=1.0)
 

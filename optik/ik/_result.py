@@ -38,7 +38,23 @@ class Tolerance:
 
     @classmethod
     def of(cls, value: ToleranceLike) -> Tolerance:
-        """Return a tolerance that may be given as a pair."""
+        """Return a tolerance that may be given as a pair.
+
+        Parameters
+        ----------
+        value : Tolerance, or (2,) tuple of float
+            The tolerance, or its position [m] and rotation [rad].
+
+        Returns
+        -------
+        Tolerance
+            The tolerance.
+
+        Raises
+        ------
+        InvalidInput
+            Neither of these.
+        """
         if isinstance(value, Tolerance):
             return value
         if not isinstance(value, tuple | list) or len(value) != 2:
@@ -51,7 +67,18 @@ class Tolerance:
         return iter((self.position, self.rotation))
 
     def scaled(self, factor: float) -> Tolerance:
-        """Return the tolerance times a factor."""
+        """Return the tolerance times a factor.
+
+        Parameters
+        ----------
+        factor : float
+            The factor, above 0.
+
+        Returns
+        -------
+        Tolerance
+            The scaled tolerance.
+        """
         return Tolerance(factor * self.position, factor * self.rotation)
 
 

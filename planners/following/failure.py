@@ -76,7 +76,20 @@ class PlanFailure:
 
     @classmethod
     def from_error(cls, status: StrEnum, error: NoSolution) -> Self:
-        """Return the failure that an error describes."""
+        """Return the failure that an error describes.
+
+        Parameters
+        ----------
+        status : StrEnum
+            The status of the plan.
+        error : NoSolution
+            The error.
+
+        Returns
+        -------
+        PlanFailure
+            The failure.
+        """
         return cls(status, error.s or 0.0, error.joint, error.reason, error.advice)
 
     def to_error(self) -> NoSolution:

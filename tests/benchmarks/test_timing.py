@@ -39,7 +39,8 @@ from benchmarks.targets import outcomes
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
-from planners import JointPath, MotionLimits, certify, follow, make_law
+from planners import MotionLimits, certify, follow, make_law
+from planners.following.joint_path import JointPath
 from tests.benchmarks.browser import CHROMIUM
 from tests.benchmarks.test_report import Page, draws_every_plot, page_of
 

@@ -17,7 +17,8 @@ from scipy.interpolate import PPoly
 from optik import JointLimits, Robot, se3
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.registry import load_method
-from planners import Line, MotionLimits, Trajectory, formats, load_motion, plan, save
+from planners import Line, MotionLimits, Trajectory, load_motion, plan, save
+from planners.files import formats
 from planners.files.base import Format
 from planners.motion import Motion, motion_of
 from tests import oracles

@@ -18,7 +18,8 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, path_of, plan
+from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, plan
+from planners.paths import path_of
 from tests import oracles
 from tests.contract import test_plans
 from tests.oracles import PAPER

@@ -19,7 +19,6 @@ from optik.types import Array
 from planners import (
     Arc,
     JointLine,
-    JointPath,
     Line,
     MotionLimits,
     Path,
@@ -32,6 +31,7 @@ from planners import (
     plan,
     replan,
 )
+from planners.following.joint_path import JointPath
 from planners.hermite import quintic
 from planners.plan import StopKind
 from planners.splice import joined, start_of

@@ -63,7 +63,7 @@ def measure(case: int) -> Row:
     step = np.abs(np.diff(q, axis=0)) / (np.asarray(plan.limits.arrays(plan.robot.n)["velocity"]) * PERIOD)
     return {
         "least": least, "late": most, "request": request, "end": plan.trajectory.end, "status": str(done.status),
-        "how": "stop" if done.stop is not None else "to the end" if done else "cancelled", "reason": done.reason,
+        "how": "stop" if done.stop_plan is not None else "to the end" if done else "cancelled", "reason": done.reason,
         "step": float(step.max()), "jump_noted": any("jumped" in note for note in done.notes),
     }  # fmt: skip
 

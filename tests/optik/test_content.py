@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import optik
-from optik import IKBatch, IKResult, IKStatus
+from optik import IKResult, IKStatus
 from optik.content import content
-from optik.ik import get_solver
+from optik.ik import IKBatch, get_solver
 from optik.ik.closed_form import Branches
 from planners import MotionLimits
 

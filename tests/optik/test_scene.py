@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import optik
-import planners
 from optik import se3
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.scene import files
@@ -24,10 +23,6 @@ SCENE = optik.Scene(
     margin=0.01,
 )
 EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if line.startswith("    "))
-
-
-def test_planners_offers_scenes_too():
-    assert planners.Scene is optik.Scene
 
 
 def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():

@@ -11,7 +11,8 @@ from scipy.interpolate import PPoly
 import optik
 from optik.ik import make_solver
 from optik.types import Array
-from planners import JointPath, Line, Trajectory, follow
+from planners import Line, Trajectory, follow
+from planners.following.joint_path import JointPath
 from tests.oracles import moved
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])

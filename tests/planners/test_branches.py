@@ -18,9 +18,10 @@ from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
 from optik.types import Array
-from planners import FollowStatus, JointPath, Line, follow
+from planners import Line, follow
 from planners.following.branches import branches
-from planners.following.joint_path import LEAST_SPACING, thin_knots
+from planners.following.failure import FollowStatus
+from planners.following.joint_path import LEAST_SPACING, JointPath, thin_knots
 from planners.following.march import first_exit, piece_bound
 from planners.following.smoothing import ROOM_WEIGHT
 from tests import oracles

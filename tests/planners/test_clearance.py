@@ -18,10 +18,10 @@ from optik.errors import InvalidInput
 from optik.ik import IKStatus
 from optik.scene.contact import SELF, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
-from planners import Clearance, MotionLimits, PlanStatus, Trajectory
+from planners import MotionLimits, PlanStatus, Trajectory
 from planners.certificate import clearance as module
 from planners.certificate._clearance import _level
-from planners.certificate.clearance import clearance
+from planners.certificate.clearance import Clearance, clearance
 from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, instants, panda, pose, table
 
 coal = pytest.importorskip("coal")

@@ -18,7 +18,10 @@ from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus
 from optik.ik.dls import DLS
 from optik.types import Array
-from planners import Followed, FollowStatus, JointPath, Line, follow
+from planners import Line, follow
+from planners.following.failure import FollowStatus
+from planners.following.follow import Followed
+from planners.following.joint_path import JointPath
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases

@@ -18,7 +18,8 @@ import planners.timing._ruckig as ruckig_call
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.types import Array
-from planners import JointPath, Line, MotionLimits, Polyline, Trajectory, certify, follow, make_law
+from planners import Line, MotionLimits, Polyline, Trajectory, certify, follow, make_law
+from planners.following.joint_path import JointPath
 from planners.paths.base import Path
 from planners.timing import base
 from planners.timing import toppra as toppra_law

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
 from optik.errors import InvalidInput, NoSolution
-from planners import JointPath, MotionLimits, Trajectory, laws, make_law
+from planners import MotionLimits, Trajectory, laws, make_law
+from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES
 from planners.timing import optimal
 from planners.timing._optimal import iteration, newton

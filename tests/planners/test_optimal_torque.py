@@ -13,7 +13,8 @@ from optik import Robot
 from optik.errors import NoSolution
 from optik.ik import make_solver
 from optik.types import Array
-from planners import JointPath, Line, MotionLimits, certify, follow
+from planners import Line, MotionLimits, certify, follow
+from planners.following.joint_path import JointPath
 from planners.limits import PathPoints
 from planners.paths.joint_line import JointLine
 from planners.timing._optimal import iteration, limited, newton

@@ -9,9 +9,10 @@ import pytest
 
 import planners
 from optik.errors import InvalidInput
-from planners import JointPath, MotionLimits, TimeLaw, Trajectory
+from planners import MotionLimits, TimeLaw, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.fit import fitted, stretch
+from planners.following.joint_path import JointPath
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_joint_path, paper6r

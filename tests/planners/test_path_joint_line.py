@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.types import Array
-from planners import JointLine, path_of
+from planners import JointLine
+from planners.paths import path_of
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, paper6r

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
-from planners import Curve, Line
+from planners import Line
+from planners.curve import Curve
 from tests import oracles
 from tests.planners import cases
 

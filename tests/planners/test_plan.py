@@ -13,9 +13,7 @@ from optik.arm.library import load
 from optik.errors import InvalidInput, NoSolution, OutputError, UnknownName
 from optik.ik import make_solver
 from planners import (
-    FollowStatus,
     JointLine,
-    JointPath,
     Line,
     MotionLimits,
     Plan,
@@ -28,6 +26,8 @@ from planners import (
     plan,
     replan,
 )
+from planners.following.failure import FollowStatus
+from planners.following.joint_path import JointPath
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_joint_path, default_line, paper6r

@@ -13,8 +13,9 @@ from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.se3 import exp_so3
 from optik.types import Array
-from planners import FollowStatus, Line, follow
+from planners import Line, follow
 from planners.following import smoothing
+from planners.following.failure import FollowStatus
 from planners.following.redundancy import free_motions
 from planners.paths.arc import Arc
 from tests import oracles

@@ -13,10 +13,11 @@ from scipy.spatial import cKDTree
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import JointPath, MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
+from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.curve import composed
 from planners.fit import stretch
+from planners.following.joint_path import JointPath
 from planners.hermite import through
 from planners.limits import PathPoints
 from tests.planners.cases import START, default_line, paper6r

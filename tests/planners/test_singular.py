@@ -13,9 +13,11 @@ from optik import Robot, newton
 from optik.arm.library import load
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
-from planners import Followed, FollowStatus, JointPath, Line, follow
+from planners import Line, follow
 from planners.following import march
-from planners.following.joint_path import SMALL_DEVIATION, deviation_bounds
+from planners.following.failure import FollowStatus
+from planners.following.follow import Followed
+from planners.following.joint_path import SMALL_DEVIATION, JointPath, deviation_bounds
 from tests import oracles
 
 ARMS = ("irb120", "paper6r", "puma560", "kr6")

@@ -13,7 +13,8 @@ from optik.arm.inertia import Inertia
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import JointPath, MotionLimits, Trajectory, plan
+from planners import MotionLimits, Trajectory, plan
+from planners.following.joint_path import JointPath
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_line, paper6r
 

@@ -12,22 +12,11 @@ import optik
 from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import (
-    JointPath,
-    MotionLimits,
-    Plan,
-    TimeLaw,
-    Trajectory,
-    certify,
-    load_motion,
-    make_law,
-    plan,
-    replan,
-    save,
-)
+from planners import MotionLimits, Plan, TimeLaw, Trajectory, certify, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
 from planners.curve import composed
+from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits._torque_rows import torque_rows
 from planners.timing._statics import static_torque
