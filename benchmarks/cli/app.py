@@ -28,15 +28,15 @@ from benchmarks.cli.shared import (
     RobotName,
     StartDeg,
     Tip,
-    arm_of,
     command,
-    either,
     err_console,
-    numbers,
+    load_arm,
+    load_or_error,
     out_console,
     print_json,
     print_start,
-    start_of,
+    read_numbers,
+    read_start,
 )
 from benchmarks.cli.view import view
 from optik.arm.robot import Robot
@@ -95,14 +95,14 @@ def main() -> None:
         err_console.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
     except Exception as error:
-        words = _in_a_plugin(error)
+        words = _describe_plugin_error(error)
         if not words:
             raise
         err_console.print(f"error: {words}", style="red", markup=False, highlight=False, soft_wrap=True)
         sys.exit(2)
 
 
-def _in_a_plugin(error: Exception) -> str:
+def _describe_plugin_error(error: Exception) -> str:
     """Describe the error that a plug-in's file raised on import, with its line; empty for any other error."""
     frames = traceback.extract_tb(error.__traceback__)
     loads = [k for k, frame in enumerate(frames) if frame.filename == files.__file__ and frame.name == "exec_module"]
@@ -120,7 +120,7 @@ def _in_a_plugin(error: Exception) -> str:
 @command(app)
 def robots(as_json: AsJson = False) -> None:
     """List the robots of optik and of installed packages, with the error of each that cannot be loaded."""
-    found = {name: either(optik.load, name) for name in optik.robots()}
+    found = {name: load_or_error(optik.load, name) for name in optik.robots()}
     if as_json:
         print_json([_robot_row(name, robot) for name, robot in found.items()])
         return
@@ -160,8 +160,8 @@ def fk(
     from optik import se3
     from optik.arm.urdf_writer import roll_pitch_yaw
 
-    arm = arm_of(robot, tip, base)
-    values = numbers(q_deg, Q_DEG, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
+    arm = load_arm(robot, tip, base)
+    values = read_numbers(q_deg, Q_DEG, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
     q = arm.configuration(values, Q_DEG) / unit_factors(arm)
     T = arm.fk(q)
     smallest = float(arm.singular_values(q)[-1])
@@ -214,16 +214,16 @@ def ik(
     """
     from optik import se3
 
-    arm = arm_of(robot, tip, base)
-    position = numbers(xyz, "--xyz", 3)
+    arm = load_arm(robot, tip, base)
+    position = read_numbers(xyz, "--xyz", 3)
     if rpy_deg.strip() and quat.strip():
         raise InvalidInput("--quat", f"{quat} together with --rpy-deg {rpy_deg}", "either --quat or --rpy-deg")
-    q0, words = start_of(arm, robot, start_deg)
+    q0, words = read_start(arm, robot, start_deg)
     R = arm.fk(q0)[:3, :3]
     if rpy_deg.strip():
-        R = se3.from_xyz_rpy((0, 0, 0), numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
+        R = se3.from_xyz_rpy((0, 0, 0), read_numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
     if quat.strip():
-        R = se3.from_quaternion(numbers(quat, "--quat", 4), "--quat")
+        R = se3.from_quaternion(read_numbers(quat, "--quat", 4), "--quat")
     if task not in TASKS:
         raise InvalidInput("--task", task, f"one of: {', '.join(TASKS)}")
     result = optik.solve_ik(arm, se3.pose(R, position), q0, solver, max_restarts=restarts, task=task, closest=closest)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from benchmarks.cli.reports import add_reports, bench_report
 from benchmarks.cli.running import AllowPlugins, Dask, PartTimeout, Workers, run_with_progress
-from benchmarks.cli.shared import AsJson, command, either, err_console, out_console, print_json
+from benchmarks.cli.shared import AsJson, command, err_console, load_or_error, out_console, print_json
 from benchmarks.cli.suites import add_suites
 
 DEMO_WORKERS = min(2, os.cpu_count() or 1)
@@ -31,7 +31,7 @@ def bench_list(as_json: AsJson = False) -> None:
     from benchmarks.suite import SUITES, load_suite
     from optik.registry import names
 
-    found = {name: either(load_suite, name) for name in names(SUITES)}
+    found = {name: load_or_error(load_suite, name) for name in names(SUITES)}
     if as_json:
         print_json([_suite_row(name, suite) for name, suite in found.items()])
         return

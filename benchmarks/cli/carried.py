@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import optik
-from benchmarks.cli.shared import numbers
+from benchmarks.cli.shared import read_numbers
 from optik.errors import InvalidInput
 
 TORQUE_UNITS = {"torque": "[N·m, sliding N]", "torque_rate": "[N·m/s, sliding N/s]"}
@@ -15,7 +15,7 @@ MASS = "a mass [kg] such as 3, or an interval such as 0:3"
 """Values of ``--payload``."""
 
 
-def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
+def add_payload(arm: optik.Robot, payload: str | None) -> optik.Robot:
     """Return the arm with the typed payload."""
     if payload is None:
         return arm
@@ -33,7 +33,7 @@ def carrying(arm: optik.Robot, payload: str | None) -> optik.Robot:
         raise InvalidInput("--payload", error.got, error.expected) from None
 
 
-def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any:
+def read_torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any:
     """Read a typed limit on torques or torque rates."""
     option = f"--{name.replace('_', '-')}"
     if text is None:
@@ -46,7 +46,7 @@ def torque_limit(arm: optik.Robot, name: str, text: str | None, own: Any) -> Any
             raise InvalidInput(option, f"robot, but {arm.name} has no such limit", wanted)
         return own
     try:
-        values = numbers(text, option)
+        values = read_numbers(text, option)
     except InvalidInput:
         values = []
     if len(values) not in (1, arm.n):

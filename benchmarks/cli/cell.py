@@ -13,19 +13,19 @@ from rich.markup import escape
 from rich.table import Table
 
 import optik
-from benchmarks.cli.planning import Wish, limits_of
+from benchmarks.cli.planning import PlanOptions, read_limits
 from benchmarks.cli.shared import (
     NUMBERS,
     AsJson,
     RobotName,
     StartDeg,
-    arm_of,
     err_console,
-    numbers,
+    load_arm,
     out_console,
     print_json,
     print_start,
-    start_of,
+    read_numbers,
+    read_start,
 )
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
@@ -104,14 +104,14 @@ def cell(
     _check_counts(seed, corrections, readings)
     if out.suffix.lower() != ".html":
         raise InvalidInput("--out", str(out), "a name that ends in .html")
-    law, arm = make_law(timing), arm_of(robot)
-    (q, words), (chosen, why) = start_of(arm, robot, start_deg), drive_of(drive)
-    point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(numbers(spot, "--spot", 3))
+    law, arm = make_law(timing), load_arm(robot)
+    (q, words), (chosen, why) = read_start(arm, robot, start_deg), choose_drive(drive)
+    point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(read_numbers(spot, "--spot", 3))
     if not np.isfinite(point).all():
         raise InvalidInput("--spot", spot, "three finite numbers [m]")
-    laser = known_to(unit_of(arm, point, noise), miscalibration)
-    limits = limits_of(arm, Wish(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
-    there = Cell(arm, laser, chosen, limits, unit=moved_of(laser, miscalibration, seed), seed=seed, q=q)
+    laser = add_pose_covariance(make_laser(arm, point, noise), miscalibration)
+    limits = read_limits(arm, PlanOptions(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
+    there = Cell(arm, laser, chosen, limits, unit=displace_laser(laser, miscalibration, seed), seed=seed, q=q)
     outcome = there.move_to_spot(
         there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
         timing=law, solver=solver,
@@ -134,7 +134,7 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
     """Write page and data and print the outcome; exit with status 1 if the tool did not arrive."""
     from optik.file_io import write_atomically
 
-    page = page_of(outcome, out)
+    page = write_task_page(outcome, out)
     data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
     file = out.with_suffix(".json")
     write_atomically(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
@@ -156,12 +156,12 @@ def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> 
 # ---------------------------------------------------------------- the cell
 
 
-def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
+def make_laser(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     """Return the laser unit: beside the arm's base, level, facing the spot."""
     from optik import se3
     from planners.cell import PanTiltLaser
 
-    angle, distance = numbers(noise, "--noise", 2)
+    angle, distance = read_numbers(noise, "--noise", 2)
     if not (0.0 <= angle < np.inf and 0.0 <= distance < np.inf):
         raise InvalidInput("--noise", noise, "two numbers of 0 or more: pan and tilt [mrad], range [mm]")
     up = -np.asarray(arm.gravity) / np.linalg.norm(arm.gravity)
@@ -174,7 +174,7 @@ def unit_of(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
-def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
+def add_pose_covariance(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
     """Return the calibrated unit, with a covariance of its pose that matches the miscalibration in every direction."""
     away = np.repeat(1e-3 * np.array(_away(typed)), 3)
     return laser.with_pose(laser.pose, np.diag(away**2 / 3.0)) if away.any() else laser
@@ -182,13 +182,13 @@ def known_to(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
 
 def _away(typed: str) -> tuple[float, float]:
     """Return the distance of the true unit from the calibrated one [mm, mrad]."""
-    far, turned = numbers(typed, "--miscalibration", 2)
+    far, turned = read_numbers(typed, "--miscalibration", 2)
     if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
         raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: distance [mm], angle [mrad]")
     return far, turned
 
 
-def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
+def displace_laser(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     """Return the true unit, displaced from its calibrated pose in a random direction."""
     from optik import se3
 
@@ -200,7 +200,7 @@ def moved_of(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
     return laser.with_pose(pose)
 
 
-def drive_of(typed: str) -> tuple[str, str]:
+def choose_drive(typed: str) -> tuple[str, str]:
     """Return the drive's name, and a phrase that describes it."""
     simulated = {
         "ideal": "on the ideal drive, which follows its set-points exactly",
@@ -218,7 +218,7 @@ def drive_of(typed: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- what it says
 
 
-def page_of(outcome: Outcome, file: Path) -> Path | None:
+def write_task_page(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task."""
     from planners.cell.view.page import write_page
     from planners.cell.view.show import show_outcome

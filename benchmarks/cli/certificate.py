@@ -13,7 +13,7 @@ EXACT_EXCESS = 5e-13
 """Excess over a limit [1] that is not shown: the rounding of exact extrema."""
 
 
-def much(ratio: float) -> str:
+def format_excess(ratio: float) -> str:
     """Describe by how much a ratio to a limit exceeds 1."""
     if not np.isfinite(ratio):
         return "unbounded"
@@ -27,9 +27,9 @@ def format_ratio(ratio: float) -> str:
     return f"{ratio:.9g}" if EXACT_EXCESS < ratio - 1.0 < 5e-3 else f"{ratio:.3g}"
 
 
-def effort_words(planned: Any) -> str:
+def describe_effort(plan: Any) -> str:
     """Describe the mass model of a plan, its energy and its power."""
-    proof, payload = planned.certificate, planned.robot.payload
+    proof, payload = plan.certificate, plan.robot.payload
     load = "without payload" if payload is None else f"with {payload}"
     words = (
         f"for this mass model, {load}: energy {proof.energy.net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
@@ -37,7 +37,7 @@ def effort_words(planned: Any) -> str:
     )
     if proof.friction_steps:
         most = max(proof.friction_steps, key=lambda step: step.size)
-        unit = "N" if planned.robot.prismatic[planned.robot.joint_names.index(most.joint)] else "N·m"
+        unit = "N" if plan.robot.prismatic[plan.robot.joint_names.index(most.joint)] else "N·m"
         steps = f"which steps {len(proof.friction_steps)} times by up to {most.size:.3g} {unit}"
         words += f"; torque rates exclude Coulomb friction, {steps}"
     return words
@@ -53,7 +53,7 @@ SMOOTH = {
 """Meaning of `Certificate.continuous`."""
 
 
-def clearance_line(found: Any) -> str:
+def describe_clearance(found: Any) -> str:
     """Describe the least distances to the scene and between links."""
     lines = []
     for words, kind in (("to the scene", found.scene), ("between links", found.own)):
@@ -67,15 +67,15 @@ def clearance_line(found: Any) -> str:
     )
 
 
-def print_certificate(planned: Any) -> None:
+def print_certificate(plan: Any) -> None:
     """Print a plan's certificate."""
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
-    proof, off = planned.certificate, planned.certificate.path_error
-    way = f"{1e3 * planned.path.end:.1f} mm" if planned.path.unit == "m" else f"{planned.path.end:.4g} rad"
+    proof, off = plan.certificate, plan.certificate.path_error
+    way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{plan.path.end:.4g} rad"
     table = Table(
         "", "peak / limit", "joint", "time, s", "enforced",
-        title=f"{planned.solver} + {planned.law}: {way} in {proof.duration:.4f} s",
+        title=f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s",
     )  # fmt: skip
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)
@@ -92,21 +92,21 @@ def print_certificate(planned: Any) -> None:
         highlight=False,
     )
     if proof.energy is not None:
-        out_console.print(effort_words(planned), highlight=False)
+        out_console.print(describe_effort(plan), highlight=False)
     if proof.clearance is not None:
-        out_console.print(clearance_line(proof.clearance), highlight=False)
-    if planned.slowed > 1.0:
-        stretch = 100.0 * (planned.slowed - 1.0)
+        out_console.print(describe_clearance(proof.clearance), highlight=False)
+    if plan.slowed > 1.0:
+        stretch = 100.0 * (plan.slowed - 1.0)
         out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits", highlight=False)
     beyond = [f for f in ALL_LIMITS if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
-        words = ", ".join(f"{f.replace('_', ' ')} {much(proof.worst(f)[0])}" for f in beyond)
-        out_console.print(f"exceeded, since not enforced by {planned.law}: {words}", style="yellow", highlight=False)
+        words = ", ".join(f"{f.replace('_', ' ')} {format_excess(proof.worst(f)[0])}" for f in beyond)
+        out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow", highlight=False)
     if proof.is_valid:
         kept = (
             "every limit that the law enforces is respected at every instant"
             if proof.enforced
-            else f"joint ranges and path are respected; {planned.law} enforces no other limit"
+            else f"joint ranges and path are respected; {plan.law} enforces no other limit"
         )
         out_console.print(f"certificate valid: {kept}", style="green", highlight=False)
     else:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 import optik
-from benchmarks.cli.kernels import shipped_words
+from benchmarks.cli.kernels import describe_shipped
 from benchmarks.cli.shared import AsJson, out_console, print_json
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import missing, version_of
@@ -127,7 +127,7 @@ def _cache() -> Iterator[Row]:
         yield Row("compiled code", "cache", "problem", words)
     else:
         yield Row("compiled code", "cache", "usable", place)
-    words = shipped_words()
+    words = describe_shipped()
     yield Row("compiled code", "shipped", "usable" if words.endswith(" used") else "absent", words)
 
 

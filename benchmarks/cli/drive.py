@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from benchmarks.cli.shared import Allowed, AsJson, allowed_words, err_console, out_console, print_json
+from benchmarks.cli.shared import Allowed, AsJson, err_console, out_console, print_json, read_allowed
 from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
@@ -34,7 +34,7 @@ JointNames = Annotated[
 ]
 
 
-class Reached(NamedTuple):
+class RosOptions(NamedTuple):
     """Typed options of the connection to a controller of ROS 2; None for defaults."""
 
     url: str | None = None
@@ -65,27 +65,27 @@ def drive(
     motion, or if the check without --execute passed. It is 1 if the arm was stopped, also by a fault, or the motion was
     refused.
     """
-    reached = Reached(url, via, action, states, joint_names)
+    ros = RosOptions(url, via, action, states, joint_names)
     if out is not None and out.suffix.lower() != ".json":
         raise InvalidInput("--out", str(out), "a name that ends in .json")
     if out is not None and out.resolve() == plan.resolve():
         raise InvalidInput("--out", str(out), "a file other than the motion's")
-    if on != "ros" and reached != Reached():
+    if on != "ros" and ros != RosOptions():
         raise InvalidInput("--on", on, "--on ros with --url, --via, --action, --states and --joint-names")
-    from benchmarks.cli.view import stored
+    from benchmarks.cli.view import read_motion
     from planners.cell.stored import restore_plan
 
     if stop is not None and not (np.isfinite(stop) and stop >= 0.0):
         raise InvalidInput("--stop", stop, "a time of at least 0 s")
-    options: dict[str, Any] = {"stop": stop, "allow": allowed_words(allow)}
-    planned = restore_plan(stored(plan), solver=solver, allow=options["allow"])
-    run = partial(_through_ros, reached=reached) if on == "ros" else partial(_simulated, on=on)
+    options: dict[str, Any] = {"stop": stop, "allow": read_allowed(allow)}
+    planned = restore_plan(read_motion(plan), solver=solver, allow=options["allow"])
+    run = partial(_through_ros, ros=ros) if on == "ros" else partial(_simulated, on=on)
     executed = run(planned, execute=execute, options=options)
-    _say(executed, out, as_json)
+    _report(executed, out, as_json)
     raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
 
 
-def _say(executed: Execution, out: Path | None, as_json: bool) -> None:
+def _report(executed: Execution, out: Path | None, as_json: bool) -> None:
     """Write and print an execution."""
     data = execution_data(executed)
     if out is not None:
@@ -110,27 +110,25 @@ def _simulated(planned: Plan, *, on: str, execute: bool, options: dict[str, Any]
     return make_drive(on, planned.robot).execute(planned, **options)
 
 
-def _through_ros(planned: Plan, *, reached: Reached, execute: bool, options: dict[str, Any]) -> Execution:
+def _through_ros(planned: Plan, *, ros: RosOptions, execute: bool, options: dict[str, Any]) -> Execution:
     """Check the motion against the state of the arm; send it with `execute`."""
     from planners.cell.drives.ros import RosDrive
     from planners.ros.rclpy import RclpyTransport
     from planners.ros.rosbridge import URL, RosbridgeTransport
 
-    topics: dict[str, Any] = {"action": reached.action, "states": reached.states}
+    topics: dict[str, Any] = {"action": ros.action, "states": ros.states}
     topics = {key: value for key, value in topics.items() if value is not None}
-    if reached.via not in ("rosbridge", "rclpy"):
-        raise InvalidInput("--via", reached.via, "rosbridge or rclpy")
-    if reached.via == "rclpy" and reached.url is not None:
-        raise InvalidInput("--url", reached.url, "no --url with --via rclpy, which finds the controller by its name")
+    if ros.via not in ("rosbridge", "rclpy"):
+        raise InvalidInput("--via", ros.via, "rosbridge or rclpy")
+    if ros.via == "rclpy" and ros.url is not None:
+        raise InvalidInput("--url", ros.url, "no --url with --via rclpy, which finds the controller by its name")
     written = None
-    if reached.joint_names is not None:
-        given = [name.strip() for name in reached.joint_names.split(",")]
+    if ros.joint_names is not None:
+        given = [name.strip() for name in ros.joint_names.split(",")]
         if len(set(given)) != planned.robot.n or len(given) != planned.robot.n:
-            raise InvalidInput(
-                "--joint-names", reached.joint_names, f"{planned.robot.n} different names, comma separated"
-            )
+            raise InvalidInput("--joint-names", ros.joint_names, f"{planned.robot.n} different names, comma separated")
         written = dict(zip(planned.robot.joint_names, given, strict=True))
-    transport = RclpyTransport(**topics) if reached.via == "rclpy" else RosbridgeTransport(reached.url or URL, **topics)
+    transport = RclpyTransport(**topics) if ros.via == "rclpy" else RosbridgeTransport(ros.url or URL, **topics)
     with transport:
         drive = RosDrive(planned.robot, transport, execute=execute, joint_names=written)
         return drive.execute(planned, **options)
@@ -149,7 +147,7 @@ def print_execution(done: Execution) -> None:
             out_console.print(words, highlight=False, markup=False, soft_wrap=True)
     if done.motion is not None:
         _print_joints(done)
-        distance, angle = tool_error(done)
+        distance, angle = compute_tool_error(done)
         out_console.print(
             f"executed {done.t[-1]:.3f} s of a motion of {done.motion.end:.3f} s; {done.late} late ticks; final tool error "
             f"{_small(1e3 * distance)} mm, {_small(np.degrees(angle))}°",
@@ -169,7 +167,7 @@ def _print_joints(done: Execution) -> None:
     robot, bound = done.robot, done.plan.certificate.torque.value
     title = "" if done.torque is None else "peak torque and the certificate's bound for the planned motion"
     table = Table("joint", "largest tracking error", title=title)
-    columns = [np.abs(tracking(done)).max(axis=0) * unit_factors(robot)]
+    columns = [np.abs(compute_tracking_error(done)).max(axis=0) * unit_factors(robot)]
     if done.torque is not None:
         table.add_column("peak torque")
         table.add_column("certified bound")
@@ -185,14 +183,14 @@ def _print_joints(done: Execution) -> None:
     out_console.print(table)
 
 
-def tracking(done: Execution) -> Any:
+def compute_tracking_error(done: Execution) -> Any:
     """Return the joint positions of the arm minus those of the motion that was sent (k, n) [rad, m]."""
     assert done.motion is not None and done.setpoints is not None
     sent = done.t <= done.setpoints.t[-1]
     return done.q[sent] - done.motion(np.minimum(done.t[sent], done.motion.end))
 
 
-def tool_error(done: Execution) -> tuple[float, float]:
+def compute_tool_error(done: Execution) -> tuple[float, float]:
     """Return the distance [m] and angle [rad] of the tool from the end of the motion."""
     from optik import se3
 
@@ -223,11 +221,11 @@ def execution_data(done: Execution) -> dict[str, Any]:
         "torque": None if done.torque is None else _plain(done.torque),
     }
     if done.motion is not None and done.setpoints is not None:
-        distance, angle = tool_error(done)
+        distance, angle = compute_tool_error(done)
         data |= {
             "duration": done.motion.end,
             "setpoints": {"t": done.setpoints.t.tolist(), "q": _plain(done.setpoints.q)},
-            "tracking": _plain(np.abs(tracking(done)).max(axis=0)),
+            "tracking": _plain(np.abs(compute_tracking_error(done)).max(axis=0)),
             "tool_error": {"distance": _plain(np.array(distance)), "angle": _plain(np.array(angle))},
         }
     return data

@@ -39,7 +39,7 @@ def kernels(
         raise InvalidInput("--native", "--native alone", "--compile --native")
     if compile_:
         _compile(jobs, {"OPTIK_COMPILES": "native"} if native else {})
-    words, rows = shipped_words(), list(_list_cached())
+    words, rows = describe_shipped(), list(_list_cached())
     if as_json:
         print_json({"shipped": words, "kernels": _names(), "cached": [row._asdict() for row in rows]})
         return
@@ -71,7 +71,7 @@ def _compile(jobs: int, environment: dict[str, str]) -> None:
         raise NoSolution("; ".join(f"{part}: {words}" for part, words in failed.items()))
 
 
-def shipped_words() -> str:
+def describe_shipped() -> str:
     """Describe the shipped kernels, and whether they are used here."""
     shipped = archive.open_archive()
     if isinstance(shipped, str):
@@ -97,7 +97,7 @@ def _names() -> dict[str, str]:
 
 def _list_cached() -> Iterator[Row]:
     """Yield every kernel in the cache, of any processor and any version of its source."""
-    names, words = _names(), shipped_words()
+    names, words = _names(), describe_shipped()
     known, used = set(names.values()), words.endswith(" used")
     for folder in sorted(_folders()):
         for file in sorted(folder.glob("*.nbk")):

@@ -10,8 +10,8 @@ import numpy as np
 import typer
 
 import optik
-from benchmarks.cli.planning import plan_app, planning
-from benchmarks.cli.shared import NUMBERS, configuration, numbers
+from benchmarks.cli.planning import plan_app, plan_command
+from benchmarks.cli.shared import NUMBERS, read_configuration, read_numbers
 from optik.errors import InvalidInput
 from optik.registry import names
 
@@ -21,7 +21,7 @@ PLACE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles t
 """Syntax of a pose, for the help of several options."""
 
 
-@planning("line")
+@plan_command("line")
 def plan_line(
     arm: optik.Robot,
     q: Any,
@@ -44,14 +44,14 @@ def plan_line(
     from optik import se3
 
     start = arm.fk(q)
-    turn = numbers(turn_deg, "--turn-deg", 3)
+    turn = read_numbers(turn_deg, "--turn-deg", 3)
     if np.linalg.norm(turn) > 180.0:
         raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
-    goal = se3.pose(se3.exp_so3(np.deg2rad(turn)) @ start[:3, :3], start[:3, 3] + numbers(move, "--move", 3))
+    goal = se3.pose(se3.exp_so3(np.deg2rad(turn)) @ start[:3, :3], start[:3, 3] + read_numbers(move, "--move", 3))
     return planners.Line(start, goal)
 
 
-@planning("arc")
+@plan_command("arc")
 def plan_arc(
     arm: optik.Robot,
     q: Any,
@@ -72,11 +72,11 @@ def plan_arc(
         raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
     if centre:
         angle = float(np.deg2rad(angle_deg))
-        return planners.Arc.about(start, numbers(centre, "--centre", 3), numbers(axis, "--axis", 3), angle)
-    return planners.Arc.through(start, numbers(via, "--via", 3), place(to, "--to", start))
+        return planners.Arc.about(start, read_numbers(centre, "--centre", 3), read_numbers(axis, "--axis", 3), angle)
+    return planners.Arc.through(start, read_numbers(via, "--via", 3), read_pose(to, "--to", start))
 
 
-@planning("polyline")
+@plan_command("polyline")
 def plan_polyline(
     arm: optik.Robot,
     q: Any,
@@ -107,11 +107,11 @@ def plan_polyline(
         return planners.Polyline.from_csv(waypoints, orientation=arm.fk(q)[:3, :3], blend=blend)
     poses = [arm.fk(q)]
     for text in via or ():
-        poses.append(place(text, "--via", poses[-1]))
+        poses.append(read_pose(text, "--via", poses[-1]))
     return planners.Polyline(np.stack(poses), blend=blend)
 
 
-@planning("joints")
+@plan_command("joints")
 def plan_joints(
     arm: optik.Robot,
     q: Any,
@@ -120,10 +120,10 @@ def plan_joints(
     """Plan and certify a motion to another configuration, straight in joint space."""
     import planners
 
-    return planners.JointLine(arm, q, configuration(arm, to_deg, "--to-deg"))
+    return planners.JointLine(arm, q, read_configuration(arm, to_deg, "--to-deg"))
 
 
-@planning("path")
+@plan_command("path")
 def plan_path(
     arm: optik.Robot,
     q: Any,
@@ -140,10 +140,10 @@ def plan_path(
     """
     import planners
 
-    return planners.make_path(path, arm, **({"start": arm.fk(q).tolist()} | settings_of(set_ or [])))
+    return planners.make_path(path, arm, **({"start": arm.fk(q).tolist()} | read_settings(set_ or [])))
 
 
-def settings_of(texts: list[str]) -> dict[str, Any]:
+def read_settings(texts: list[str]) -> dict[str, Any]:
     """Read KEY=VALUE pairs; a value is TOML (numbers, lists, true), otherwise text."""
     found: dict[str, Any] = {}
     for text in texts:
@@ -157,9 +157,9 @@ def settings_of(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def place(text: str, option: str, before: Any) -> Any:
+def read_pose(text: str, option: str, before: Any) -> Any:
     """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
     from optik import se3
 
-    values = numbers(text, option, 3, 6)
+    values = read_numbers(text, option, 3, 6)
     return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)

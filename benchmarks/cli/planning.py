@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 import optik
-from benchmarks.cli.carried import carrying, torque_limit
+from benchmarks.cli.carried import add_payload, read_torque_limit
 from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.shared import (
     NUMBERS,
@@ -25,15 +25,15 @@ from benchmarks.cli.shared import (
     RobotName,
     StartDeg,
     Tip,
-    allowed_words,
-    arm_of,
     err_console,
-    listed,
-    numbers,
+    format_numbers,
+    load_arm,
     out_console,
     print_json,
     print_start,
-    start_of,
+    read_allowed,
+    read_numbers,
+    read_start,
 )
 from optik.arm.units import unit_factors
 from optik.check import check_number
@@ -56,7 +56,7 @@ FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class PlanOptions:
     """Options of all commands of `optik plan`."""
 
     start_deg: StartDeg = ""
@@ -143,23 +143,23 @@ class Wish:
     as_json: AsJson = False
 
 
-def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
-    """Return a decorator that makes a function that builds a path a command of `optik plan`, with the options of `Wish`."""
-    wished = {field.name: field for field in fields(Wish)}
-    hints = get_type_hints(Wish, include_extras=True)
+def plan_command(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Return a decorator that adds a command to `optik plan`: it plans the path that the decorated function builds."""
+    named = {field.name: field for field in fields(PlanOptions)}
+    hints = get_type_hints(PlanOptions, include_extras=True)
 
     def register(build: Callable[..., Any]) -> Callable[..., None]:
         own = [p for p in signature(build, eval_str=True).parameters.values() if p.name not in ("arm", "q")]
 
         def run(**given: Any) -> None:
-            wish = Wish(**{key: given.pop(key) for key in wished})
-            arm = carrying(arm_of(wish.robot, wish.tip, wish.base, wish.package_dir), wish.payload)
-            q, words = start_of(arm, wish.robot, wish.start_deg)
-            planned(arm, build(arm, q, **given), q, wish, words)
+            options = PlanOptions(**{key: given.pop(key) for key in named})
+            arm = add_payload(load_arm(options.robot, options.tip, options.base, options.package_dir), options.payload)
+            q, words = read_start(arm, options.robot, options.start_deg)
+            run_plan(arm, build(arm, q, **given), q, options, words)
 
         shared = [
             Parameter(key, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[key])
-            for key, field in wished.items()
+            for key, field in named.items()
         ]
         parameters = [*(p.replace(kind=Parameter.KEYWORD_ONLY) for p in own), *shared]
         run.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # typer makes the options from it
@@ -170,76 +170,80 @@ def planning(name: str) -> Callable[[Callable[..., Any]], Callable[..., None]]:
     return register
 
 
-def planned(arm: optik.Robot, path: Any, q: Any, wish: Wish, words: str = "") -> None:
+def run_plan(arm: optik.Robot, path: Any, q: Any, options: PlanOptions, words: str = "") -> None:
     """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
     import planners
     from planners.certificate.validity import find_forbidden
     from planners.certificate.violation import LIMIT_WORDS, words_for
 
-    check_out(wish)
-    allow = allowed_words(wish.allow)
-    law = planners.make_law(wish.timing)
+    check_out(options)
+    allow = read_allowed(options.allow)
+    law = planners.make_law(options.timing)
     plan = planners.plan(
-        arm, path, q, solver=wish.solver, timing=law, limits=limits_of(arm, wish, law), samples=wish.samples,
-        branch=wish.branch or branch_from(arm, path, q), duration=wish.duration, strict=wish.strict, scene=scene_of(arm, wish),
-        allow=[word for word in allow if word in LIMIT_WORDS],
+        arm, path, q, solver=options.solver, timing=law, limits=read_limits(arm, options, law), samples=options.samples,
+        branch=options.branch or choose_branch(arm, path, q), duration=options.duration, strict=options.strict,
+        scene=load_scene(arm, options), allow=[word for word in allow if word in LIMIT_WORDS],
     )  # fmt: skip
     refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
     valid = plan.has_motion and not refused
-    if valid and wish.out is not None:
-        if wish.out.suffix.lower() in ROS and wish.format is None:
-            planners.to_ros(plan, wish.out, rate=wish.rate, allow=allow)
+    if valid and options.out is not None:
+        if options.out.suffix.lower() in ROS and options.format is None:
+            planners.to_ros(plan, options.out, rate=options.rate, allow=allow)
         else:
-            plan.save(wish.out, format=wish.format, rate=wish.rate, allow=allow)
-    if not valid and wish.out_failed is not None:
-        write_failed(plan, wish.out_failed)
+            plan.save(options.out, format=options.format, rate=options.rate, allow=allow)
+    if not valid and options.out_failed is not None:
+        write_failed(plan, options.out_failed)
     print_start(words)
-    if wish.as_json:
+    if options.as_json:
         print_json(plan.to_dict())
         raise typer.Exit(0 if valid else 1)
     print_certificate(plan)  # raises NoSolution with the reason where there is no motion
     if not valid:
         words = ",".join(words_for(refused, allow))
         out_console.print(
-            f"not written; --allow {words} permits this motion" if wish.out else f"--allow {words} permits this motion",
+            f"not written; --allow {words} permits this motion"
+            if options.out
+            else f"--allow {words} permits this motion",
             highlight=False,
         )
         raise typer.Exit(1)
     begin = plan.trajectory(0.0)
     if np.abs(begin - q).max() > SILENT_START:
-        out_console.print(f"start of the motion: --start-deg {listed(begin * unit_factors(arm))}", highlight=False)
-    if wish.out is not None:
-        out_console.print(f"written to {wish.out}", highlight=False)
+        out_console.print(
+            f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}", highlight=False
+        )
+    if options.out is not None:
+        out_console.print(f"written to {options.out}", highlight=False)
 
 
-def branch_from(arm: optik.Robot, path: Any, q: Any) -> str:
+def choose_branch(arm: optik.Robot, path: Any, q: Any) -> str:
     """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
     from planners.following.follow import START_TOLERANCE
 
     return "start" if np.abs(arm.pose_errors(q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
-def check_out(wish: Wish) -> None:
+def check_out(options: PlanOptions) -> None:
     """Check before planning that the motion can be written in the requested format."""
-    if wish.out_failed is not None and wish.out_failed.suffix.lower() != ".json":
-        raise InvalidInput("--out-failed", str(wish.out_failed), "a name that ends in .json")
-    if wish.rate is not None:
-        check_number(wish.rate, "--rate", "points per second, above 0", above=0.0)
-        if wish.out is None or wish.out.suffix.lower() not in (*ROS, ".csv"):
+    if options.out_failed is not None and options.out_failed.suffix.lower() != ".json":
+        raise InvalidInput("--out-failed", str(options.out_failed), "a name that ends in .json")
+    if options.rate is not None:
+        check_number(options.rate, "--rate", "points per second, above 0", above=0.0)
+        if options.out is None or options.out.suffix.lower() not in (*ROS, ".csv"):
             raise InvalidInput(
                 "--rate",
-                f"{wish.rate:g} with --out {wish.out}" if wish.out else f"{wish.rate:g} without --out",
+                f"{options.rate:g} with --out {options.out}" if options.out else f"{options.rate:g} without --out",
                 "--out FILE.yaml or FILE.csv with it",
             )
-    if wish.format is not None:
-        if wish.out is None:
-            raise InvalidInput("--format", wish.format, "--out FILE with it")
-        load_method("planners.files", wish.format, "file format")
-    elif wish.out is not None:
+    if options.format is not None:
+        if options.out is None:
+            raise InvalidInput("--format", options.format, "--out FILE with it")
+        load_method("planners.files", options.format, "file format")
+    elif options.out is not None:
         known = [f".{name}" for name in names("planners.files")]
-        if wish.out.suffix.lower() not in (*known, *ROS):
+        if options.out.suffix.lower() not in (*known, *ROS):
             expected = f"a name that ends in {', '.join((*known, *ROS))}, or --format with it"
-            raise InvalidInput("--out", str(wish.out), expected)
+            raise InvalidInput("--out", str(options.out), expected)
 
 
 def write_failed(plan: Any, file: Path) -> None:
@@ -252,35 +256,37 @@ def write_failed(plan: Any, file: Path) -> None:
     err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 
 
-def scene_of(arm: optik.Robot, wish: Wish) -> Any:
+def load_scene(arm: optik.Robot, options: PlanOptions) -> Any:
     """Return the scene of ``--scene``."""
-    if wish.margin is not None and not wish.margin >= 0.0:
-        raise InvalidInput("--margin", wish.margin, "a distance of 0 or more [m]")
-    if wish.scene is None:
-        if wish.margin is not None:
-            raise InvalidInput("--margin", f"{wish.margin:g} without --scene", "--scene FILE or --scene self with it")
+    if options.margin is not None and not options.margin >= 0.0:
+        raise InvalidInput("--margin", options.margin, "a distance of 0 or more [m]")
+    if options.scene is None:
+        if options.margin is not None:
+            raise InvalidInput(
+                "--margin", f"{options.margin:g} without --scene", "--scene FILE or --scene self with it"
+            )
         return None
     if arm.shapes is None:
         expected = "an arm whose file has shapes"
-        if split_links(wish.robot)[0].lower().endswith((".urdf", ".xml")):
-            typed = f"--robot '{wish.robot}{'&' if '#' in wish.robot else '#'}shapes=yes'"
+        if split_links(options.robot)[0].lower().endswith((".urdf", ".xml")):
+            typed = f"--robot '{options.robot}{'&' if '#' in options.robot else '#'}shapes=yes'"
             expected = f"its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
-        raise InvalidInput("--scene", f"{wish.scene} for {arm.name}, which has no shapes", expected)
-    scene = optik.Scene() if wish.scene == "self" else optik.Scene.load(wish.scene)
-    return scene if wish.margin is None else replace(scene, margin=wish.margin)
+        raise InvalidInput("--scene", f"{options.scene} for {arm.name}, which has no shapes", expected)
+    scene = optik.Scene() if options.scene == "self" else optik.Scene.load(options.scene)
+    return scene if options.margin is None else replace(scene, margin=options.margin)
 
 
-def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
+def read_limits(arm: optik.Robot, options: PlanOptions, law: Any) -> Any:
     """Return the typed limits, and the robot's own for the others."""
     import planners
 
     own = planners.MotionLimits.of(arm)
     joints = ("velocity", "acceleration", "jerk")
-    typed: dict[str, Any] = {f: getattr(wish, f) for f in joints if getattr(wish, f) is not None}
+    typed: dict[str, Any] = {f: getattr(options, f) for f in joints if getattr(options, f) is not None}
     for field, value in typed.items():
         check_number(value, f"--{field}", "a limit above 0", above=0.0)
-    torques = {f: torque_limit(arm, f, getattr(wish, f), getattr(own, f)) for f in ("torque", "torque_rate")}
-    speeds = {f: _speeds(getattr(wish, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
+    torques = {f: read_torque_limit(arm, f, getattr(options, f), getattr(own, f)) for f in ("torque", "torque_rate")}
+    speeds = {f: _speeds(getattr(options, f), f"--{f.replace('_', '-')}") for f in ("tool_speed", "rotation_speed")}
     limits = planners.MotionLimits.of(arm, **typed, **torques, **speeds)
     by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
     for field in joints:
@@ -289,7 +295,7 @@ def limits_of(arm: optik.Robot, wish: Wish, law: Any) -> Any:
             raise InvalidInput(
                 f"--{field}",
                 missing,
-                f"a {field} limit for {short_name(wish.timing)}, such as --{field} {TYPICAL[field]}",
+                f"a {field} limit for {short_name(options.timing)}, such as --{field} {TYPICAL[field]}",
             )
     return limits
 
@@ -298,5 +304,5 @@ def _speeds(text: str | None, option: str) -> Any:
     """Return one number or several; None for an option that was not typed."""
     if text is None:
         return None
-    found = numbers(text, option)
+    found = read_numbers(text, option)
     return found if len(found) > 1 else found[0]

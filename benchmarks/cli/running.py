@@ -65,7 +65,7 @@ def run_with_progress(
         with _progress() as tell:
             folder = run_suite(
                 asked, out, workers=workers, command=command, dask=dask, part_timeout=part_timeout,
-                progress=_begun(tell, out),
+                progress=_announce_once(tell, out),
             )  # fmt: skip
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to stop
@@ -108,7 +108,7 @@ def _has_port(address: str) -> bool:
 # ---------------------------------------------------------------- progress
 
 
-def _begun(tell: Tell, out: Path) -> Tell:
+def _announce_once(tell: Tell, out: Path) -> Tell:
     """Return a callback that first prints how to resume: a method may kill the process without a message."""
     said = False
 

@@ -85,7 +85,9 @@ def command(group: typer.Typer, name: str | None = None, **settings: Any) -> Cal
     return group.command(name, cls=NumbersCommand, **settings)
 
 
-def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_dir: str | None = None) -> optik.Robot:
+def load_arm(
+    robot: str, tip: str | None = None, base: str | None = None, package_dir: str | None = None
+) -> optik.Robot:
     """Load a robot by its name or from a file."""
     if package_dir is not None:
         path, options = split_links(robot)
@@ -95,7 +97,7 @@ def arm_of(robot: str, tip: str | None = None, base: str | None = None, package_
     return optik.load(robot, tip=tip, base=base)
 
 
-def either(load: Callable[[str], Any], name: str) -> Any:
+def load_or_error(load: Callable[[str], Any], name: str) -> Any:
     """Load a named object, or return the error: a broken plug-in must not prevent a list of the others."""
     try:
         return load(name)
@@ -103,7 +105,7 @@ def either(load: Callable[[str], Any], name: str) -> Any:
         return error
 
 
-def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
+def read_allowed(texts: list[str] | None) -> tuple[str, ...]:
     """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
     from planners.certificate.violation import check_allow
 
@@ -114,9 +116,9 @@ def allowed_words(texts: list[str] | None) -> tuple[str, ...]:
         raise InvalidInput("--allow", ", ".join(words), error.expected) from None
 
 
-def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> Any:
+def read_configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> Any:
     """Read a configuration given in degrees, sliding joints in millimetres."""
-    values = numbers(text, option, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
+    values = read_numbers(text, option, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")
     q = arm.configuration(values, option) / unit_factors(arm)
     lower, upper = arm.limits.lower, arm.limits.upper
     if not arm.limits.contains(q):
@@ -127,7 +129,7 @@ def configuration(arm: optik.Robot, text: str, option: str = "--start-deg") -> A
     return q
 
 
-def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list[float]:
+def read_numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list[float]:
     """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
     expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
     try:
@@ -139,7 +141,7 @@ def numbers(text: str, option: str, *counts: int, what: str = "numbers") -> list
     return values
 
 
-def listed(values: Any) -> str:
+def format_numbers(values: Any) -> str:
     """Return numbers as one argument of a command, rounded to 0.001."""
     return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
 
@@ -150,19 +152,19 @@ START_SAMPLES = 64
 """Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
 
 
-def start_of(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
+def read_start(arm: optik.Robot, name: str, text: str) -> tuple[Any, str]:
     """Return the typed start, or the arm's default start with a sentence on it."""
     if text.strip():
-        return configuration(arm, text), ""
+        return read_configuration(arm, text), ""
     from optik.arm.library import read_home
 
     home = read_home(name)
     q, why = (
-        (sampled_start(arm), "a sample, because it has no home_deg")
+        (sample_start(arm), "a sample, because it has no home_deg")
         if home is None
         else (home / unit_factors(arm), "its home_deg")
     )
-    return q, f"start of {arm.name}, {why}: --start-deg {listed(q * unit_factors(arm))}"
+    return q, f"start of {arm.name}, {why}: --start-deg {format_numbers(q * unit_factors(arm))}"
 
 
 def print_start(words: str) -> None:
@@ -171,7 +173,7 @@ def print_start(words: str) -> None:
         err_console.print(words, highlight=False, markup=False, soft_wrap=True)
 
 
-def sampled_start(arm: optik.Robot) -> Any:
+def sample_start(arm: optik.Robot) -> Any:
     """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
     q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
     q = arm.limits.clip(q)

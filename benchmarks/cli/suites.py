@@ -13,7 +13,7 @@ import typer
 from rich.padding import Padding
 from rich.table import Column, Table
 
-from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, arm_of, command, out_console, print_json
+from benchmarks.cli.shared import AsJson, Base, RobotName, Tip, command, load_arm, out_console, print_json
 from optik.errors import InvalidInput, OutputError
 from optik.plugins.files import is_path
 from optik.plugins.usage import record_plugins
@@ -78,7 +78,7 @@ def bench_new(
     """Write a commented suite for one arm, as a template. An existing file is never overwritten."""
     if file.suffix.lower() != ".toml":
         raise InvalidInput("file", str(file), "a name that ends in .toml")
-    arm = arm_of(robot, tip, base)
+    arm = load_arm(robot, tip, base)
     text = _suite_text(file, _named(file, robot, tip, base), arm.name, arm.n)
     try:
         with file.open("x", encoding="utf-8") as opened:

@@ -55,7 +55,7 @@ def view(
         _check_simulated(drive)
     if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
         raise InvalidInput("--html", str(html), f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
-    shown = recorded(plan, drive)
+    shown = read_recording(plan, drive)
     if html is None:
         _serve(shown, drive, host, port)
         return
@@ -116,8 +116,8 @@ def _is_local(host: str) -> bool:
         return host == "localhost"
 
 
-def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
-    """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `stored`."""
+def read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Show:
+    """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `read_motion`."""
     from planners.cell.stored import restore_plan
     from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_recorded
 
@@ -126,11 +126,11 @@ def recorded(file: Path, drive: str | None = None) -> Motion | Plan | Show:
         if drive is not None:
             raise InvalidInput("--drive", f"{drive} for {file}, which is not a valid motion", STORED_MOTION)
         return show_recorded(data)
-    motion = stored(file)
+    motion = read_motion(file)
     return motion if drive is None else restore_plan(motion)
 
 
-def stored(file: Path) -> Motion:
+def read_motion(file: Path) -> Motion:
     """Read a motion."""
     from planners.cell.view.recorded import EXECUTION, FAILED_PLAN
     from planners.files import load_motion

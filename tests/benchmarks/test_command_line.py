@@ -14,7 +14,7 @@ import pytest
 import optik
 import planners
 from benchmarks.cli.running import FEWEST_PARTS, _Rate
-from benchmarks.cli.shared import START_SAMPLES, sampled_start
+from benchmarks.cli.shared import START_SAMPLES, sample_start
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
@@ -122,10 +122,10 @@ def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_p
 def test_the_sampled_start_is_free_of_self_contact_and_inside() -> None:
     for name in ("panda", "ur5e", "iiwa14", "puma560"):
         arm = optik.load(name)
-        q = sampled_start(arm)
+        q = sample_start(arm)
         assert arm.limits.contains(q)
         assert find_contact(arm, optik.Scene(), q).distance > 0.0
-    assert optik.load("irb910sc").limits.contains(sampled_start(optik.load("irb910sc")))
+    assert optik.load("irb910sc").limits.contains(sample_start(optik.load("irb910sc")))
 
 
 # ---------------------------------------------------------------- fk and ik
