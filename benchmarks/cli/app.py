@@ -158,7 +158,7 @@ def fk(
 ) -> None:
     """Compute forward kinematics: the tool pose for joint values."""
     from optik import se3
-    from optik.arm.urdf_writer import roll_pitch_yaw
+    from optik.arm.urdf import roll_pitch_yaw
 
     arm = load_arm(robot, tip, base)
     values = read_numbers(q_deg, Q_DEG, arm.n, what=f"joint values of {arm.name} [degrees, sliding mm]")

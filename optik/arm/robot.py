@@ -18,7 +18,7 @@ from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow, check_rows, screw_x, screw_z
 from optik.arm.torques import ArmDynamics
-from optik.check import check_flag, real_array
+from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
@@ -192,10 +192,10 @@ class Robot(ArmDynamics):
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.
         """
-        from optik.arm.urdf import check_folders, read_urdf
+        from optik.arm.urdf import read_urdf
 
-        folders = check_folders(source, check_flag(shapes, "shapes"), package_dirs, srdf)
-        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, folders=folders, srdf=srdf))
+        meshes: dict[str, Any] = {"shapes": shapes, "package_dirs": package_dirs, "srdf": srdf}
+        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, **meshes))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.
@@ -222,7 +222,7 @@ class Robot(ArmDynamics):
         OutputError
             The file cannot be written.
         """
-        from optik.arm.urdf_writer import write_urdf
+        from optik.arm.urdf import write_urdf
 
         return write_urdf(self, path)
 

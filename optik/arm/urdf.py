@@ -1,27 +1,33 @@
-"""Reader of URDF: the chain from a base link to a tip link."""
+"""Reader and writer of URDF: the chain from a base link to a tip link, with its limits and masses."""
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, ParamSpec, TypeAlias, TypeVar
+from math import cos, sin
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.body import Body, check_body, join_bodies, transform_body
+from optik.arm.inertia import Inertia
 from optik.arm.limits import LARGEST_LIMIT, JointLimits
 from optik.arm.model import ArmModel
-from optik.arm.urdf_masses import read_masses, read_torques
-from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, read_number, read_tree, read_triple
+from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
+from optik.check import check_flag
 from optik.errors import InvalidInput, RobotModelError
+from optik.file_io import write_atomically
 from optik.types import Array
 
 if TYPE_CHECKING:
-    from optik.arm.shapes.meshes import Folders, MeshFolders
+    from optik.arm.shapes.meshes import Folders
 
 P = ParamSpec("P")
 """Arguments of a function."""
@@ -35,6 +41,12 @@ Placed: TypeAlias = list[tuple[Joint, Array]]
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of movable joints; fixed joints are merged, other types are an error."""
 
+PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+"""Attributes of an <inertia>, arranged as in the tensor."""
+
+INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
+"""Texts for infinity, in lower case."""
+
 
 def read_urdf(
     source: str | os.PathLike[str],
@@ -43,10 +55,18 @@ def read_urdf(
     *,
     name: str | None = None,
     gravity: ArrayLike = (0.0, 0.0, -1.0),
-    folders: MeshFolders | None = None,
+    shapes: bool = False,
+    package_dirs: Folders = None,
     srdf: str | os.PathLike[str] | None = None,
 ) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`."""
+    folders = None
+    if check_flag(shapes, "shapes"):
+        from optik.arm.shapes.meshes import find_mesh_folders
+
+        folders = find_mesh_folders(source, package_dirs)
+    elif package_dirs is not None or srdf is not None:
+        raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
     for argument, value in (("tip", tip), ("base", base), ("name", name)):
         if value is not None and not isinstance(value, str):
             raise InvalidInput(argument, repr(value)[:60], "a name")
@@ -55,30 +75,16 @@ def read_urdf(
     tip = _check_link(tree, tip, "tip") if tip is not None else _find_leaf(tree, base)
     links = tree.path(tip)
     if base not in links:
-        raise RobotModelError(
-            tree.name, f"link {tip!r} is not below link {base!r}; above it are: {join_names(links[1:])}"
-        )
+        problem = f"link {tip!r} is not below link {base!r}; above it are: {join_names(links[1:])}"
+        raise RobotModelError(tree.name, problem)
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     arm, placed = _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
     if folders is None:
         return arm
     from optik.arm.shapes.urdf import read_shapes
 
-    shapes = read_shapes(tree, base, placed, folders, partial(_axis, tree.name))
-    return arm.with_shapes(shapes if srdf is None else shapes.with_srdf(srdf))
-
-
-def check_folders(
-    source: str | os.PathLike[str], shapes: bool, package_dirs: Folders, srdf: object
-) -> MeshFolders | None:
-    """Return the folders of meshes for shapes=True; without shapes, package_dirs and srdf must be None."""
-    if not shapes:
-        if package_dirs is not None or srdf is not None:
-            raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
-        return None
-    from optik.arm.shapes.meshes import find_mesh_folders
-
-    return find_mesh_folders(source, package_dirs)
+    enclosed = read_shapes(tree, base, placed, folders, partial(_axis, tree.name))
+    return arm.with_shapes(enclosed if srdf is None else enclosed.with_srdf(srdf))
 
 
 def _check_link(tree: Tree, link: str, argument: str) -> str:
@@ -122,11 +128,11 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
         np.array(fixed),
         np.array([joint.kind == "prismatic" for joint in moving]),
         T,
-        known.replace(torque=_read_or_warn(read_torques, name, moving)),
+        known.replace(torque=_read_or_warn(_read_torques, name, moving)),
         tuple(joint.name for joint in moving),
         np.asarray(gravity),
         source,
-        inertia=_read_or_warn(read_masses, tree, placed),
+        inertia=_read_or_warn(_read_masses, tree, placed),
     )
     return arm, placed
 
@@ -177,19 +183,189 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
     lower, upper, where = -np.inf, np.inf, f"joint {joint.name!r}"
     if joint.kind != "continuous":
         if element is None:
-            raise RobotModelError(
-                robot, f"joint {joint.name!r}: no <limit>, which URDF requires of a {joint.kind} joint"
-            )
+            raise RobotModelError(robot, f"{where}: no <limit>, which URDF requires of a {joint.kind} joint")
         if element.get("lower") is None and element.get("upper") is None:
             problem = "a <limit> without lower and upper, which are then 0 in URDF: the joint cannot move"
-            raise RobotModelError(robot, f"joint {joint.name!r}: {problem}")
+            raise RobotModelError(robot, f"{where}: {problem}")
         lower = read_number(robot, where, element.get("lower", "0"), "lower limit")
         upper = read_number(robot, where, element.get("upper", "0"), "upper limit")
         lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint without limits
         upper = np.inf if upper > LARGEST_LIMIT else upper
         if lower > upper:
-            raise RobotModelError(robot, f"joint {joint.name!r}: lower limit {lower:.6g} above upper {upper:.6g}")
+            raise RobotModelError(robot, f"{where}: lower limit {lower:.6g} above upper {upper:.6g}")
     velocity = 0.0 if element is None else read_number(robot, where, element.get("velocity", "0"), "velocity limit")
     if velocity < 0.0:
-        raise RobotModelError(robot, f"joint {joint.name!r}: velocity limit {velocity:.6g}, expected one above 0")
+        raise RobotModelError(robot, f"{where}: velocity limit {velocity:.6g}, expected one above 0")
     return lower, upper, velocity or np.inf
+
+
+# ---------------------------------------------------------------- masses and torque limits
+
+
+def _read_masses(tree: Tree, placed: list[tuple[Joint, Array]]) -> Inertia | None:
+    """Read the masses and friction of a chain, merged over fixed joints; None without masses."""
+    chain = {joint.child for joint, _T in placed}
+    groups: list[list[Body]] = []
+    for joint, T in placed:
+        if joint.kind != "fixed":
+            groups.append([])
+        if groups:  # links before the first movable joint do not move
+            carried = list(tree.list_carried(joint.child, chain))
+            groups[-1] += [transform_body(body, T @ pose) for link, pose in carried for body in _bodies(tree, link)]
+    if not any(body[0] for group in groups for body in group):
+        return None
+    mass, com, tensor = (np.array(part) for part in zip(*map(join_bodies, groups), strict=True))
+    motor, viscous, coulomb = (
+        np.array([_positive(tree.name, joint, "dynamics", name) for joint, _T in placed if joint.kind != "fixed"])
+        for name in ("armature", "damping", "friction")
+    )
+    try:
+        return Inertia(mass, com, tensor, motor, viscous, coulomb, f"URDF {tree.name!r}")
+    except InvalidInput as error:  # of merged links
+        raise RobotModelError(tree.name, str(error)) from None
+
+
+def _read_torques(robot: str, joints: list[Joint]) -> Array | None:
+    """Read the torque limits of joints; None if all are unknown."""
+    efforts = np.array([_effort(robot, joint) for joint in joints])
+    return efforts if np.isfinite(efforts).any() else None
+
+
+def _effort(robot: str, joint: Joint) -> float:
+    """Return the torque limit of a joint; infinite without an effort, or with an effort of 0 or inf."""
+    element = joint.element.get("limit")
+    if element is not None and element.get("effort", "").strip().lower() in INFINITE_TEXTS:
+        return np.inf
+    return _positive(robot, joint, "limit", "effort") or np.inf
+
+
+def _positive(robot: str, joint: Joint, tag: str, name: str) -> float:
+    """Read a number ≥ 0 from an attribute of a joint's element; a missing one is 0."""
+    element, where = joint.element.get(tag), f"joint {joint.name!r}"
+    value = 0.0 if element is None else read_number(robot, where, element.get(name, "0"), name)
+    if value < 0.0:
+        raise RobotModelError(robot, f"{where}: {name} {value:.6g}, expected a number ≥ 0")
+    return value
+
+
+def _bodies(tree: Tree, link: str) -> list[Body]:
+    """Read the rigid body of a link in its frame; an empty list without an <inertial>."""
+    found = tree.parts(link, "inertial")
+    if not found:
+        return []
+    where, inertial = f"link {link!r}", found[0]
+
+    def value(tag: str, attribute: str) -> float:
+        element: Any = inertial.find(tree.prefix + tag)
+        if element is None:
+            raise RobotModelError(tree.name, f"{where}: an <inertial> without <{tag}>")
+        return read_number(tree.name, where, element.get(attribute, "0"), attribute if tag == "inertia" else tag)
+
+    tensor = np.array([[value("inertia", name) for name in row] for row in PRODUCTS])
+    body = (value("mass", "value"), np.zeros(3), tensor)
+    T = origin_pose(tree.name, where, inertial.find(tree.prefix + "origin"))
+    try:
+        return [check_body(transform_body(body, T), where)]
+    except InvalidInput as error:
+        raise RobotModelError(tree.name, str(error)) from None
+
+
+# ---------------------------------------------------------------- writer
+
+
+def write_urdf(arm: ArmModel, path: str | os.PathLike[str] | None = None) -> str:
+    """Return an arm as URDF text, and write it to a file if a path is given; see `Robot.to_urdf`."""
+    check_xml_names(arm)
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(arm.name)}>", '  <link name="base"/>']
+    before = "base"
+    links = _link_bodies(arm)
+    for i, name in enumerate(arm.joint_names):
+        kind, limit = _type_and_limit(arm, i)
+        lines += [*_link_lines(f"link{i + 1}", links[i]), f'  <joint name={quoteattr(name)} type="{kind}">']
+        lines += _origin_lines(before, f"link{i + 1}", arm.fixed[i])
+        lines += ['    <axis xyz="0 0 1"/>', *limit, *_dynamics_lines(arm, i), "  </joint>"]
+        before = f"link{i + 1}"
+    flange = "flange"
+    while flange in arm.joint_names:
+        flange += "_"
+    lines += [*_link_lines("tool", links[-1]), f'  <joint name="{flange}" type="fixed">']
+    lines += [*_origin_lines(before, "tool", arm.tool), "  </joint>", "</robot>", ""]
+    text = "\n".join(lines)
+    if path is not None:
+        write_atomically(path, lambda part: part.write_text(text, encoding="utf-8"))
+    return text
+
+
+def check_xml_names(arm: ArmModel) -> None:
+    """Raise RobotModelError if XML cannot contain the name of an arm or of a joint."""
+    for name in (arm.name, *arm.joint_names):
+        if not name or re.search("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", name):
+            raise RobotModelError(arm.name, f"{name!r} cannot be a name in XML")
+
+
+def _link_bodies(arm: ArmModel) -> list[Body | None]:
+    """Return the bodies of the links in their frames and, last, of the payload in the tool's; None for a mass of 0."""
+    if arm.payload is not None and len(arm.payload.masses) > 1:
+        raise RobotModelError(arm.name, f"a payload of {arm.payload}; URDF holds one mass: see with_payload")
+    bodies = () if arm.inertia is None else arm.inertia.bodies
+    links = [body if body[0] > 0.0 else None for body in bodies] or [None] * arm.n
+    return [*links, None if arm.payload is None else arm.payload.bodies[0]]
+
+
+def _link_lines(name: str, body: Body | None) -> list[str]:
+    if body is None:
+        return [f'  <link name="{name}"/>']
+    mass, com, tensor = body
+    xyz = " ".join(repr(float(x)) for x in com)
+    products = {PRODUCTS[i][j]: float(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+    inertia = " ".join(f'{attribute}="{x!r}"' for attribute, x in products.items())
+    inside = [
+        f'      <origin xyz="{xyz}" rpy="0 0 0"/>',
+        f'      <mass value="{mass!r}"/>',
+        f"      <inertia {inertia}/>",
+    ]
+    return [f'  <link name="{name}">', "    <inertial>", *inside, "    </inertial>", "  </link>"]
+
+
+def _dynamics_lines(arm: ArmModel, i: int) -> list[str]:
+    """Return the <dynamics> of a joint, if it has any; the motor's inertia (armature) is an extension of URDF."""
+    if arm.inertia is None:
+        return []
+    found = {"damping": arm.inertia.viscous, "friction": arm.inertia.coulomb, "armature": arm.inertia.motor}
+    known = [f'{name}="{float(values[i])!r}"' for name, values in found.items() if values[i] > 0.0]
+    return [f"    <dynamics {' '.join(known)}/>"] if known else []
+
+
+def _origin_lines(parent: str, child: str, T: Array) -> list[str]:
+    xyz = " ".join(repr(float(x)) for x in T[:3, 3])
+    rpy = " ".join(repr(x) for x in roll_pitch_yaw(T[:3, :3]))
+    return [f'    <parent link="{parent}"/>', f'    <child link="{child}"/>', f'    <origin xyz="{xyz}" rpy="{rpy}"/>']
+
+
+def _type_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
+    """Return the type and <limit> of a joint; a velocity or effort of 0 means unknown."""
+    lower, upper = float(arm.limits.lower[i]), float(arm.limits.upper[i])
+    speed = np.inf if arm.limits.velocity is None else float(arm.limits.velocity[i])
+    torque = np.inf if arm.limits.torque is None else float(arm.limits.torque[i])
+    effort, velocity = (repr(limit) if np.isfinite(limit) else "0" for limit in (torque, speed))
+    known = f'effort="{effort}" velocity="{velocity}"'
+    if np.isfinite([lower, upper]).all():
+        kind = "prismatic" if arm.prismatic[i] else "revolute"
+        return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']
+    if arm.prismatic[i] or np.isfinite([lower, upper]).any():
+        problem = f"limits {lower:.6g} to {upper:.6g}; URDF has finite ones, or none for a revolute joint"
+        raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
+    return "continuous", [f"    <limit {known}/>"] if np.isfinite([speed, torque]).any() else []
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Return the angles with R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding for every rotation.
+
+    Near pitch = ±90° rounding errors determine the yaw; every yaw is correct there, because roll is computed from
+    Rz(−yaw) R.
+    """
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    c, s = cos(yaw), sin(yaw)
+    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return roll, pitch, yaw

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.arm.urdf_writer import roll_pitch_yaw
+from optik.arm.urdf import roll_pitch_yaw
 from optik.errors import InvalidInput, OptikError, OutputError, RobotModelError
 from tests import oracles
 
@@ -202,7 +202,7 @@ def test_a_real_description_is_read_as_its_table():
 
 def test_reading_loads_xml_and_importing_optik_does_not():
     code = (
-        "import sys, optik\nlater = {'defusedxml', 'optik.arm.urdf', 'optik.arm.urdf_writer', 'optik.arm.compare'}\n"
+        "import sys, optik\nlater = {'defusedxml', 'optik.arm.urdf', 'optik.arm.compare'}\n"
         "assert not later & set(sys.modules)\n"
         "optik.Robot.from_urdf(sys.argv[1], 'tool0')\nassert 'defusedxml' in sys.modules"
     )
