@@ -114,13 +114,19 @@ def results(root: Path, case: int) -> list[Row] | Row:
     return out
 
 
-def measure(case: int) -> Row:
-    """Results of both versions; of a suite, the earlier one runs twice: what then differs is a time."""
+def baseline_folder() -> Path:
+    """Folder with the files of the earlier commit."""
     old = ROOT / ".figures" / f"code-{BASELINE}"
     if not old.exists():
         subprocess.run(
             ["git", "worktree", "add", "--detach", str(old), BASELINE], cwd=ROOT, check=True, capture_output=True
         )
+    return old
+
+
+def measure(case: int) -> Row:
+    """Results of both versions; of a suite, the earlier one runs twice: what then differs is a time."""
+    old = baseline_folder()
     before, now = results(old, case), results(ROOT, case)
     if isinstance(before, list) and isinstance(now, list):
         return {"plans": [compared(*pair) for pair in zip(before, now, strict=True)]}
