@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 from optik.errors import NoSolution
 from planners import TimeLaw
-from planners.fit import fitted
+from planners.fit import fit_to_limits
 from planners.limits import DERIVATIVES
 from planners.timing.base import refit
 
@@ -38,7 +38,7 @@ class SlowMiddle(TimeLaw):
             moving = robot.joint_names[int(way.argmax())]
             raise NoSolution("no joint that moves has a limit", advice=f"a limit for {moving}")
         shape = refit(joint_path, self._progress(joint_path))
-        return fitted(robot, shape, limits, self.enforced)  # scales the motion in time to the limits
+        return fit_to_limits(robot, shape, limits, self.enforced)  # scales the motion in time to the limits
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

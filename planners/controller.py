@@ -8,7 +8,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
@@ -86,4 +86,4 @@ def trajectory_through(t: Array, q: Array, v: Array | None = None, a: Array | No
         return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:
         return Trajectory(scipy.interpolate.PPoly(scipy.interpolate.CubicHermiteSpline(t, q, v).c, t))
-    return Trajectory(through(t, q, v, a))
+    return Trajectory(quintic_through(t, q, v, a))

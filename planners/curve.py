@@ -128,7 +128,7 @@ def chain_rows(derivatives: Sequence[Array]) -> Array:
     return np.stack([factor * f for factor, f in zip(factors, derivatives, strict=True)], axis=-1)
 
 
-def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array]:
+def apply_chain_rule(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array]:
     """Derivatives of f(s(t)) in time by the chain rule."""
     found = []
     for order in range(1, len(rates) + 1):
@@ -140,7 +140,7 @@ def composed(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array
     return found
 
 
-def passed_at(moving: Callable[[Array], Array], places: Array, end: float) -> Array:
+def find_times(moving: Callable[[Array], Array], places: Array, end: float) -> Array:
     """Times at which an increasing function of time passes given values, by bisection."""
     low, high = np.zeros(places.size), np.full(places.size, end)
     for _ in range(TIME_BISECTIONS):

@@ -17,11 +17,11 @@ FIRST_MARGIN = 1e-12
 SPARE = 1e-6
 """Share of the duration that a scaled motion may be too slow: what gravity is part of does not go with a power of the speed."""
 
-HASTENED = 4
+MOST_SPEED_UPS = 4
 """Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
 
 
-def stretch(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
+def stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:
     """Return the least factor by which a motion from rest to rest is stretched in time to respect the limits."""
     if enforced is not None:
         check_names(enforced, "enforced")
@@ -37,7 +37,7 @@ def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ..
     return all(float(np.nanmax(kind.judge(motion, bounds[kind.name]).ratio)) <= 1.0 for kind in chosen)
 
 
-def fitted(
+def fit_to_limits(
     robot: Robot,
     trajectory: Trajectory,
     limits: MotionLimits,
@@ -50,7 +50,7 @@ def fitted(
 
 def fit(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> MotionAnalysis:
     """Return a motion from rest to rest, scaled in time to reach a limit and exceed none, with its analysis."""
-    factor = stretch(motion, limits, enforced)
+    factor = stretch_factor(motion, limits, enforced)
     if not factor > 0.0:
         return motion
     margin = 0.0
@@ -58,15 +58,15 @@ def fit(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] 
         if not np.isfinite(factor):
             raise NoSolution("a limit is exceeded at any speed", advice="another path, or higher limits")
         motion = motion.slowed(factor * (1.0 + margin))
-        factor = stretch(motion, limits, enforced)
+        factor = stretch_factor(motion, limits, enforced)
         if factor <= 1.0:
             break
         margin = 10.0 * margin if margin else FIRST_MARGIN  # rounding in the scaled motion may still exceed a limit
-    for _ in range(HASTENED):
+    for _ in range(MOST_SPEED_UPS):
         if not 0.0 < factor < 1.0 - SPARE:
             break
         closer = motion.slowed(factor)
-        factor = stretch(closer, limits, enforced)
+        factor = stretch_factor(closer, limits, enforced)
         if factor > 1.0:
             break
         motion = closer

@@ -28,6 +28,6 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
     return scipy.interpolate.PPoly(c, x, extrapolate=True)
 
 
-def through(x: Array, p: Array, v: Array, a: Array) -> Any:
+def quintic_through(x: Array, p: Array, v: Array, a: Array) -> Any:
     """Quintic pieces through shared values at the knots: continuous to the second derivative."""
     return quintic(x, (p[:-1], v[:-1], a[:-1]), (p[1:], v[1:], a[1:]))

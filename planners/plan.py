@@ -23,7 +23,7 @@ from planners.certificate.certificate import Certificate, certify
 from planners.certificate.summary import plan_summary
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
-from planners.fit import fit, stretch
+from planners.fit import fit, stretch_factor
 from planners.following.follow import DEFAULT_TOLERANCE, Followed, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
@@ -39,7 +39,7 @@ __all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path
 UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
 """Advice for a motion whose certificate is not valid."""
 
-FOLLOWED = 0.95
+PATH_FRACTION = 0.95
 """Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
 
 MOST_SECONDS = 1e9
@@ -126,28 +126,28 @@ class Plan:
         """Whether there is a motion; it may be invalid."""
         return self._trajectory is not None
 
-    def _there(self) -> None:
+    def _require_motion(self) -> None:
         if self.failure is not None and not self.has_motion:
             raise self.failure.to_error()
 
     @property
     def joint_path(self) -> JointPath:
         """The whole joint path; raises `NoSolution` where there is none."""
-        self._there()
+        self._require_motion()
         assert self.prefix is not None
         return self.prefix
 
     @property
     def trajectory(self) -> Trajectory:
         """The timed motion; raises `NoSolution` with s, joint, reason and advice where there is none."""
-        self._there()
+        self._require_motion()
         assert self._trajectory is not None
         return self._trajectory
 
     @property
     def certificate(self) -> Certificate:
         """What the trajectory keeps; raises `NoSolution` where there is none."""
-        self._there()
+        self._require_motion()
         assert self._certificate is not None
         return self._certificate
 
@@ -280,13 +280,13 @@ def plan(
     """
     solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
     _check_options(duration, strict)
-    allowed = request.tolerance.scaled(FOLLOWED)
+    allowed = request.tolerance.scaled(PATH_FRACTION)
     started = perf_counter()
     followed = follow(solver, request.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene)
-    return _clocked(started, perf_counter(), _timed(request, followed, duration, strict))
+    return _add_seconds(started, perf_counter(), _time_path(request, followed, duration, strict))
 
 
-def _clocked(started: float, followed: float, found: Plan) -> Plan:
+def _add_seconds(started: float, followed: float, found: Plan) -> Plan:
     """The plan with how long its parts took, from the times when following the path began and ended."""
     proof = found.seconds.certificate
     return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
@@ -325,7 +325,9 @@ def _check_options(duration: float | None, strict: bool) -> None:
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
 
 
-def verdict(proof: Certificate, enforced: tuple[str, ...] | None = None) -> tuple[PlanStatus, PlanFailure | None]:
+def judge_certificate(
+    proof: Certificate, enforced: tuple[str, ...] | None = None
+) -> tuple[PlanStatus, PlanFailure | None]:
     """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
     if proof.is_valid:
         return PlanStatus.SOLVED, None
@@ -366,7 +368,7 @@ class PlanRequest:
         given = tuple(name for name in self.limits.given_names if name not in enforced)
         return (*enforced, *required_limits(given, self.allow))
 
-    def judged(
+    def certify_motion(
         self, joints: JointPath, trajectory: Trajectory, slowed: float = 1.0, analysis: MotionAnalysis | None = None
     ) -> Plan:
         """Certify the law's motion, slowed by a factor, and return its plan, which is solved if the certificate is valid."""
@@ -376,7 +378,7 @@ class PlanRequest:
             tolerance=self.tolerance, span=self.span, scene=self.scene, before=self.before, analysis=analysis,
         )  # fmt: skip
         seconds = PlanSeconds(certificate=perf_counter() - started)
-        status, failure = verdict(proof, self.law.list_enforced(self.limits))
+        status, failure = judge_certificate(proof, self.law.list_enforced(self.limits))
         return Plan(
             self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, trajectory, proof, slowed,
             self.span, self.law.speed, self.scene, seconds, self.before, self.start_error, self.stop_kind,
@@ -386,16 +388,16 @@ class PlanRequest:
         self, joints: JointPath, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
     ) -> Plan:
         """Return the plan without a motion, for the reason of an error."""
-        return self._failed(status, joints, PlanFailure.from_error(status, error))
+        return self._fail(status, joints, PlanFailure.from_error(status, error))
 
-    def _failed(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
+    def _fail(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
         """A plan without a motion; the joint path goes as far as it could be followed."""
         return Plan(
             self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, None, None,
             scene=self.scene,
         )  # fmt: skip
 
-    def _refused(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
+    def _refuse(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
         """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
         field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
@@ -404,33 +406,33 @@ class PlanRequest:
         if not ratio > 1.0:
             what = proof.reasons[0]
         failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
-        return self._failed(PlanStatus.LIMITS_EXCEEDED, joints, failure)
+        return self._fail(PlanStatus.LIMITS_EXCEEDED, joints, failure)
 
 
-def _timed(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
+def _time_path(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
     """Time and certify a joint path; or say why there is none."""
     if followed.failure is not None:
-        return request._failed(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)
+        return request._fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)
     assert followed.joint_path is not None
     joints, enforced = followed.joint_path, request.law.list_enforced(request.limits)
     try:
         check_statics(joints, request.limits, enforced)
         raw = request.law.run_with_analysis(joints, request.limits)
-        factor = stretch(raw, request.limits, enforced)
+        factor = stretch_factor(raw, request.limits, enforced)
         if factor > 1.0 and strict:
             proof = certify(request.robot, request.path, raw.trajectory, request.limits, enforced=enforced)
-            return request._refused(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
+            return request._refuse(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
         motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
         trajectory, analysis = motion.trajectory, motion if duration is None else None
         slowed = trajectory.duration / raw.trajectory.duration
         if duration is not None:
-            trajectory = _lasting(trajectory, duration, request.law)
+            trajectory = _scale_to_duration(trajectory, duration, request.law)
     except NoSolution as error:
         return request.infeasible(joints, error)
-    return request.judged(joints, trajectory, slowed, analysis)
+    return request.certify_motion(joints, trajectory, slowed, analysis)
 
 
-def _lasting(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
+def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
     """Slow a motion to a duration, or hasten it where the law promises no limits; a tool speed that was asked stays."""
     if duration > MOST_SECONDS:
         raise InvalidInput("duration", f"{duration:.3g} s", f"at most {MOST_SECONDS:g} s")

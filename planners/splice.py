@@ -17,7 +17,7 @@ State = tuple[Array, Array, Array]
 
 PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
 """Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
-FADE_SHARE = 1e-3
+FADE_FRACTION = 1e-3
 """Share of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
 SAME_POSITION = 1e-14
 """Difference of positions [rad or m] that is rounding."""
@@ -29,7 +29,7 @@ def _powers(trajectory: Trajectory) -> Array:
     return np.concatenate([np.zeros((6 - len(c), *c.shape[1:])), c])
 
 
-def _shifted(c: Array, u: Array) -> Array:
+def _shift(c: Array, u: Array) -> Array:
     """Coefficients (6, m, n) of the same quintics about u (m,): Horner's scheme, repeated (Taylor's shift)."""
     c, u = c.copy(), u[:, None]
     for last in range(5, 0, -1):
@@ -38,7 +38,7 @@ def _shifted(c: Array, u: Array) -> Array:
     return c
 
 
-def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Trajectory:
+def cut_before(trajectory: Trajectory, t: float, s: float | None = None) -> Trajectory:
     """Return the part of a motion from time t [s] on, with the same polynomials up to rounding.
 
     It begins with exactly the values of the trajectory at t; `s` is the path parameter there, if it is known.
@@ -46,21 +46,21 @@ def rest_of(trajectory: Trajectory, t: float, s: float | None = None) -> Traject
     knots, c = trajectory.knots, _powers(trajectory)
     first = int(np.searchsorted(knots, t, side="right")) - 1
     c = c[:, first:].copy()
-    c[:, :1] = _shifted(c[:, :1], np.array([t - knots[first]]))
+    c[:, :1] = _shift(c[:, :1], np.array([t - knots[first]]))
     for order in range(3):
         c[5 - order, 0] = trajectory(t, order) / factorial(order)
     known = None if s is None or trajectory.places is None else np.append(s, trajectory.places[first + 1 :])
     return Trajectory(scipy.interpolate.PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
 
 
-def start_of(trajectory: Trajectory, t: float) -> Trajectory:
+def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
     """Return the part of a motion up to time t [s], at most to its end, with the same polynomials."""
     before = int(np.searchsorted(trajectory.knots, t, side="left"))
     knots = np.append(trajectory.knots[:before], t)
     return Trajectory(scipy.interpolate.PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
 
 
-def joined(first: Trajectory, second: Trajectory) -> Trajectory:
+def join(first: Trajectory, second: Trajectory) -> Trajectory:
     """Return one motion and, from its end on, another."""
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     a, b = first.places, second.places
@@ -70,14 +70,14 @@ def joined(first: Trajectory, second: Trajectory) -> Trajectory:
     )
 
 
-def held(trajectory: Trajectory, duration: float) -> Trajectory:
+def append_rest(trajectory: Trajectory, duration: float) -> Trajectory:
     """Return a motion that ends at rest, and then stands there for a while."""
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
-    return joined(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
+    return join(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
 
 
-def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
+def match_start(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
     """Return the motion begun at exactly q, q̇, q̈ (n,) each, close to its own.
 
     A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
@@ -90,11 +90,11 @@ def begun(trajectory: Trajectory, start: State, limits: MotionLimits) -> Traject
     jerk = limits.arrays(trajectory.n)["jerk"]
     ends = knots[1:, None]
     peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
-    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_SHARE)
+    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_FRACTION)
     count = int(little[0]) + 1 if little.size else knots.size - 1
     still = np.zeros((1, trajectory.n))
     over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c
-    c[:, :count] += _shifted(np.repeat(over, count, axis=1), knots[:count])
+    c[:, :count] += _shift(np.repeat(over, count, axis=1), knots[:count])
     c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
     for order, x in enumerate(start):
         c[5 - order, 0] = x / factorial(order)

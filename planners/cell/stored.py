@@ -10,7 +10,7 @@ from planners.certificate.validity import check_valid
 from planners.certificate.violation import Allow
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
-from planners.plan import FOLLOWED, Plan, verdict
+from planners.plan import PATH_FRACTION, Plan, judge_certificate
 
 SAME_WAY = 1e-4
 """Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and an
@@ -58,7 +58,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
         what = f"{solver} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
         raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
-    status, failure = verdict(proof)
+    status, failure = judge_certificate(proof)
     return Plan(
         motion.robot, motion.path, motion.limits, status, solver, motion.law, joints, failure,
         motion.trajectory, proof, span=motion.span, speed=motion.speed, scene=motion.scene,
@@ -68,7 +68,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
 def _follow_path(motion: Motion, solver: str) -> JointPath:
     """The joint path from the motion's start."""
     tolerance = motion.tolerance or DEFAULT_TOLERANCE
-    allowed = tolerance.scaled(FOLLOWED)
+    allowed = tolerance.scaled(PATH_FRACTION)
     found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
     if found.failure is not None:
         failure = found.failure

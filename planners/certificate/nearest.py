@@ -10,7 +10,7 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.bounds import Instants
 from planners.certificate.progress import BEND, CHORD_TURN
-from planners.paths._nearest import embedded
+from planners.paths._nearest import embed_poses
 from planners.paths.base import Path
 
 NEAREST_TURN = 1e-3
@@ -119,7 +119,7 @@ def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:
     along = np.einsum("ki,ki->k", twist * weight, motion[:, 0] * weight)
     size = np.linalg.norm(twist * weight, axis=1)
     back = np.minimum(along / np.maximum(size, 1e-300), 0.0) * BACK_TIME
-    return np.asarray(((embedded(tool, CHORD_TURN) - embedded(poses, CHORD_TURN)) ** 2).sum(axis=1) + back**2)
+    return np.asarray(((embed_poses(tool, CHORD_TURN) - embed_poses(poses, CHORD_TURN)) ** 2).sum(axis=1) + back**2)
 
 
 @compiled

@@ -10,7 +10,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import Extreme, MotionLimits, ToolExtreme
-from planners.splice import rest_of, start_of
+from planners.splice import cut_after, cut_before
 
 
 class LimitedPart(NamedTuple):
@@ -39,7 +39,7 @@ def limited_parts(
     if t >= trajectory.end:
         return (LimitedPart(motion, 0.0, old),)
     first, second = (
-        MotionAnalysis(motion.robot, part, path) for part in (start_of(trajectory, t), rest_of(trajectory, t))
+        MotionAnalysis(motion.robot, part, path) for part in (cut_after(trajectory, t), cut_before(trajectory, t))
     )
     return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
 

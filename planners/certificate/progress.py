@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
-from planners.paths._nearest import chords, embedded
+from planners.paths._nearest import chords, embed_poses
 from planners.paths.base import Path
 
 CHORD_TURN = 0.1
@@ -32,7 +32,7 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     close together, or cross, are told apart by the order in which the tool gets there.
     """
     edges, off, z = _chords(path)
-    y = np.ascontiguousarray(embedded(poses, CHORD_TURN))
+    y = np.ascontiguousarray(embed_poses(poses, CHORD_TURN))
     cell, room = np.empty(len(poses), np.int64), CHORD_ROOM + 2.0 * (bend + float(off.max()))
     size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
     while True:
@@ -48,7 +48,7 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
 def _chords(path: Path) -> tuple[Array, Array, Array]:
     """Return the chords of the path: their ends in s, the distance of the path from each, and their end points."""
     edges, off = chords(path, CHORD_TURN, BEND, CHORD_CELLS)
-    return edges, off, np.ascontiguousarray(embedded(path.pose(edges), CHORD_TURN))
+    return edges, off, np.ascontiguousarray(embed_poses(path.pose(edges), CHORD_TURN))
 
 
 def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:

@@ -70,20 +70,20 @@ def load_trajectory(
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
-    names = _names(robot, joint_names)
+    names = _check_names(robot, joint_names)
     text = decode_text(read_bytes(FilePath(file)))
     try:
         if suffix == ".csv":
-            return _made(*_table(text, names), interpolation)
-        data = _unwrapped(from_text(text, suffix))
+            return _build_trajectory(*_read_table(text, names), interpolation)
+        data = _unwrap(from_text(text, suffix))
         if isinstance(data, dict) and "times" in data:
-            return _made(*_columns(data, names), interpolation)
+            return _build_trajectory(*_read_columns(data, names), interpolation)
         return reconstruct(data, names, interpolation)
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
 
 
-def _names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[str]:
+def _check_names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[str]:
     """The file's names of the joints, in the robot's order."""
     if joint_names is None:
         return list(robot.joint_names)
@@ -92,7 +92,7 @@ def _names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[str]:
     return [str(joint_names[name]) for name in robot.joint_names]
 
 
-def _unwrapped(data: Any) -> Any:
+def _unwrap(data: Any) -> Any:
     """The JointTrajectory inside a message, or the data themselves."""
     while isinstance(data, dict) and "points" not in data and "times" not in data:
         inner = [data[key] for key in WRAPPED if isinstance(data.get(key), dict)]
@@ -102,7 +102,7 @@ def _unwrapped(data: Any) -> Any:
     return data
 
 
-def _made(t: Array, orders: list[Array], interpolation: str | None) -> Trajectory:
+def _build_trajectory(t: Array, orders: list[Array], interpolation: str | None) -> Trajectory:
     """The motion through setpoints at t (k,): positions, and perhaps velocities and accelerations, (k, n) each."""
     if t.size < 2 or t[0] != 0.0 or not (np.diff(t) > 0.0).all():
         raise InvalidInput(
@@ -117,17 +117,17 @@ def _made(t: Array, orders: list[Array], interpolation: str | None) -> Trajector
     return trajectory_through(t, *orders[:count])
 
 
-def _columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]]:
+def _read_columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]]:
     """Times, and values by order of derivative, of columns in JSON."""
     found = data.get("joint_names")
     if not isinstance(found, list) or sorted(map(str, found)) != sorted(names):
         raise InvalidInput("joint_names", repr(found)[:120], f"{', '.join(names)} in any order")
-    t = _numbers(data["times"], "times", 1)
+    t = _read_numbers(data["times"], "times", 1)
     order = [found.index(name) for name in names]
     orders = []
     for key in ("positions", "velocities", "accelerations"):
         if data.get(key):
-            values = _numbers(data[key], key, 2)
+            values = _read_numbers(data[key], key, 2)
             if values.shape != (t.size, len(names)):
                 raise InvalidInput(key, f"shape {values.shape}", f"({t.size}, {len(names)})")
             orders.append(values[:, order])
@@ -136,7 +136,7 @@ def _columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]
     return t, orders
 
 
-def _numbers(value: Any, key: str, dimensions: int) -> Array:
+def _read_numbers(value: Any, key: str, dimensions: int) -> Array:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -148,7 +148,7 @@ def _numbers(value: Any, key: str, dimensions: int) -> Array:
     return array
 
 
-def _table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
+def _read_table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
     """Times, and values by order of derivative, of a table in CSV; lines that begin with # are comments."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     try:
@@ -159,7 +159,7 @@ def _table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
     times = [i for i, name in enumerate(header) if name.lower() in TIME_COLUMNS]
     if len(times) != 1:
         raise InvalidInput("table", ", ".join(header)[:120], f"one column of times: {' or '.join(TIME_COLUMNS)}")
-    chosen = [_found(header, kind, names) for kind in COLUMN_KINDS]
+    chosen = [_find_columns(header, kind, names) for kind in COLUMN_KINDS]
     if chosen[0] is None or (chosen[1] is None and chosen[2] is not None):
         raise InvalidInput(
             "table", ", ".join(header)[:120], f"a column for each of {', '.join(names)}; see load_trajectory"
@@ -177,7 +177,7 @@ def _table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
     return values[:, times[0]], [values[:, columns] for columns in chosen if columns is not None]
 
 
-def _found(header: list[str], prefixes: tuple[str, ...], names: list[str]) -> list[int] | None:
+def _find_columns(header: list[str], prefixes: tuple[str, ...], names: list[str]) -> list[int] | None:
     """Columns of the joints under one of the prefixes; None where there are none."""
     for prefix in prefixes:
         if all(prefix + name in header for name in names):

@@ -11,10 +11,10 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.course import Course, unguided
+from planners.following.course import Course, make_empty_guide
 from planners.following.joint_path import smallest_singular_values
-from planners.following.singular import departures, roots
-from planners.following.track import Ended, Track, track
+from planners.following.singular import find_departures, find_regular_roots
+from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 
 BRANCH_STATIONS = 31
@@ -51,7 +51,7 @@ class Branch(NamedTuple):
     q: Array
     cost: float
     s: float
-    ended: Ended | None
+    ended: TrackEnd | None
 
 
 def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
@@ -61,27 +61,27 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
     start are all there are. A winding of a joint fits if the joint, shifted by these whole turns, stays inside its limits all
     along the path; windings are chosen joint by joint, since neither motion nor cost couples them.
     """
-    tolerance, course = Tolerance(1e-5, 1e-5), Course(path, unguided(robot.n))
+    tolerance, course = Tolerance(1e-5, 1e-5), Course(path, make_empty_guide(robot.n))
     nodes = course.nodes(course.spread(np.linspace(0.0, path.end, BRANCH_STATIONS), tolerance))
     open_ended = np.full(robot.n, np.inf)
     found = []
-    for root in _starts(robot, course, nodes.poses[0], near):
+    for root in _find_starts(robot, course, nodes.poses[0], near):
         way = track(robot, course, nodes, root, tolerance, (-open_ended, open_ended))
         if len(way.s) > 1:
-            found.append(_wound(robot, path, way, near))
+            found.append(_choose_winding(robot, path, way, near))
         else:
             found.append(Branch(root, np.inf, 0.0, way.ended))
     return sorted(found, key=lambda branch: (-branch.s, branch.cost))
 
 
-def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
+def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
     """Configurations (k, n) inside the limits at the path's start, each with one winding."""
     # All regular ones; of singular ones, which meet the pose along whole curves, those from which a smooth motion
     # starts.
     start = near if near is not None and robot.limits.contains(near) else None
-    found, singular = roots(robot, pose, march.REGULAR, start)
+    found, singular = find_regular_roots(robot, pose, march.REGULAR, start)
     if singular:
-        goes_on = [left.q for left, _ in departures(robot, course)]
+        goes_on = [left.q for left, _ in find_departures(robot, course)]
         found = np.concatenate([found, np.array(goes_on).reshape(-1, robot.n)])
     kept: list[Array] = []
     turn = 2.0 * np.pi * ~robot.prismatic
@@ -92,17 +92,17 @@ def _starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Ar
     return np.array(kept).reshape(-1, robot.n)
 
 
-def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
+def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
     """The branch with the winding of every joint that goes farthest, and of those the cheapest."""
     turns, ends, joint, posture = np.zeros(robot.n), np.inf, -1, 0.0
     for i in range(robot.n):
-        leaves, _, cost, k = min(_windings(robot, way, i, near), key=lambda w: (-w[0], w[1]))
+        leaves, _, cost, k = min(_list_windings(robot, way, i, near), key=lambda w: (-w[0], w[1]))
         turns[i], posture = 2.0 * np.pi * k, posture + cost
         if leaves < ends:
             ends, joint = leaves, i
     end, ended = float(way.s[-1]), way.ended
     if ends < end:
-        end, ended = ends, Ended(march.LIMIT, ends, 0.0, joint)
+        end, ended = ends, TrackEnd(march.LIMIT, ends, 0.0, joint)
     motion = float(np.linalg.norm(np.diff(way.q, axis=0), axis=1).sum())
     q = way.q[0] + turns
     sigma = smallest_singular_values(robot, way.q)
@@ -116,7 +116,7 @@ def _wound(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
     return Branch(q, cost, path.end if ended is None else end, ended)
 
 
-def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
+def _list_windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
     """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns."""
     # It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]
@@ -136,7 +136,7 @@ def _windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tupl
         shift = np.zeros(robot.n)
         shift[i] = k * turn
         lower, upper = robot.limits.lower - shift - LIMIT_TOLERANCE, robot.limits.upper - shift + LIMIT_TOLERANCE
-        leaves = march.leaves(way.s, way.q, way.dq, lower, upper, i)
+        leaves = march.find_limit_exit(way.s, way.q, way.dq, lower, upper, i)
         x = robot.limits.normalise(way.q + shift)[:, i]
         cost = LIMITS_WEIGHT * float(x**2 @ steps)
         away = START_WEIGHT * abs(q + k * turn - near[i]) if near is not None else 0.0

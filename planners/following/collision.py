@@ -14,7 +14,7 @@ from planners.certificate.clearance import Clearance, clearance
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.joint_path import JointPath
 from planners.following.track import Track
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.trajectory import Trajectory
 
 CONTACT_SAMPLES = 401
@@ -36,7 +36,7 @@ class CollisionCheck:
         """Return whether the quintics through a tracked branch are proved to be collision-free."""
         if len(way.s) < 2 or not self.are_free(way.q).all():
             return False
-        return self._clearance(through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
+        return self._clearance(quintic_through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
 
     def check_start(self, q: Array) -> PlanFailure | None:
         """Return the failure of a start configuration in collision, or None."""

@@ -13,7 +13,7 @@ from optik.types import Array, Flags
 from planners.following.joint_path import LEAST_SPACING, fourth_bounds
 from planners.paths.base import Path
 
-SHARE = 0.2
+FOURTH_FRACTION = 0.2
 """Share of the tolerance that the path's fourth derivative may take in a step; the bound of the joints is wider."""
 
 MOST_PLACES = 100_000
@@ -56,7 +56,7 @@ class Course:
         """
         breaks, fourth = self.path.breaks, self.pieces[:, :, 3]
         with np.errstate(divide="ignore"):
-            share = (SHARE * np.array([tolerance.position, tolerance.rotation]) / fourth).min(axis=1)
+            share = (FOURTH_FRACTION * np.array([tolerance.position, tolerance.rotation]) / fourth).min(axis=1)
         step = np.sqrt(np.sqrt(384.0 * share))  # longest in each piece
         if len(breaks) > 2:
             s = np.union1d(s, breaks[1:-1])
@@ -100,11 +100,11 @@ def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
             longest = least
 
 
-def part(nodes: Nodes, first: int, last: int | None = None) -> Nodes:
+def slice_nodes(nodes: Nodes, first: int, last: int | None = None) -> Nodes:
     """Return a range of nodes, without copying them."""
     return Nodes(*(x[first:last] for x in nodes))
 
 
-def unguided(n: int) -> Guide:
+def make_empty_guide(n: int) -> Guide:
     """Return the guide of an arm without free motion."""
     return lambda s: (np.empty((s.size, 4, 0, n)), np.empty((s.size, 4, 0)))

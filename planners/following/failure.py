@@ -16,8 +16,8 @@ from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.singular import smallest
-from planners.following.track import Ended
+from planners.following.singular import smallest_singular_value
+from planners.following.track import TrackEnd
 from planners.paths.base import Path
 
 CLEARLY_REGULAR = 1e-2
@@ -33,7 +33,7 @@ EXACT_TOLERANCE = Tolerance(1e-9, 1e-9)
 RANK_DRAWS = 20
 """Random configurations at which the rank of an arm is computed; almost all configurations have the same."""
 
-ZERO_SHARE = 1e-10
+ZERO_FRACTION = 1e-10
 """A singular value below this share of the largest is rounding."""
 
 
@@ -107,7 +107,7 @@ def find_rank(robot: Robot) -> int:
     """Return the greatest rank of the Jacobian at random configurations, which is that of almost all."""
     q = robot.limits.sample(np.random.default_rng(0), RANK_DRAWS)
     sigma = robot.singular_values(q)
-    return int((sigma > ZERO_SHARE * sigma[:, :1]).sum(axis=1).max())
+    return int((sigma > ZERO_FRACTION * sigma[:, :1]).sum(axis=1).max())
 
 
 def find_rank_failure(robot: Robot) -> PlanFailure | None:
@@ -122,19 +122,21 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
     return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
-def explain_end(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array) -> PlanFailure:
+def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
     """Explain why a branch ended, by its last good configuration and by the path just behind the end."""
-    sigma, s = smallest(robot, q), ended.s
+    sigma, s = smallest_singular_value(robot, q), ended.s
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
         reason = f"{name} comes to the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {s:.6g}"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
-    status, reason = _beyond(robot, path, reach, ended, q, sigma)
+    status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
     return PlanFailure(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
 
 
-def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigma: float) -> tuple[FollowStatus, str]:
+def _explain_beyond(
+    robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array, sigma: float
+) -> tuple[FollowStatus, str]:
     """Status and reason of an end that is not at a limit, by what the arm can do just behind it."""
     s = ended.s
     beyond = path.pose(min(s + BEYOND * path.end, path.end))
@@ -172,7 +174,7 @@ def _beyond(robot: Robot, path: Path, reach: Array, ended: Ended, q: Array, sigm
 
 def explain_ik_failure(solver: IKSolver, s: float, result: IKResult, before: Array) -> PlanFailure:
     """Explain that the IK method failed where the branch continues."""
-    sigma = smallest(solver.robot, before)
+    sigma = smallest_singular_value(solver.robot, before)
     reason = (
         f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch goes on; smallest singular value {sigma:.2g}"
@@ -191,4 +193,4 @@ def explain_branch_jump(solver: IKSolver, s: float, step: Array, before: Array) 
         "from where the motion leads"
     )
     advice = "another method, such as lm, or more samples: the branch itself goes on there"
-    return PlanFailure(FollowStatus.BRANCH_JUMP, s, name, reason, advice, smallest(robot, before))
+    return PlanFailure(FollowStatus.BRANCH_JUMP, s, name, reason, advice, smallest_singular_value(robot, before))

@@ -23,7 +23,7 @@ from optik.types import Array, Flags
 from planners.following import march
 from planners.following.branches import branches
 from planners.following.collision import CollisionCheck, make_collision_check
-from planners.following.course import Course, Nodes, unguided
+from planners.following.course import Course, Nodes, make_empty_guide
 from planners.following.failure import (
     FollowStatus,
     PlanFailure,
@@ -34,10 +34,10 @@ from planners.following.failure import (
     joint_unit,
 )
 from planners.following.joint_path import IKRecord, JointPath, thin_knots
-from planners.following.redundancy import REFINED, free_motions
-from planners.following.singular import smallest
-from planners.following.track import Ended, Track, track
-from planners.hermite import through
+from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
+from planners.following.singular import smallest_singular_value
+from planners.following.track import Track, TrackEnd, track
+from planners.hermite import quintic_through
 from planners.paths.base import Path
 
 __all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "PlanFailure", "follow"]
@@ -192,7 +192,7 @@ def _tracked(
         return Followed(None, few)
     if robot.n > 6:
         return _redundant(solver, path, grid, asked, tolerance, near)
-    course = Course(path, unguided(robot.n))
+    course = Course(path, make_empty_guide(robot.n))
     nodes = course.nodes(course.spread(grid, tolerance))
     if branch == "start":
         assert q is not None
@@ -242,7 +242,7 @@ def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | Non
     orders = [path.configurations(robot, knots, order) for order in range(4)]
     q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
     lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
-    leaves = [march.leaves(knots, q, dq, lower, upper, i) for i in range(robot.n)]
+    leaves = [march.find_limit_exit(knots, q, dq, lower, upper, i) for i in range(robot.n)]
     i = int(np.argmin(leaves))
     failure, good = None, len(knots)
     if leaves[i] <= path.end:
@@ -297,7 +297,7 @@ def _no_start(solver: IKSolver, path: Path, near: Array | None) -> PlanFailure:
     middle = robot.limits.clip(np.zeros(robot.n)) if near is None else near
     result = solve_ik(robot, path.pose(0.0), middle)
     if result:
-        ended = Ended(march.SINGULAR, 0.0, 0.0, -1)
+        ended = TrackEnd(march.SINGULAR, 0.0, 0.0, -1)
         failure = explain_end(robot, path, reach_bound(robot, POSE), ended, result.q)
         return replace(failure, advice="a path that begins away from the singularity")
     kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
@@ -320,13 +320,13 @@ def _redundant(
 ) -> Followed:
     """Choose the null-space motion, then track it; the first that reaches the end free of contact, or goes farthest."""
     robot, best, (q, branch) = solver.robot, None, asked
-    for motion in free_motions(robot, path, q, branch, None if near is None else near.are_free):
-        for _ in range(REFINED):
+    for motion in find_null_space_motions(robot, path, q, branch, None if near is None else near.are_free):
+        for _ in range(MOST_REFINEMENTS):
             course = Course(path, motion.guide())
             way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
             if best is None or way.s[-1] > best[0].s[-1]:
                 best = way, course
-            if way.ended is None or not motion.refined(way.ended.s, way.ended.code == march.LIMIT):
+            if way.ended is None or not motion.refine(way.ended.s, way.ended.code == march.LIMIT):
                 break
         if way.ended is None and (near is None or near.proves_free(way)):
             best = way, course
@@ -370,7 +370,7 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
     node = np.arange(len(way.s) + len(more)) < len(way.s)
     if not more.size:
         return tracked, node
-    between, nodes = through(way.s, way.q, way.dq[:, 0], way.dq[:, 1]), course.nodes(more)
+    between, nodes = quintic_through(way.s, way.q, way.dq[:, 0], way.dq[:, 1]), course.nodes(more)
     orders = [between(more)] + [between(more, order) for order in (1, 2, 3)]
     q, dq = orders[0], np.stack(orders[1:], axis=1)
     chain, x, d = robot.chain, np.empty(robot.n), np.empty((3, robot.n))
@@ -397,14 +397,14 @@ def _solve_samples(
     q = q_start
     for i, target in enumerate(path.pose(samples)):
         result = solve(target, q)
-        away = march.farthest(result.q, tracked[i])
+        away = march.largest_motion(result.q, tracked[i])
         free = redundant
         if away > SAME_BRANCH or not result:
-            sigma = 0.0 if redundant else smallest(robot, tracked[i])
+            sigma = 0.0 if redundant else smallest_singular_value(robot, tracked[i])
             free = sigma < DRIFT_BELOW
             if sigma < RETRY_BELOW and (away > march.LARGEST_STEP or not result):
                 result = solve(target, tracked[i])
-                away = march.farthest(result.q, tracked[i])
+                away = march.largest_motion(result.q, tracked[i])
             if not result:
                 failure = explain_ik_failure(solver, float(samples[i]), result, q)
             elif (redundant and away > march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):

@@ -13,7 +13,7 @@ from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
 from planners.curve import PiecewiseCurve
 from planners.following import march
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.paths.base import Path
 
 LEAST_SPACING = 2e-4
@@ -66,7 +66,9 @@ class JointPath(PiecewiseCurve):
         self.robot, self.path, self.knots, self.q, self.derivatives, self.ik = robot, path, knots, q, derivatives, ik
         self._chosen: Any = thin_knots(knots) if nodes is None else np.flatnonzero(nodes)
         self.nodes = knots[self._chosen]
-        self._set_polynomial(through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1)))
+        self._set_polynomial(
+            quintic_through(self.nodes, q[self._chosen], *np.swapaxes(derivatives[self._chosen, :2], 0, 1))
+        )
 
     @property
     def end(self) -> float:
@@ -153,7 +155,7 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
     if far.size:
         at = s[far, None] + np.diff(s)[far, None] * (np.arange(PROOF_PARTS + 1) / PROOF_PARTS)
         at[:, -1] = s[far + 1]
-        curve, flat = through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
+        curve, flat = quintic_through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
         parts = bounds(flat, curve(flat), np.stack([curve(flat, order) for order in (1, 2, 3)], axis=1))
         whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PROOF_PARTS + 1, 2)[
             :, :PROOF_PARTS

@@ -129,7 +129,7 @@ def misfit(chain: Chain, q: Array, dq: Array, pose: Array, twist: Array, out: Ar
 
 
 @compiled
-def widened(bound: tuple[float, float], h: float, left: Array, right: Array) -> tuple[float, float]:
+def widen_bound(bound: tuple[float, float], h: float, left: Array, right: Array) -> tuple[float, float]:
     """Widen a `piece_bound` by the deviation of its ends.
 
     The cubic Hermite interpolant of e is not zero then; it is at most max |e| + 4/27 h (|e'| + |e'|) at the ends.
@@ -158,11 +158,11 @@ def pieces_bound(
         misfit(chain, q[i + 1], dq[i + 1], poses[i + 1], twists[i + 1], right)
         h = s[i + 1] - s[i]
         control_points(h, q[i], dq[i], q[i + 1], dq[i + 1], b)
-        out[i, 0], out[i, 1] = widened(piece_bound(chain, h, b, fourth[i]), h, left, right)
+        out[i, 0], out[i, 1] = widen_bound(piece_bound(chain, h, b, fourth[i]), h, left, right)
 
 
 @compiled
-def first_exit(points: Array, low: float, high: float) -> float:
+def find_exit(points: Array, low: float, high: float) -> float:
     """Find the first place where a quintic leaves an interval.
 
     By bisection: a part whose Bézier points are all inside is inside; other parts shorter than 1e-9 count as outside.
@@ -217,19 +217,19 @@ def _predict(h: float, q: Array, dq: Array, ahead: Array, b: Array) -> float:
 
 
 @compiled
-def _first_limit(b: Array, limits: Range) -> tuple[float, int]:
+def _find_first_limit(b: Array, limits: Range) -> tuple[float, int]:
     """Share of a step up to the first limit that the quintics b (n, 6) pass, and the joint; −1 where none does."""
     lower, upper = limits
     first, joint = 2.0, -1
     for i in range(b.shape[0]):
-        u = first_exit(b[i], lower[i], upper[i])
+        u = find_exit(b[i], lower[i], upper[i])
         if u < first:
             first, joint = u, i
     return first, joint
 
 
 @compiled
-def _corrected(q: Array, ahead: Array, worst: float, pose: Array, b: Array) -> tuple[int, int]:
+def _check_correction(q: Array, ahead: Array, worst: float, pose: Array, b: Array) -> tuple[int, int]:
     """Code of a correction from the prediction b to ahead (n,), and the joint: DONE, NOT_MET or TOO_LONG."""
     reach, largest = 1.0, 0.0
     for r in range(3):
@@ -263,7 +263,7 @@ def march(
         if not _predict(h, q[k], dq[k], ahead, b) <= LARGEST_STEP:
             return k + 1, TOO_LONG, 0.0, 0
         worst, rank = polish(chain, poses[k + 1], rows[k + 1, 0], values[k + 1, 0], 8, ahead)
-        code, joint = _corrected(q[k], ahead, worst, poses[k + 1], b)
+        code, joint = _check_correction(q[k], ahead, worst, poses[k + 1], b)
         if code != DONE:
             return k + 1, code, worst if code == NOT_MET else 0.0, joint
         rank, singular[k + 1] = derivatives_at(
@@ -275,14 +275,14 @@ def march(
         distance, angle = piece_bound(chain, h, b, fourth[k])
         if not (distance <= tolerance[0] and angle <= tolerance[1]):
             return k + 1, LOOSE, max(distance / tolerance[0], angle / tolerance[1]), 0
-        first, joint = _first_limit(b, limits)
+        first, joint = _find_first_limit(b, limits)
         if joint >= 0:
             return k + 1, LIMIT, first, joint
     return s.shape[0], DONE, 0.0, 0
 
 
 @compiled
-def farthest(q: Array, other: Array) -> float:
+def largest_motion(q: Array, other: Array) -> float:
     """Return the largest joint motion between two configurations; three NumPy calls take five times as long.
 
     Shapes and units: q, other (n,) [rad, m]. Returns [rad or m].
@@ -294,7 +294,7 @@ def farthest(q: Array, other: Array) -> float:
 
 
 @compiled
-def leaves(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int) -> float:
+def find_limit_exit(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int) -> float:
     """Find the first place where a joint of the quintics through nodes leaves its limits.
 
     Shapes and units: s (k,) [m, or rad], q (k, n) [rad, m], dq (k, 3, n) [rad/m, rad/m², rad/m³], lower, upper (n,) [rad, m].
@@ -304,7 +304,7 @@ def leaves(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int
     for k in range(s.shape[0] - 1):
         h = s[k + 1] - s[k]
         control_points(h, q[k], dq[k], q[k + 1], dq[k + 1], b)
-        u = first_exit(b[joint], lower[joint], upper[joint])
+        u = find_exit(b[joint], lower[joint], upper[joint])
         if u <= 1.0:
             return float(s[k] + u * h)
     return np.inf

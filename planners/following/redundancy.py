@@ -17,7 +17,7 @@ from planners.following import smoothing
 from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
 from planners.following.course import Guide
 from planners.following.joint_path import smallest_singular_values
-from planners.following.smoothing import LARGEST_EDGE, LOG_EDGE, ROOM_WEIGHT, STATION_REACHED
+from planners.following.smoothing import BARRIER_WEIGHT, LARGEST_EDGE, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
 
 GUIDE_STATIONS = 25
@@ -29,19 +29,19 @@ STATION_DRAWS = 40
 CHOICES = 3
 """Free motions that are tried, the best first: the first can be followed on most paths."""
 
-SHORTEST_SHARE = 1e-3
+SHORTEST_FRACTION = 1e-3
 """Shortest step [share of the path] towards the end of the reach: so accurately that end is found."""
 
-FURTHER = 8.0
+KEEP_OFF_FACTOR = 8.0
 """Factor on the weight of the distance to the limits where the free motion came to one."""
 
-REFINED = 4
+MOST_REFINEMENTS = 4
 """Most attempts to follow one free motion; before each new one, stations are inserted where it could not be followed."""
 
 
-def free_motions(
+def find_null_space_motions(
     robot: Robot, path: Path, q: Array | None, branch: str, free: Callable[[Array], Flags] | None = None
-) -> Iterator[FreeMotion]:
+) -> Iterator[NullSpaceMotion]:
     """Choose free motions to try, the best first.
 
     Configurations q_k are chosen at stations along the path: for ``"start"`` by minimum-norm joint motion from the given one;
@@ -55,14 +55,14 @@ def free_motions(
     if branch == "start":
         assert q is not None
         chosen = [q[None].copy()]
-        _reach(robot, path.pose(s[:1]), chosen[0])
+        _project(robot, path.pose(s[:1]), chosen[0])
     else:
-        chosen = _programmed(robot, np.ascontiguousarray(path.pose(s)), q, free)
+        chosen = _search_stations(robot, np.ascontiguousarray(path.pose(s)), q, free)
     for way in chosen:
-        yield FreeMotion(robot, path, s, way, held=branch == "start")
+        yield NullSpaceMotion(robot, path, s, way, held=branch == "start")
 
 
-class FreeMotion:
+class NullSpaceMotion:
     """Configurations at stations along a path, smoothed together, and the guide through them."""
 
     def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
@@ -71,8 +71,8 @@ class FreeMotion:
         self.middle = robot.limits.middle
         self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no room to keep
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
-        self.s, self.way, self.keep_off = s[: len(way)], way, ROOM_WEIGHT
-        self._carry(s[len(way) :])
+        self.s, self.way, self.keep_off = s[: len(way)], way, BARRIER_WEIGHT
+        self._continue(s[len(way) :])
         self._smooth()
 
     @property
@@ -81,7 +81,7 @@ class FreeMotion:
         start: Array = self.way[0]
         return start
 
-    def _carry(self, s: Array) -> None:
+    def _continue(self, s: Array) -> None:
         """Continue the last configuration to stations s (k,), as far as possible.
 
         Where one is not reached, a nearer one is tried first, so that the last is near the end of the arm's reach.
@@ -91,11 +91,11 @@ class FreeMotion:
             at = np.array([self.s[-1], *ahead])
             way = np.repeat(self.way[-1:], len(at), axis=0)
             poses, N = np.ascontiguousarray(self.path.pose(at)), self.first.copy()
-            good = smoothing.carry(self.chain, self.middle, self.half, poses, at / self.path.end, N, way)
+            good = smoothing.continue_stations(self.chain, self.middle, self.half, poses, at / self.path.end, N, way)
             self.s, self.way = np.append(self.s, at[1:good]), np.concatenate([self.way, way[1:good]])
             ahead = ahead[good - 1 :]
             if ahead:
-                if ahead[0] - self.s[-1] < SHORTEST_SHARE * self.path.end:
+                if ahead[0] - self.s[-1] < SHORTEST_FRACTION * self.path.end:
                     return
                 ahead.insert(0, 0.5 * (self.s[-1] + ahead[0]))
 
@@ -114,7 +114,7 @@ class FreeMotion:
             self.N,
         )
 
-    def refined(self, s: float, limit: bool) -> bool:
+    def refine(self, s: float, limit: bool) -> bool:
         """Insert stations around a place where the motion could not be followed, and smooth it again."""
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
@@ -122,14 +122,14 @@ class FreeMotion:
         near = slice(max(k - 2, 0), k + 4)
         more = 0.5 * (self.s[near][1:] + self.s[near][:-1])
         between = np.ascontiguousarray(0.5 * (self.way[near][1:] + self.way[near][:-1]))
-        apart = np.diff(self.s[near]).min() >= SHORTEST_SHARE * self.path.end
-        if apart and _reach(self.robot, self.path.pose(more), between).all():
+        apart = np.diff(self.s[near]).min() >= SHORTEST_FRACTION * self.path.end
+        if apart and _project(self.robot, self.path.pose(more), between).all():
             order = np.argsort(np.append(self.s, more))
             self.s, self.way = np.append(self.s, more)[order], np.concatenate([self.way, between])[order]
         elif not limit:
             return False
         if limit:
-            self.keep_off *= FURTHER
+            self.keep_off *= KEEP_OFF_FACTOR
         self._smooth()
         return True
 
@@ -138,13 +138,15 @@ class FreeMotion:
         return _guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
 
 
-def _reach(robot: Robot, poses: Array, q: Array) -> Flags:
+def _project(robot: Robot, poses: Array, q: Array) -> Flags:
     """Project configurations (k, n), in place, onto poses (k, 4, 4) by minimum-norm steps; return which of them converge."""
     newton.polish_batch(robot.chain, q, poses, 12)
     return np.asarray(np.abs(robot.pose_errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 
-def _programmed(robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None) -> list[Array]:
+def _search_stations(
+    robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None
+) -> list[Array]:
     """The cheapest sequences (k, n) over the stations, by dynamic programming; shorter where none reaches the last station."""
     solver, rng = _solver(robot), np.random.default_rng(0)
     starts = robot.limits.sample(rng, STATION_DRAWS * len(poses))
@@ -157,31 +159,31 @@ def _programmed(robot: Robot, poses: Array, near: Array | None, free: Callable[[
         q = drawn.q[part][drawn.solved[part]]
         if k:
             on = layers[-1].copy()
-            on = on[_reach(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
+            on = on[_project(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
             q = np.concatenate([on[: 3 * STATION_DRAWS], q])
         if free is not None:
             q = q[free(q)]
         if not len(q):
             break
-        own = _standing(robot, q) / len(poses)
+        own = _station_costs(robot, q) / len(poses)
         if k == 0:
             if near is not None:
                 own = own + START_WEIGHT * np.linalg.norm(q - near, axis=1)
             layers, costs, before = [q], [own], [np.zeros(len(q), np.int64)]
             continue
         total, best = np.empty(len(q)), np.empty(len(q), np.int64)
-        _edges(layers[-1], costs[-1], q, 0.5 * MOTION_WEIGHT * (len(poses) - 1), total, best)
+        _find_edges(layers[-1], costs[-1], q, 0.5 * MOTION_WEIGHT * (len(poses) - 1), total, best)
         if not np.isfinite(total).any():
             break
         kept = np.isfinite(total)
         layers.append(q[kept])
         costs.append((total + own)[kept])
         before.append(best[kept])
-    return [_back(layers, before, int(i)) for i in _different(layers, costs)]
+    return [_trace_back(layers, before, int(i)) for i in _choose_different(layers, costs)]
 
 
 @compiled
-def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Indices) -> None:
+def _find_edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Indices) -> None:
     """Cheapest edge from a layer (k, n) to each configuration (m, n), no joint moving far; infinite where there is none."""
     for j in range(q.shape[0]):
         total[j], best[j] = np.inf, 0
@@ -196,7 +198,7 @@ def _edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, be
                 total[j], best[j] = cost, i
 
 
-def _different(layers: list[Array], costs: list[Array]) -> list[int]:
+def _choose_different(layers: list[Array], costs: list[Array]) -> list[int]:
     """Last configurations of the cheapest sequences that end apart from each other."""
     if not layers:
         return []
@@ -207,7 +209,7 @@ def _different(layers: list[Array], costs: list[Array]) -> list[int]:
     return chosen[:CHOICES]
 
 
-def _back(layers: list[Array], before: list[Indices], i: int) -> Array:
+def _trace_back(layers: list[Array], before: list[Indices], i: int) -> Array:
     way = []
     for layer, earlier in zip(reversed(layers), reversed(before), strict=True):
         way.append(layer[i])
@@ -220,11 +222,13 @@ def _solver(robot: Robot) -> IKSolver:
     return make_solver(robot, "lm", max_restarts=3)
 
 
-def _standing(robot: Robot, q: Array) -> Array:
+def _station_costs(robot: Robot, q: Array) -> Array:
     """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
     sigma = smallest_singular_values(robot, q)
     x = np.minimum(np.abs(robot.limits.normalise(q)), LOG_EDGE)
-    return np.asarray(-ROOM_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9)))
+    return np.asarray(
+        -BARRIER_WEIGHT * np.log(1.0 - x**2).sum(axis=1) - SINGULAR_WEIGHT * np.log(np.maximum(sigma, 1e-9))
+    )
 
 
 def _guide(s: Array, way: Array, directions: Array) -> Guide:

@@ -29,7 +29,7 @@ AHEAD = 2.0 ** np.arange(-10.0, -2.0)
 """Shares of the path at which a regular configuration ahead of a singular start is searched, the nearest first."""
 
 
-class At(NamedTuple):
+class PathPoint(NamedTuple):
     """A place s of a path, a configuration q (n,) there and its derivatives dq (3, n)."""
 
     s: float
@@ -37,12 +37,12 @@ class At(NamedTuple):
     dq: Array
 
 
-def smallest(robot: Robot, q: Array) -> float:
+def smallest_singular_value(robot: Robot, q: Array) -> float:
     """Return the smallest singular value of the Jacobian."""
     return float(smallest_singular_values(robot, q[None])[0])
 
 
-def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At | None:
+def continue_to(robot: Robot, course: Course, near: PathPoint, s: float, away: float) -> PathPoint | None:
     """Continue a motion from a regular place to a place near it, ahead or behind."""
     chain, h = robot.chain, s - near.s
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
@@ -59,10 +59,10 @@ def beyond(robot: Robot, course: Course, near: At, s: float, away: float) -> At 
         error = 0.0 if np.isfinite(error) else error  # the remaining error counts in the bound
     if not (error <= march.ON_PATH * reach and np.abs(q - predicted).max() <= march.LARGEST_CORRECTION):
         return None
-    return At(s, q, dq)
+    return PathPoint(s, q, dq)
 
 
-def departures(robot: Robot, course: Course, near: Array | None = None) -> Iterator[tuple[At, At]]:
+def find_departures(robot: Robot, course: Course, near: Array | None = None) -> Iterator[tuple[PathPoint, PathPoint]]:
     """Find smooth motions that begin at a singular start of the path.
 
     They are continued backwards to the start from the regular configurations a little ahead.
@@ -70,7 +70,7 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
     chain, none = robot.chain, np.empty((4, 0, robot.n))
     for s in AHEAD * course.path.end:
         nodes, found = course.nodes(np.array([s])), False
-        for q in roots(robot, nodes.poses[0], CLEAR)[0]:
+        for q in find_regular_roots(robot, nodes.poses[0], CLEAR)[0]:
             if near is not None:
                 q = q + 2.0 * np.pi * ~robot.prismatic * np.round((near - q) / (2.0 * np.pi))
                 if np.abs(q - near).max() > march.LARGEST_STEP:
@@ -81,8 +81,8 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
             rank, sigma = newton.derivatives_at(chain, q, *at, dq, march.REGULAR)
             if not (sigma >= CLEAR and rank > 0.0):
                 continue
-            right = At(float(s), q, dq)
-            left = beyond(robot, course, right, 0.0, march.REGULAR)
+            right = PathPoint(float(s), q, dq)
+            left = continue_to(robot, course, right, 0.0, march.REGULAR)
             if left is not None:
                 found |= bool(sigma >= march.REGULAR)
                 yield left, right
@@ -90,12 +90,12 @@ def departures(robot: Robot, course: Course, near: Array | None = None) -> Itera
             return
 
 
-def roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
+def find_regular_roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
     """Return the regular configurations that meet a pose inside the limits."""
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()
     for k in range(len(singular)):
-        singular[k] |= smallest(robot, found.q[k]) < least
+        singular[k] |= smallest_singular_value(robot, found.q[k]) < least
     return np.asarray(found.q[~singular]), bool(singular.any())
 
 

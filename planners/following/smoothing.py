@@ -19,7 +19,7 @@ Stations = tuple[Array, Array]
 LARGEST_EDGE = 0.7
 """Largest joint motion from one station to the next [rad or m], before smoothing: a larger one may be a jump."""
 
-ROOM_WEIGHT = 0.3
+BARRIER_WEIGHT = 0.3
 """Weight of the barrier at the limits, −Σ ln(1 − x²) with x = (q − middle) / half, beside ½ the squared motion."""
 
 LOG_EDGE = 0.98
@@ -28,13 +28,13 @@ LOG_EDGE = 0.98
 SMOOTHING_ROUNDS = 12
 """Most Newton steps of smoothing, which a motion that does not converge uses up."""
 
-SMOOTHED = 1e-4
+SMOOTHING_CONVERGED = 1e-4
 """Smoothing has converged where a step moves no joint further than this [rad or m]: the guide need not be exact."""
 
 LARGEST_MOVE = 0.2
 """Largest joint motion in one step of smoothing [rad or m], so that the null spaces change little."""
 
-CARRY_AWAY = 0.05
+MOST_RETREAT = 0.05
 """Largest null-space motion away from the limits on the way to the next station [rad or m]; smoothing does the rest."""
 
 STATION_REACHED = 1e-9
@@ -42,7 +42,7 @@ STATION_REACHED = 1e-9
 
 
 @compiled
-def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
+def project_onto(chain: Chain, target: Array, q: Array, J: Array) -> float:
     """Project a configuration, in place, onto a pose by minimum-norm Newton steps.
 
     Shapes and units: target (4, 4) [m], q (n,) [rad, m], J (6, n) [m/rad, 1]. Returns [m, rad].
@@ -71,7 +71,7 @@ def come_to(chain: Chain, target: Array, q: Array, J: Array) -> float:
 
 
 @compiled
-def free_directions(J: Array, before: Array, N: Array) -> float:
+def find_null_space(J: Array, before: Array, N: Array) -> float:
     """Compute an orthonormal basis of the null space that is near a given one.
 
     The given vectors are projected onto the null space, then orthonormalised one by one.
@@ -111,7 +111,7 @@ def free_directions(J: Array, before: Array, N: Array) -> float:
 
 
 @compiled
-def room(middle: float, half: float, q: float) -> tuple[float, float]:
+def barrier_derivatives(middle: float, half: float, q: float) -> tuple[float, float]:
     """Return the first and second derivative of the barrier −ln(1 − x²), x = (q − middle) / half.
 
     Shapes and units: middle, half [rad, or m], q [rad, or m].
@@ -126,7 +126,7 @@ def room(middle: float, half: float, q: float) -> tuple[float, float]:
 
 
 @compiled
-def carry(
+def continue_stations(
     chain: Chain,
     middle: Array,
     half: Array,
@@ -143,12 +143,12 @@ def carry(
     J, on, other = np.empty((6, n)), np.empty((n, d)), np.empty(n)
     for k in range(1, way.shape[0]):
         way[k] = way[k - 1]
-        if not come_to(chain, poses[k], way[k], J) < STATION_REACHED:
+        if not project_onto(chain, poses[k], way[k], J) < STATION_REACHED:
             return k
         for i in range(n):
             if not abs(way[k, i] - way[k - 1, i]) <= LARGEST_EDGE:
                 return k
-        if free_directions(J, N, on) == 0.0:
+        if find_null_space(J, N, on) == 0.0:
             continue
         copy_matrix(on, N)
         largest = 1e-12
@@ -157,20 +157,20 @@ def carry(
         for c in range(d):
             slope = 0.0
             for i in range(n):
-                slope += N[i, c] * room(middle[i], half[i], way[k, i])[0]
+                slope += N[i, c] * barrier_derivatives(middle[i], half[i], way[k, i])[0]
             for i in range(n):
-                other[i] -= ROOM_WEIGHT * slope * N[i, c] * (shares[k] - shares[k - 1])
+                other[i] -= BARRIER_WEIGHT * slope * N[i, c] * (shares[k] - shares[k - 1])
         for i in range(n):
             largest = max(largest, abs(other[i]))
         for i in range(n):
-            other[i] = way[k, i] + other[i] * min(1.0, CARRY_AWAY / largest)
-        if come_to(chain, poses[k], other, J) < STATION_REACHED:
+            other[i] = way[k, i] + other[i] * min(1.0, MOST_RETREAT / largest)
+        if project_onto(chain, poses[k], other, J) < STATION_REACHED:
             way[k] = other
     return len(way)
 
 
 @compiled
-def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
+def find_null_spaces(chain: Chain, way: Array, first: Array, N: Array) -> float:
     """Compute bases of the null spaces at configurations, each near the one before.
 
     Shapes and units: way (k, n) [rad, m], first (n, d) [1], N (k, n, d) [1]. Returns [1].
@@ -181,7 +181,7 @@ def directions(chain: Chain, way: Array, first: Array, N: Array) -> float:
         frames(chain, way[k], frame)
         tool_pose(chain, frame, T)
         jacobian_from(chain, frame, T, J)
-        alike = free_directions(J, first if k == 0 else N[k - 1], N[k])
+        alike = find_null_space(J, first if k == 0 else N[k - 1], N[k])
         if k > 0:
             least = min(least, alike)
     return least
@@ -224,7 +224,7 @@ def _assemble(
         right = shares[i + 1] - shares[i] if i + 1 < k else 0.0
         weight, stiff = 0.5 * keep_off * (left + right), 0.0
         for j in range(n):
-            slope, curve = room(middle[j], half[j], way[i, j])
+            slope, curve = barrier_derivatives(middle[j], half[j], way[i, j])
             pull[j], bend[j] = -weight * slope, weight * curve
         if i > 0:
             stiff += 1.0 / left
@@ -263,7 +263,7 @@ def smooth(
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
     for _ in range(SMOOTHING_ROUNDS):
-        directions(chain, way, first, N)
+        find_null_spaces(chain, way, first, N)
         _assemble(ranges, shares, keep_off, held, way, N, (D, C, b))
         solve_blocks(D, C, b)
         largest = 1e-12
@@ -277,8 +277,8 @@ def smooth(
         for i in range(k):
             for j in range(n):
                 move[i, j] = way[i, j] + share * move[i, j]
-            if come_to(chain, poses[i], move[i], J) < STATION_REACHED:
+            if project_onto(chain, poses[i], move[i], J) < STATION_REACHED:
                 way[i] = move[i]
-        if largest < SMOOTHED:
+        if largest < SMOOTHING_CONVERGED:
             break
-    return directions(chain, way, first, N)
+    return find_null_spaces(chain, way, first, N)

@@ -12,9 +12,9 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.course import Course, Nodes, part
+from planners.following.course import Course, Nodes, slice_nodes
 from planners.following.joint_path import LEAST_SPACING, deviation_bounds, smallest_singular_values
-from planners.following.singular import At, beyond, departures, smallest
+from planners.following.singular import PathPoint, continue_to, find_departures, smallest_singular_value
 
 LEAST_STEP = 1e-6
 """Shortest step, as a share of the path's length: the accuracy of the end of a branch."""
@@ -25,7 +25,7 @@ FINEST_STEP = 1e-11
 MOST_NODES = 200_000
 """Most nodes of one path: a joint path of minutes of computing, where tracking stops."""
 
-BEND_SHARE = 1e-3
+BEND_FRACTION = 1e-3
 """Share of the tolerance below which the path's own bend does not limit a step, only the joints do."""
 
 NODES_AT_ONCE = 1024
@@ -43,7 +43,7 @@ SAME_START = 1e-4
 """Largest distance of a continuation of a singular start from the given one [rad or m]: `follow` accepts as much."""
 
 
-class Ended(NamedTuple):
+class TrackEnd(NamedTuple):
     """How a branch ended at s: a code of `march`, its figure, and the joint that is at its limit, or −1."""
 
     code: int
@@ -58,7 +58,7 @@ class Track(NamedTuple):
     s: Array
     q: Array
     dq: Array
-    ended: Ended | None
+    ended: TrackEnd | None
 
 
 def track(
@@ -90,7 +90,7 @@ class _Tracker:
         self.s, self.q, self.dq = np.empty(256), np.empty((256, n)), np.empty((256, 3, n))
         self.ahead: list[Nodes] = []
         self.least = march.REGULAR  # smallest singular value that a node may have
-        self.at_limit: Ended | None = None  # how it ends, once a limit was found
+        self.at_limit: TrackEnd | None = None  # how it ends, once a limit was found
 
     def run(self, nodes: Nodes, q_start: Array) -> Track:
         ended = self._begin(nodes, q_start)
@@ -116,12 +116,12 @@ class _Tracker:
             nodes = self.ahead.pop()
             i = int(np.searchsorted(nodes.s, min(s + LEAST_SPACING, self.end)))
             if i < len(nodes.s) and nodes.s[i] > s:
-                self.ahead += [part(nodes, i), self.course.nodes(np.array([s, nodes.s[i]]))]
+                self.ahead += [slice_nodes(nodes, i), self.course.nodes(np.array([s, nodes.s[i]]))]
                 return
 
     # ------------------------------------------------------------ the start
 
-    def _begin(self, nodes: Nodes, q_start: Array) -> Ended | None:
+    def _begin(self, nodes: Nodes, q_start: Array) -> TrackEnd | None:
         """Correct the start onto the path; at a singular one, begin with a smooth motion that starts there."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
@@ -134,11 +134,11 @@ class _Tracker:
             return None
         self._keep(nodes.s[:1], given[None], dq[None])
         if not sigma >= march.SMALLEST_SINGULAR_VALUE or rank == 0.0:
-            return Ended(march.SINGULAR, 0.0, float(sigma), -1)
+            return TrackEnd(march.SINGULAR, 0.0, float(sigma), -1)
         if not error <= march.ON_PATH * reach:
-            return Ended(march.NOT_MET, 0.0, error, -1)
+            return TrackEnd(march.NOT_MET, 0.0, error, -1)
         if outside.max() > 0.0:
-            return Ended(march.LIMIT, 0.0, 0.0, int(outside.argmax()))
+            return TrackEnd(march.LIMIT, 0.0, 0.0, int(outside.argmax()))
         self.q[0] = q
         if sigma < march.REGULAR:
             self.least = march.SMALLEST_SINGULAR_VALUE
@@ -149,8 +149,8 @@ class _Tracker:
         """Begin at a singular configuration with a smooth motion from it, where there is one."""
         if self.robot.n > 6:
             return False
-        for left, right in departures(self.robot, self.course, q_start):
-            if np.abs(left.q - q_start).max() <= SAME_START and self._refused(left, right) == march.DONE:
+        for left, right in find_departures(self.robot, self.course, q_start):
+            if np.abs(left.q - q_start).max() <= SAME_START and self._check_step(left, right) == march.DONE:
                 for end in (left, right):
                     self._keep(np.array([end.s]), end.q[None], end.dq[None])
                 self._resume(nodes)
@@ -159,12 +159,12 @@ class _Tracker:
 
     # ------------------------------------------------------------ going on
 
-    def _advance(self, nodes: Nodes) -> Ended | None:
+    def _advance(self, nodes: Nodes) -> TrackEnd | None:
         """March through nodes, the first of which is the last good one, and handle what stopped the march."""
         most = NODES_AT_ONCE if self.least == march.REGULAR else 2
         if len(nodes.s) > most:
-            self.ahead.append(part(nodes, most - 1))
-            nodes = part(nodes, 0, most)
+            self.ahead.append(slice_nodes(nodes, most - 1))
+            nodes = slice_nodes(nodes, 0, most)
         k, n = len(nodes.s), self.robot.n
         q, dq, singular = np.empty((k, n)), np.empty((k, 3, n)), np.empty(k)
         q[0], dq[0] = self.q[self.count - 1], self.dq[self.count - 1]
@@ -172,13 +172,17 @@ class _Tracker:
             self.chain, self.slack, (*nodes,), self.allowed, self.least, q, dq, singular
         )
         self._keep(nodes.s[1:good], q[1:good], dq[1:good])
-        if self.least < march.REGULAR and good > 1 and smallest(self.robot, q[good - 1]) >= march.REGULAR:
+        if (
+            self.least < march.REGULAR
+            and good > 1
+            and smallest_singular_value(self.robot, q[good - 1]) >= march.REGULAR
+        ):
             self.least = march.REGULAR
         i = good - 1
         if code == march.DONE:
             return None
         if code == march.LIMIT:
-            return self._to_the_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
+            return self._approach_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         if code == march.SINGULAR:
             passed, coarse = self._step_over(nodes, i, value)
@@ -186,24 +190,24 @@ class _Tracker:
                 return None
             if self.least == march.REGULAR and (not coarse or b - a <= LEAST_SPACING):  # approach it node by node
                 self.least = march.SMALLEST_SINGULAR_VALUE
-                self.ahead.append(part(nodes, i))
+                self.ahead.append(slice_nodes(nodes, i))
                 return None
-        bends = (b - a) ** 4 / 384.0 * nodes.fourth[i] > BEND_SHARE * self.allowed
+        bends = (b - a) ** 4 / 384.0 * nodes.fourth[i] > BEND_FRACTION * self.allowed
         least = FINEST_STEP if code == march.LOOSE and bends.any() else LEAST_STEP
         if b - a <= least * self.end or self.count > MOST_NODES:
-            return Ended(code, b if code == march.SINGULAR else a, value, -1)
+            return TrackEnd(code, b if code == march.SINGULAR else a, value, -1)
         parts = int(np.clip(np.ceil(value**0.25), 2, 16)) if code == march.LOOSE and value < np.inf else 2
-        self.ahead += [part(nodes, i + 1), self.course.nodes(np.linspace(a, b, parts + 1))]
+        self.ahead += [slice_nodes(nodes, i + 1), self.course.nodes(np.linspace(a, b, parts + 1))]
         return None
 
-    def _to_the_limit(self, nodes: Nodes, i: int, q: Array, dq: Array, value: float, joint: int) -> Ended | None:
+    def _approach_limit(self, nodes: Nodes, i: int, q: Array, dq: Array, value: float, joint: int) -> TrackEnd | None:
         """Continue from node i up to the limit that the step to the next node, with ends q and dq, passes."""
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         points = np.empty((self.robot.n, 6))
         march.control_points(b - a, q[0], dq[0], q[1], dq[1], points)
-        u = march.first_exit(points[joint], self.limits[0][joint], self.limits[1][joint])
+        u = march.find_exit(points[joint], self.limits[0][joint], self.limits[1][joint])
         limit = a + min(u, value) * (b - a)
-        ended = Ended(march.LIMIT, limit, value, joint)
+        ended = TrackEnd(march.LIMIT, limit, value, joint)
         if limit - a > LEAST_STEP * self.end and (self.at_limit is None or limit < self.at_limit.s):
             self.ahead = [self.course.nodes(np.array([a, limit]))]
             self.at_limit = ended
@@ -222,48 +226,48 @@ class _Tracker:
             if not from_here.size:
                 continue
             k = self.count - back + int(from_here[-1])
-            left = At(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
+            left = PathPoint(float(self.s[k]), self.q[k].copy(), self.dq[k].copy())
             if value >= away:  # the node ahead is not singular at this threshold
                 continue
             for stretch in STEP_OVER_LENGTHS:
                 s = min(middle + stretch * (middle - left.s), self.end)
-                right = beyond(self.robot, self.course, left, s, away)
+                right = continue_to(self.robot, self.course, left, s, away)
                 if right is None:
                     continue
-                refused = self._refused(left, right)
+                refused = self._check_step(left, right)
                 if refused == march.LOOSE:
-                    ends = self._softened(k, left, right)
+                    ends = self._soften(k, left, right)
                 else:
                     ends = [left, right] if refused == march.DONE else None
                 if ends is not None:
                     self.count = k
                     for end in ends:
                         self._keep(np.array([end.s]), end.q[None], end.dq[None])
-                    self._resume(part(nodes, i + 1))
+                    self._resume(slice_nodes(nodes, i + 1))
                     return True, False
                 coarse |= refused in (march.LOOSE, march.TOO_LONG)
         return False, coarse
 
-    def _softened(self, k: int, left: At, right: At) -> list[At] | None:
+    def _soften(self, k: int, left: PathPoint, right: PathPoint) -> list[PathPoint] | None:
         """The same step from node k as a cubic, with a node before it where one is needed; None where neither is accepted."""
         # Near a singular configuration that the path passes a little beside, exact second derivatives describe the
         # detour of the joints around it, not the step over it. The proof needs pose and twist only.
         h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
         slope = (right.q - left.q) / h
         third = 6.0 * (v0 + v1 - 2.0 * slope) / h**2
-        soft = At(left.s, left.q, np.stack([v0, (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, third]))
-        softer = At(right.s, right.q, np.stack([v1, (4.0 * v1 + 2.0 * v0 - 6.0 * slope) / h, third]))
-        if self._refused(soft, softer) != march.DONE:
+        soft = PathPoint(left.s, left.q, np.stack([v0, (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, third]))
+        softer = PathPoint(right.s, right.q, np.stack([v1, (4.0 * v1 + 2.0 * v0 - 6.0 * slope) / h, third]))
+        if self._check_step(soft, softer) != march.DONE:
             return None
-        before = At(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
-        if k == 0 or self._refused(before, soft) == march.DONE:  # the piece before must hold with this end, too
+        before = PathPoint(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
+        if k == 0 or self._check_step(before, soft) == march.DONE:  # the piece before must hold with this end, too
             return [soft, softer]
-        between = beyond(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
-        if between is not None and self._refused(before, between) == self._refused(between, soft) == march.DONE:
+        between = continue_to(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
+        if between is not None and self._check_step(before, between) == self._check_step(between, soft) == march.DONE:
             return [between, soft, softer]
         return None
 
-    def _refused(self, left: At, right: At) -> int:
+    def _check_step(self, left: PathPoint, right: PathPoint) -> int:
         """Why a step outside the march is refused; DONE where it is accepted."""
         h, n = right.s - left.s, self.robot.n
         if np.abs(right.q - left.q).max() > march.LARGEST_STEP:
@@ -279,5 +283,5 @@ class _Tracker:
         if not (out[0] <= self.allowed).all():
             return march.LOOSE
         march.control_points(h, left.q, left.dq, right.q, right.dq, points)
-        exits = [march.first_exit(points[j], self.slack[0][j], self.slack[1][j]) for j in range(n)]
+        exits = [march.find_exit(points[j], self.slack[0][j], self.slack[1][j]) for j in range(n)]
         return march.LIMIT if min(exits) <= 1.0 else march.DONE

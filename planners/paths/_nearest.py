@@ -42,7 +42,7 @@ class PosesAlong(Protocol):
         """Twists (k, 6) at s, or their derivatives."""
 
 
-def nearest_places(path: PosesAlong, poses: Array) -> Array:
+def find_nearest(path: PosesAlong, poses: Array) -> Array:
     """Return the places on a path where |p − x|² + `TURN_WEIGHT`² |R − X|²/2 is least; x and X are a pose's parts.
 
     The distance of the path from the chords of a grid has a known bound. So the chords that may be nearest are known, and
@@ -67,14 +67,14 @@ def chords(path: PosesAlong, turn: float, most: float, least: int = 1) -> tuple[
 
 
 def _search(path: PosesAlong, edges: Array, bend: Array, poses: Array) -> Array:
-    which, cell, part = _candidates(embedded(path.pose(edges), TURN_WEIGHT), bend, embedded(poses, TURN_WEIGHT))
+    which, cell, part = _candidates(embed_poses(path.pose(edges), TURN_WEIGHT), bend, embed_poses(poses, TURN_WEIGHT))
     low, high = edges[cell], edges[cell + 1]
     s, cost = _newton(path, poses[which], low + part * (high - low), low, high)
     best = np.lexsort((s, cost, which))
     return s[best[np.searchsorted(which[best], np.arange(len(poses)))]]
 
 
-def embedded(poses: Array, turn: float) -> Array:
+def embed_poses(poses: Array, turn: float) -> Array:
     """Return poses as points whose squared distance is |p − x|² + turn² |R − X|²/2."""
     return np.concatenate([poses[:, :3, 3], (turn / np.sqrt(2.0)) * poses[:, :3, :3].reshape(-1, 9)], axis=1)
 
@@ -119,7 +119,7 @@ def _cost(path: PosesAlong, poses: Array, s: Array) -> Array:
     at = path.pose(s)
     r = at[:, :3, 3] - poses[:, :3, 3]
     return np.asarray(
-        np.einsum("ki,ki->k", r, r) + TURN_WEIGHT**2 * (3.0 - np.einsum("kij,kij->k", *_turns(at, poses)))
+        np.einsum("ki,ki->k", r, r) + TURN_WEIGHT**2 * (3.0 - np.einsum("kij,kij->k", *_rotations_of(at, poses)))
     )
 
 
@@ -127,7 +127,7 @@ def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:
     """First and second derivative (k,) of half the cost, by R' = ω×R and R'' = (ω'× + ω×ω×) R."""
     at, first, second = path.pose(s), path.twist(s), path.twist(s, 2)
     r, v, w = at[:, :3, 3] - poses[:, :3, 3], first[:, :3], first[:, 3:]
-    R, X = _turns(at, poses)
+    R, X = _rotations_of(at, poses)
     M = R @ np.swapaxes(X, 1, 2)
     axis = vector_of(M)
     turn = np.einsum("kii->k", M) * np.einsum("ki,ki->k", w, w) - np.einsum("ki,kij,kj->k", w, M, w)
@@ -137,5 +137,5 @@ def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:
     return slope, curvature + half * (np.einsum("ki,ki->k", second[:, 3:], axis) + turn)
 
 
-def _turns(a: Array, b: Array) -> tuple[Array, Array]:
+def _rotations_of(a: Array, b: Array) -> tuple[Array, Array]:
     return a[:, :3, :3], b[:, :3, :3]

@@ -31,14 +31,14 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
     return turn
 
 
-def turned(R: Array, w: Array, s: Array) -> Array:
+def rotations_along(R: Array, w: Array, s: Array) -> Array:
     """Return the rotations exp(s w) R along a path that turns at a constant rate."""
     if not w.any():
         return np.broadcast_to(R, (s.size, 3, 3))
     return (se3.exp_so3(s[:, None] * w).reshape(-1, 3) @ R).reshape(-1, 3, 3)
 
 
-def poses(R: Array, p: Array) -> Array:
+def make_poses(R: Array, p: Array) -> Array:
     """Return the poses of rotations and positions."""
     out = np.zeros((len(p), 4, 4))
     out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p, 1.0
@@ -59,7 +59,7 @@ def angle_about(axis: Array, R: Array) -> Array:
     return np.asarray(np.arctan2(vector_of(R) @ axis, cosine))
 
 
-def turning(w: Array, w1: Array, w2: Array) -> Array:
+def rotation_derivative_norms(w: Array, w1: Array, w2: Array) -> Array:
     """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1."""
     A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
     second = A1 + A @ A

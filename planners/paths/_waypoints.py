@@ -29,7 +29,7 @@ ACCEPTED_HEADER = (
 """The allowed header lines, as an error states them."""
 
 
-def waypoints_of(file: str | os.PathLike[str], orientation: ArrayLike | None) -> Array:
+def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) -> Array:
     """Return the poses (k, 4, 4) of a file; see `Polyline.from_csv`."""
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")

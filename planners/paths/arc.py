@@ -15,10 +15,10 @@ from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.paths._nearest import TURN_WEIGHT
-from planners.paths._rotation import poses, shortest_turn, turned
+from planners.paths._rotation import make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
 
-SAME_PLACE = 1e-9
+SAME_POINT = 1e-9
 """Points nearer to each other than this [m] are one point, as far as arms of metres can tell, and give no direction."""
 DEGENERATE = 1e-6
 """Sides shorter than this share of the longest, and turns by less than this angle [rad], are measuring noise."""
@@ -126,13 +126,13 @@ class Arc(Path):
         outward = first[:3, 3] - point
         outward = outward - (outward @ unit) * unit
         radius = float(np.linalg.norm(outward))
-        if radius <= SAME_PLACE:
+        if radius <= SAME_POINT:
             raise InvalidInput(
                 "start", f"{radius:.3g} m from the axis", "a start off the axis: a Line turns on the spot"
             )
         inward = -outward / radius
         circle = Circle(_cross(inward, unit), inward, radius, abs(float(angle)))
-        turn, kept = _turn(first, orientation, circle.angle * unit)
+        turn, kept = _check_orientation(first, orientation, circle.angle * unit)
         data = {"start": first.tolist(), "centre": point.tolist(), "axis": direction.tolist(), "angle": float(angle)}
         return cls(first, circle, turn, data | {"orientation": kept})
 
@@ -146,7 +146,7 @@ class Arc(Path):
         turn = (x / r)[:, None]
         if order == 0:
             p = self.start[:3, 3] + (r * np.sin(turn)) * along + (2.0 * r * np.sin(0.5 * turn) ** 2) * inward
-            return poses(turned(self.start[:3, :3], self._w, x), p)
+            return make_poses(rotations_along(self.start[:3, :3], self._w, x), p)
         out = np.zeros((x.size, 6))
         if order == 1:
             out[:, 3:] = self._w
@@ -169,7 +169,7 @@ class Arc(Path):
         # half the squared distance, without the terms that do not depend on the place
         cost = 2.0 * r * np.sin(0.5 * theta) ** 2 * (r - b) - r * np.sin(theta) * a
         if self._w.any():
-            R = turned(self.start[:3, :3], self._w, r * theta.ravel()).reshape(*theta.shape, 3, 3)
+            R = rotations_along(self.start[:3, :3], self._w, r * theta.ravel()).reshape(*theta.shape, 3, 3)
             cost -= 0.5 * TURN_WEIGHT**2 * np.einsum("tkij,kij->tk", R, poses[:, :3, :3])
         cost[: len(turns)][turns > angle] = np.inf
         # the ends come last, so that rounding in the cost does not move a place near an end onto it
@@ -199,7 +199,7 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
     """By the angle δ between the chords start–via and via–goal: the arc turns by 2δ, and the chord is 2 r sin δ."""
     first, second, chord = via - start, goal - via, goal - start
     sides = np.array([np.linalg.norm(v) for v in (first, second, chord)])
-    least = max(SAME_PLACE, DEGENERATE * sides.max())
+    least = max(SAME_POINT, DEGENERATE * sides.max())
     for side, argument, other in zip(sides, ("via", "via", "goal"), ("start", "goal", "start"), strict=True):
         if side <= least:
             full = "; a full circle is Arc.about" if argument == "goal" else ""
@@ -219,7 +219,7 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
     return Circle(along, _cross(normal, along), float(sides[2] / (2.0 * np.sin(delta))), 2.0 * delta)
 
 
-def _turn(start: Array, orientation: ArrayLike, with_arc: Array) -> tuple[Array, Any]:
+def _check_orientation(start: Array, orientation: ArrayLike, with_arc: Array) -> tuple[Array, Any]:
     """Rotation vector (3,) of the whole arc, and the orientation as plain data."""
     if isinstance(orientation, str):
         if orientation not in ("fixed", "arc"):

@@ -15,7 +15,7 @@ from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import Curve
-from planners.paths._nearest import nearest_places
+from planners.paths._nearest import find_nearest
 
 
 class Path(Curve):
@@ -183,7 +183,7 @@ class Path(Curve):
 
     def _nearest(self, poses: Array) -> Array:
         """Places (k,) nearest to checked poses on a path with a length; overridden by paths with a closed form."""
-        return nearest_places(self, poses)
+        return find_nearest(self, poses)
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array | None:
         """Return configurations at s, or their derivatives, of a path that is given in joint space.

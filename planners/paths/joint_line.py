@@ -17,7 +17,7 @@ from optik.ik import solve_ik
 from optik.ik._problem import check_start
 from optik.types import Array
 from planners.curve import Curve
-from planners.paths._rotation import turning
+from planners.paths._rotation import rotation_derivative_norms
 from planners.paths.base import Path, fields
 
 BOUND_SAMPLES = 32
@@ -167,7 +167,7 @@ class JointLine(Path):
         twists = self._twists(self._joints(np.linspace(0.0, self.end, cells + 1)))
         sampled = np.stack([
             np.linalg.norm(twists[:, :, :3], axis=2).max(axis=0),
-            turning(*np.swapaxes(twists[:, :, 3:], 0, 1)).max(axis=0),
+            rotation_derivative_norms(*np.swapaxes(twists[:, :, 3:], 0, 1)).max(axis=0),
         ])  # fmt: skip
         for k in (2, 1, 0):
             between = (1.0 + 1e-12) * sampled[:, k] + 0.5 * self.end / cells * bounds[:, k + 1]

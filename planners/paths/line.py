@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.paths._rotation import NO_LENGTH, angle_about, poses, shortest_turn, turned
+from planners.paths._rotation import NO_LENGTH, angle_about, make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
 
 
@@ -54,8 +54,8 @@ class Line(Path):
 
     def _evaluate(self, x: Array, order: int) -> Array:
         if order == 0:
-            R = turned(self.start[:3, :3], self._twist[3:], x)
-            return poses(R, self.start[:3, 3] + x[:, None] * self._twist[:3])
+            R = rotations_along(self.start[:3, :3], self._twist[3:], x)
+            return make_poses(R, self.start[:3, 3] + x[:, None] * self._twist[:3])
         if order == 1:
             return np.tile(self._twist, (x.size, 1))
         return np.zeros((x.size, 6))  # v and ω are constant in the base frame

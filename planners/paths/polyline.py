@@ -15,8 +15,8 @@ from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
-from planners.paths._rotation import poses, shortest_turn
-from planners.paths._waypoints import waypoints_of
+from planners.paths._rotation import make_poses, shortest_turn
+from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
 
 METRES_PER_RADIAN = 0.1
@@ -103,7 +103,7 @@ class Polyline(Path):
         self._given = _check_waypoints(waypoints)
         self._blend = _tolerances(blend, "blend", "m", len(self._given) - 2)
         self._blend_rotation = _tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
-        kept, room = _merged(self._given, self._blend, self._blend_rotation)
+        kept, room = _merge_waypoints(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
         self.segments, self._kept = len(self._given) - 1, kept
         self.waypoints: Array = self._given[kept]
@@ -117,11 +117,11 @@ class Polyline(Path):
         ends = np.cumsum(length)
         self._end = float(ends[-1])
         self.corners: Array = ends[:-1]
-        _refuse_returns(chords / length[:, None], turns / length[:, None], kept)
+        _check_returns(chords / length[:, None], turns / length[:, None], kept)
         inner = np.array(kept[1:-1], dtype=np.int64)
         half = _half_widths(chords, turns, length, *room[inner].T)
         self._pieces = _pieces(self.waypoints, chords, turns, length, half)
-        self._breaks: Array = np.append(_begins(self._pieces, length, half), self._end)
+        self._breaks: Array = np.append(_find_begins(self._pieces, length, half), self._end)
         self._turns = bool(turns.any())
 
     @classmethod
@@ -163,7 +163,7 @@ class Polyline(Path):
             A file that cannot be read; unknown columns or an invalid value (the error names line and column); no
             ``orientation`` although the file needs one; waypoints that do not form a polyline.
         """
-        return cls(waypoints_of(file, orientation), blend=blend, blend_rotation=blend_rotation)
+        return cls(read_waypoints(file, orientation), blend=blend, blend_rotation=blend_rotation)
 
     @property
     def end(self) -> float:
@@ -188,14 +188,14 @@ class Polyline(Path):
             k = piece[at]
             width = c.width[k]
             u = np.clip(b[at] / width, 0.0, 1.0)
-            a, b[at] = width * _risen(1.0 - u), width * _risen(u)
+            a, b[at] = width * _blend_integral(1.0 - u), width * _blend_integral(u)
             p[at] = c.position[k] - a[:, None] * c.d1[k] + b[at, None] * c.d2[k]
         R = c.rotation[piece]
         if self._turns:
             if at.size:
                 R[at] = se3.exp_so3(-a[:, None] * c.w1[k]) @ R[at]
             R = se3.exp_so3(b[:, None] * c.w2[piece]) @ R
-        return poses(R, p)
+        return make_poses(R, p)
 
     def _twist(self, x: Array, piece: Indices, order: int) -> Array:
         c = self._pieces
@@ -215,7 +215,7 @@ class Polyline(Path):
         if not self._turns:
             return out
         # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment after the waypoint: y' = f w₂×y
-        y = np.einsum("kij,kj->ki", se3.exp_so3(width * _risen(u) * w2), w1)
+        y = np.einsum("kij,kj->ki", se3.exp_so3(width * _blend_integral(u) * w2), w1)
         if order == 1:
             out[at, 3:] = f * w2 + (1.0 - f) * y
             return out
@@ -272,7 +272,7 @@ class Polyline(Path):
         return cls(waypoints, blend=blend, blend_rotation=rotation)
 
 
-def _risen(u: Array) -> Array:
+def _blend_integral(u: Array) -> Array:
     """F(u) = ∫f from 0 to u: the length that a segment has covered when its rate is f(u), over 2h."""
     return u * u * u * u * (2.5 + u * (u - 3.0))
 
@@ -301,7 +301,7 @@ def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
     return np.full(corners, array) if not array.ndim else array.copy()
 
 
-def _merged(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
+def _merge_waypoints(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
     """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use."""
     # An inner waypoint near the last one kept is merged with it; those near the end are merged with the end. So every
     # waypoint left out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses the
@@ -328,7 +328,7 @@ def _within(a: Array, b: Array, near: Array) -> bool:
     return bool((np.linalg.norm(se3.error(a, b).reshape(2, 3), axis=1) <= near).all())
 
 
-def _refuse_returns(d: Array, w: Array, kept: list[int]) -> None:
+def _check_returns(d: Array, w: Array, kept: list[int]) -> None:
     """Raise InvalidInput at a corner in whose middle the tool would stop: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
     left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
     back = np.flatnonzero(np.maximum(*left) < RETURN)
@@ -354,7 +354,7 @@ def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: 
     """Segments and corners alternately; a segment that its corners cover wholly has no piece."""
     d, w = chords / length[:, None], turns / length[:, None]
     starts = np.concatenate([[0.0], np.cumsum(length)[:-1]])
-    left = _left(length, half)
+    left = _have_straight_part(length, half)
     zero = np.zeros(3)
     rows: list[Sequence[Any]] = []
     for i in range(len(length)):
@@ -367,18 +367,18 @@ def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: 
     return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
-def _left(length: Array, half: Array) -> Flags:
+def _have_straight_part(length: Array, half: Array) -> Flags:
     """Which segments (m,) have a straight part between their corners."""
     taken = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
     return np.asarray(length - taken > 1e-12 * length)
 
 
-def _begins(pieces: Pieces, length: Array, half: Array) -> Array:
+def _find_begins(pieces: Pieces, length: Array, half: Array) -> Array:
     """Where in s each piece begins: a straight one at the end of the corner before it."""
     after = np.concatenate([[0.0], np.cumsum(length)[:-1] + half])
     straight = ~pieces.corner
     begin = pieces.begin.copy()
-    begin[straight] = after[_left(length, half)]
+    begin[straight] = after[_have_straight_part(length, half)]
     return begin
 
 

@@ -15,10 +15,10 @@ from planners.following.collision import make_collision_check
 from planners.following.follow import DEFAULT_TOLERANCE
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest, PlanStatus
-from planners.replan.onward import onward_plan
+from planners.replan.onward import plan_onward
 from planners.replan.request import build_request
-from planners.replan.state import MovingState, moving_state
-from planners.replan.stop import stopped_plan
+from planners.replan.state import MovingState, build_moving_state
+from planners.replan.stop import plan_stop
 from planners.timing import TimeLaw
 from planners.trajectory import Trajectory
 
@@ -72,20 +72,20 @@ def replan(
         A plan without a motion, a measured state off its path, a time outside its motion, a state that has ended or
         stopped already, or a law that starts only at rest.
     """
-    running = _running(plan, stop, time_limit)
+    running = _check_plan(plan, stop, time_limit)
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
-    start = moving_state(plan, running, state)
+    start = build_moving_state(plan, running, state)
     if stop and start.still:
         raise InvalidInput(
             "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving state; this one has already stopped"
         )
     request = replace(request, start_error=start.error)
-    if scene is not None and (touch := _contact(request, start)) is not None:
+    if scene is not None and (touch := _check_contact(request, start)) is not None:
         return request.infeasible(plan.joint_path, touch, PlanStatus.CONTACT)
-    return stopped_plan(request, plan, start, time_limit) if stop else onward_plan(request, plan, start)
+    return plan_stop(request, plan, start, time_limit) if stop else plan_onward(request, plan, start)
 
 
-def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
+def _check_plan(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
     """Return the motion of a plan; raise InvalidInput for a plan without one, and for invalid options."""
     if not isinstance(stop, bool):
         raise InvalidInput("stop", repr(stop)[:60], "True or False")
@@ -98,7 +98,7 @@ def _running(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
         raise InvalidInput("plan", str(plan.status), "a plan with a motion") from None
 
 
-def _contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
+def _check_contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
     """Return the error for the pair in contact at the start of the motion."""
     near = make_collision_check(request.robot, request.scene)
     touch = None if near is None else near.check_start(start.joints[0])

@@ -10,14 +10,14 @@ import numpy as np
 import scipy
 
 from optik.errors import NoSolution
-from planners.fit import fitted, stretch
+from planners.fit import fit_to_limits, stretch_factor
 from planners.following.joint_path import JointPath
 from planners.plan import Plan, PlanRequest
-from planners.replan.reason import reason
-from planners.replan.request import by_law, judged, mover
+from planners.replan.reason import explain_infeasible
+from planners.replan.request import certify_motion, choose_law, run_law
 from planners.replan.state import ENDED, MovingState, limits_at, path_state, s_at
-from planners.replan.stop import DELAYS, SHARES, scales_of
-from planners.splice import begun, joined, rest_of, start_of
+from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
+from planners.splice import cut_after, cut_before, join, match_start
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import PathState, refit
 from planners.timing.smooth import QUINTIC
@@ -29,46 +29,46 @@ CLOCK_SLOWER = 1.0 + 1e-9
 """Factor by which a motion is slowed more than lower limits require, because of rounding."""
 
 
-def onward_plan(request: PlanRequest, plan: Plan, start: MovingState) -> Plan:
+def plan_onward(request: PlanRequest, plan: Plan, start: MovingState) -> Plan:
     """Return the certified motion that ends first; or else one that respects lower limits only later."""
     touching: Plan | None = None
-    for motion in _motions(request, plan, start):
+    for motion in _propose_motions(request, plan, start):
         analysis = start.rest_analysis if motion is start.rest else None
-        found = judged(request, plan, start, motion, None, analysis=analysis)
+        found = certify_motion(request, plan, start, motion, None, analysis=analysis)
         if found:
             return found
         if found.certificate.clearance is not None and found.certificate.clearance.touches:
             touching = touching or found
-    if start.still and (slowed := _slowed(request, plan, start)) is not None:
+    if start.still and (slowed := _slow_down(request, plan, start)) is not None:
         return slowed
-    if start.rest is not None and (later := _later(request, plan, start)) is not None:
+    if start.rest is not None and (later := _meet_limits_later(request, plan, start)) is not None:
         return later
-    return touching or request.infeasible(plan.joint_path, reason(request, plan, start, False))
+    return touching or request.infeasible(plan.joint_path, explain_infeasible(request, plan, start, False))
 
 
-def _motions(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Trajectory]:
+def _propose_motions(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Trajectory]:
     """Return candidates in the order in which they come to rest: the law's motion and the remaining running motion."""
     joints = plan.joint_path
     rests = joints.end if plan.span is None else plan.span[1]
     free = "jerk" not in request.enforced  # then a motion with limited jerk is not faster
     if free and rests >= joints.end and start.rest is not None:
         yield start.rest
-    law = mover(request)
-    found = [by_law(law, request, joints, request.limits, start.at)]
+    law = choose_law(request)
+    found = [run_law(law, request, joints, request.limits, start.at)]
     found += [start.rest] if rests >= joints.end and not free else []
     yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
     if (
         rests < joints.end and start.rest is not None
     ):  # the running motion stops before the path's end; the law continues there
         end, still = start.rest.end, np.zeros(joints.robot.n)
-        second = by_law(
+        second = run_law(
             law, request, joints, request.limits, PathState(rests, 0.0, 0.0, (start.rest(end), still, still))
         )
         if second is not None:
-            yield joined(start.rest, second)
+            yield join(start.rest, second)
 
 
-def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
+def _meet_limits_later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion that slows down within the plan's own limits until it can respect the new ones, at the latest at rest."""
     running, rest, limits = plan.trajectory, start.rest, limits_at(plan, start.t)
     old = replace(request, limits=limits)
@@ -76,64 +76,66 @@ def _later(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
         return None
     if plan.span is not None and plan.span[1] < plan.joint_path.end:
         return None
-    slower = stretch(start.rest_analysis, request.limits, request.enforced)
+    slower = stretch_factor(start.rest_analysis, request.limits, request.enforced)
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
-    usual = stop_time(plan.robot, running, limits, start.t, start.clock, scales_of(old, plan))
-    for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), SHARES[:2]):
+    usual = stop_time(plan.robot, running, limits, start.t, start.clock, compute_limit_scales(old, plan))
+    for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), LIMIT_FRACTIONS[:2]):
         t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)
         if slower <= 1.0 or t >= running.end:
             break
         goal = rate / (slower * CLOCK_SLOWER)
-        braking = brake(plan.robot, running, limits, t, clock, scales_of(old, plan), share, goal)
+        braking = brake(plan.robot, running, limits, t, clock, compute_limit_scales(old, plan), share, goal)
         if braking.motion is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)
-        slow = rest_of(running, braking.end, s).slowed(1.0 / goal)
-        first = begun(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
-        first = joined(start_of(rest, delay), first) if delay else first
-        found = _from_slow(request, plan, start, first, s, slow)
+        slow = cut_before(running, braking.end, s).slowed(1.0 / goal)
+        first = match_start(braking.motion, start.joints, limits) if delay == 0.0 else braking.motion
+        first = join(cut_after(rest, delay), first) if delay else first
+        found = _continue_slowly(request, plan, start, first, s, slow)
         if found is not None:
             return found
-    found = judged(replace(request, before=(limits, rest.end)), plan, start, rest, None, analysis=start.rest_analysis)
+    found = certify_motion(
+        replace(request, before=(limits, rest.end)), plan, start, rest, None, analysis=start.rest_analysis
+    )
     return found if found else None
 
 
-def _from_slow(
+def _continue_slowly(
     request: PlanRequest, plan: Plan, start: MovingState, first: Trajectory, s: float, slow: Trajectory
 ) -> Plan | None:
     """Return the plan of a motion that has braked and continues by the law, or by the slowed running motion."""
     later = replace(request, before=(limits_at(plan, start.t), first.end))
     at = path_state(plan.joint_path, s, (slow(0.0), slow(0.0, 1), slow(0.0, 2)))
-    quick = by_law(mover(request), request, plan.joint_path, request.limits, at)
+    quick = run_law(choose_law(request), request, plan.joint_path, request.limits, at)
     for second in (quick, slow):
         if second is not None and second.duration <= slow.duration:
-            found = judged(later, plan, start, joined(first, second), None)
+            found = certify_motion(later, plan, start, join(first, second), None)
             if found:
                 return found
     return None
 
 
-def _slowed(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
+def _slow_down(request: PlanRequest, plan: Plan, start: MovingState) -> Plan | None:
     """Return a motion from rest, slowed as a whole until it respects the limits: the law's, or else a quintic in s."""
     enforced = request.enforced
-    for found in _from_rest(request, plan.joint_path, start.at):
+    for found in _start_from_rest(request, plan.joint_path, start.at):
         try:
-            slower = fitted(request.robot, found, request.limits, enforced, request.path)
+            slower = fit_to_limits(request.robot, found, request.limits, enforced, request.path)
         except NoSolution:
             continue
-        solved = judged(request, plan, start, begun(slower, start.joints, request.limits), None)
+        solved = certify_motion(request, plan, start, match_start(slower, start.joints, request.limits), None)
         if solved:
             return solved
     return None
 
 
-def _from_rest(request: PlanRequest, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
+def _start_from_rest(request: PlanRequest, joints: JointPath, at: PathState) -> Iterator[Trajectory]:
     """Return motions to the path's end that may exceed the limits: the law's with wider limits, and a quintic in s."""
-    law = mover(request)
+    law = choose_law(request)
     for factor in WIDENED:
-        found = by_law(law, request, joints, request.limits.scaled(factor), at)
+        found = run_law(law, request, joints, request.limits.scaled(factor), at)
         if found is not None:
             yield found
             break

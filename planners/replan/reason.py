@@ -7,13 +7,13 @@ import numpy as np
 from optik.errors import NoSolution
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, over
 from planners.plan import Plan, PlanRequest
-from planners.replan.request import judged
+from planners.replan.request import certify_motion
 from planners.replan.state import MovingState
 from planners.timing._statics import check_statics
 from planners.timing.base import StopKind
 
 
-def reason(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
+def explain_infeasible(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
     """Return why there is no motion: the state itself exceeds a limit, or the running motion does later."""
     limits, robot = request.limits, plan.robot
     try:
@@ -39,7 +39,7 @@ def reason(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> 
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
-    proof = judged(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis).certificate
+    proof = certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis).certificate
     if not proof.enforced:
         return NoSolution(f"{none} was found: {'; '.join(proof.reasons)}", s=start.at.s, advice=advice)
     field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))

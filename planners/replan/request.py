@@ -15,7 +15,7 @@ from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest
 from planners.replan.state import MovingState
-from planners.splice import begun
+from planners.splice import match_start
 from planners.timing import TimeLaw, law_for, laws
 from planners.timing.base import PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal
@@ -71,12 +71,12 @@ def _own_law(plan: Plan) -> TimeLaw:
     return RecordedLaw(plan)
 
 
-def mover(request: PlanRequest) -> TimeLaw:
+def choose_law(request: PlanRequest) -> TimeLaw:
     """Return the law that continues from a moving state."""
     return Optimal() if isinstance(request.law, RecordedLaw) else request.law
 
 
-def judged(
+def certify_motion(
     request: PlanRequest,
     plan: Plan,
     start: MovingState,
@@ -89,10 +89,10 @@ def judged(
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
     covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
-    return covering.judged(plan.joint_path, motion, analysis=analysis)
+    return covering.certify_motion(plan.joint_path, motion, analysis=analysis)
 
 
-def by_law(
+def run_law(
     law: TimeLaw, request: PlanRequest, joints: JointPath, limits: MotionLimits, at: PathState
 ) -> Trajectory | None:
     """Return the law's motion from exactly this state; None if the law finds none."""
@@ -105,4 +105,4 @@ def by_law(
             raise
         return None
     assert at.joints is not None
-    return begun(motion, at.joints, limits)
+    return match_start(motion, at.joints, limits)

@@ -14,10 +14,10 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
-from planners.following.place import place_between, place_on
+from planners.following.projection import find_nearest_between, find_nearest_s
 from planners.limits import MotionLimits
 from planners.plan import Plan
-from planners.splice import State, begun, rest_of
+from planners.splice import State, cut_before, match_start
 from planners.timing.base import PathState
 from planners.trajectory import Trajectory
 
@@ -59,8 +59,10 @@ class MovingState:
         """The remaining motion at the clock's rate; None at the end of the motion, and unless 0 < rate ≤ 1."""
         if self.time_left is None:
             return None
-        rest = rest_of(self.plan.trajectory, self.t, self.at.s)
-        return begun(rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits)
+        rest = cut_before(self.plan.trajectory, self.t, self.at.s)
+        return match_start(
+            rest if self.clock[0] == 1.0 else rest.slowed(1.0 / self.clock[0]), self.joints, self.plan.limits
+        )
 
     @cached_property
     def rest_analysis(self) -> MotionAnalysis | None:
@@ -74,17 +76,19 @@ class MovingState:
         return self.at.joints
 
 
-def moving_state(plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]) -> MovingState:
+def build_moving_state(
+    plan: Plan, running: Trajectory, state: float | tuple[ArrayLike, ArrayLike, ArrayLike]
+) -> MovingState:
     """Return the moving state for a time of the running motion, or for measured values; raise InvalidInput for others."""
     if isinstance(state, tuple | list):
-        given = _measured(plan, state)
-        t = _nearest_time(running, given)
+        given = _check_measured(plan, state)
+        t = _find_nearest_time(running, given)
         if t > running.end - BEFORE_END and (given[1].any() or given[2].any()):  # noise hides whether it has ended
             t = max(running.end - BEFORE_END, 0.0)
         own = _at(running, t)
         off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
         if not all(each <= most for each, most in zip(off, _tolerances(given), strict=True)):
-            return _off_the_motion(plan, running, given, t)
+            return _build_state_off_motion(plan, running, given, t)
         error: tuple[float, float, float] | None = (off[0], off[1], off[2])
     else:
         t, error = check_number(state, "state", f"a time in [0, {running.end:.9g}]", least=0.0), None
@@ -117,10 +121,10 @@ def s_at(plan: Plan, t: float) -> float:
     slack = 0.0 if running.places is not None else 0.1 * float(places[k + 1] - places[k])
     low, high = max(float(places[k]) - slack, 0.0), min(float(places[k + 1]) + slack, joints.end)
     q = running(t)
-    s = place_between(joints, q, min(low, high), max(low, high))
+    s = find_nearest_between(joints, q, min(low, high), max(low, high))
     if np.abs(joints(s) - q).max() <= OFF_PATH:
         return s
-    s = place_on(joints, q, s)
+    s = find_nearest_s(joints, q, s)
     off = float(np.abs(joints(s) - q).max())
     if off > 1e2 * OFF_PATH:
         raise InvalidInput(
@@ -142,7 +146,7 @@ def _at(running: Trajectory, t: float) -> State:
     return running(t), running(t, 1), running(t, 2)
 
 
-def _measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
+def _check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | list[ArrayLike]) -> State:
     n = plan.robot.n
     if len(state) != 3:
         raise InvalidInput("state", f"{len(state)} parts", "a time, or position, velocity and acceleration")
@@ -158,10 +162,10 @@ def _tolerances(given: State) -> tuple[float, float, float]:
     return OFF_PATH, OFF_PATH * max(1.0, float(np.abs(dq).max())), 1e2 * OFF_PATH * max(1.0, float(np.abs(ddq).max()))
 
 
-def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> MovingState:
+def _build_state_off_motion(plan: Plan, running: Trajectory, given: State, t: float) -> MovingState:
     """Return a measured state on the path but off the running motion; raise InvalidInput for one off the path."""
     joints, (q, dq, ddq) = plan.joint_path, given
-    s = place_on(joints, q, s_at(plan, t))
+    s = find_nearest_s(joints, q, s_at(plan, t))
     q1, q2 = joints(s, 1), joints(s, 2)
     size = float(q1 @ q1)
     speed = float(q1 @ dq) / size
@@ -182,7 +186,7 @@ def _off_the_motion(plan: Plan, running: Trajectory, given: State, t: float) -> 
     if s >= joints.end * (1.0 - 1e-9):
         raise InvalidInput("state", f"the path's end (s = {s:.9g})", "a state before it, with some path left")
     at = PathState(s, 0.0 if still else max(speed, 0.0), 0.0 if still else acceleration, given)
-    t, clock = _clock(plan, given, s)
+    t, clock = _find_clock(plan, given, s)
     return MovingState(plan, at, t, clock, still, None)
 
 
@@ -192,12 +196,12 @@ def _table(plan: Plan) -> tuple[Array, Array]:
     return (binding.t, binding.s) if running.places is None else (running.knots, running.places)
 
 
-def _clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:
+def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:
     """Return the time at which the plan's motion passes s, and the rate and acceleration of a clock that gives the state."""
     running, (knots, places) = plan.trajectory, _table(plan)
     k = int(np.searchsorted(places, s))
     low, high = knots[max(k - 2, 0)], knots[min(k + 1, knots.size - 1)]
-    t = place_between(running, given[0], float(low), float(high))
+    t = find_nearest_between(running, given[0], float(low), float(high))
     v = running(t, 1)
     size = float(v @ v)
     if size == 0.0:
@@ -206,7 +210,7 @@ def _clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, floa
     return t, (w, float(v @ (given[2] - running(t, 2) * w * w)) / size)
 
 
-def _nearest_time(running: Trajectory, given: State) -> float:
+def _find_nearest_time(running: Trajectory, given: State) -> float:
     """Return the time [s] at which the running motion is nearest to a state in q, q̇ and q̈, by damped Gauss–Newton."""
     weights = tuple(OFF_PATH / most for most in _tolerances(given))
     aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])

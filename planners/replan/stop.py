@@ -9,15 +9,15 @@ from time import perf_counter
 import numpy as np
 
 from planners.plan import Plan, PlanRequest
-from planners.replan.reason import reason
-from planners.replan.request import judged
+from planners.replan.reason import explain_infeasible
+from planners.replan.request import certify_motion
 from planners.replan.state import MovingState, limits_at, s_at
-from planners.splice import begun, joined, start_of
+from planners.splice import cut_after, join, match_start
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 
-SHARES = (0.995, 0.9)
+LIMIT_FRACTIONS = (0.995, 0.9)
 """Fractions of the limits for a sweep, tried in turn, because a sweep slightly exceeds its limits between its knots."""
 DELAYS = (0.15, 0.35, 0.7, 1.2, 2.0, 3.5, 7.0)
 """Times for which the arm follows the motion if it cannot brake at once, as multiples of the time of a usual stop."""
@@ -27,48 +27,48 @@ FIRST_END, CLOSE_ENDS = 0.85, 0.01
 """Braking distance, relative to the sweep's, at which the optimum is tried first, and the interval that ends the search."""
 
 
-def stopped_plan(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+def plan_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
     """Return the first certified stop: of the optimum, of the sweep, or the end of the motion.
 
     If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
-    first, limits = _first_stop(request, plan, start, time_limit), limits_at(plan, start.t)
+    first, limits = _find_stop(request, plan, start, time_limit), limits_at(plan, start.t)
     if first or request.limits == limits or request.limits.names != limits.names:
         return first
-    old = _first_stop(replace(request, limits=limits), plan, start, time_limit)
+    old = _find_stop(replace(request, limits=limits), plan, start, time_limit)
     if not old:
         return first
     later = replace(request, before=(limits, old.trajectory.end))
     assert old.span is not None
-    return judged(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
+    return certify_motion(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
 
 
-def _first_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
-    best = next((p for p in _swept_stops(request, plan, start) if p), None)
+def _find_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+    best = next((p for p in _sweep_stops(request, plan, start) if p), None)
     if best is not None and time_limit > 0.0:
-        best = _refined(request, plan, start, best, perf_counter() + time_limit)
+        best = _refine_stop(request, plan, start, best, perf_counter() + time_limit)
     if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
     end = (
         None
         if start.rest is None
-        else judged(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
+        else certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
     )
     if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
         return end
-    return best or request.infeasible(plan.joint_path, reason(request, plan, start, True))
+    return best or request.infeasible(plan.joint_path, explain_infeasible(request, plan, start, True))
 
 
-def _swept_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Plan]:
+def _sweep_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
-    running, scales, rate = plan.trajectory, scales_of(request, plan), start.clock[0]
-    for share in SHARES:
+    running, scales, rate = plan.trajectory, compute_limit_scales(request, plan), start.clock[0]
+    for share in LIMIT_FRACTIONS:
         braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, share)
         if braking.end > running.end:
             return
         if braking.motion is not None:
-            motion = begun(braking.motion, start.joints, request.limits)
-            yield judged(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+            motion = match_start(braking.motion, start.joints, request.limits)
+            yield certify_motion(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
     rest = start.rest
     if rest is None:
         return
@@ -77,15 +77,15 @@ def _swept_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterat
         t = start.t + delay * rate
         if t >= running.end:
             return
-        braking = brake(plan.robot, running, request.limits, t, (rate, 0.0), scales, SHARES[0])
+        braking = brake(plan.robot, running, request.limits, t, (rate, 0.0), scales, LIMIT_FRACTIONS[0])
         if braking.end > running.end:
             return
         if braking.motion is not None:
-            motion = joined(start_of(rest, delay), braking.motion)
-            yield judged(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+            motion = join(cut_after(rest, delay), braking.motion)
+            yield certify_motion(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
 
-def scales_of(request: PlanRequest, plan: Plan) -> dict[str, float]:
+def compute_limit_scales(request: PlanRequest, plan: Plan) -> dict[str, float]:
     """Return the factor on each limit of a sweep: 1 if it is enforced, else the ratio that the running motion reaches."""
     scales = dict.fromkeys(request.enforced, 1.0)
     if request.limits == plan.limits:
@@ -95,7 +95,7 @@ def scales_of(request: PlanRequest, plan: Plan) -> dict[str, float]:
     return scales
 
 
-def _refined(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
+def _refine_stop(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
     """Return the best of a stop and of as many optima near its end as the time allows."""
     law, joints = request.law if isinstance(request.law, Optimal) else Optimal(), plan.joint_path
     if best.span is None or best.within_limits_from or set(law.enforced) - set(request.enforced):
@@ -119,6 +119,7 @@ def _refined(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, u
         longest = max(longest, perf_counter() - began)
     found.sort(key=lambda each: each[0].duration)
     optima = (
-        judged(request, plan, start, begun(m, start.joints, request.limits), StopKind.OPTIMUM, s) for m, s in found
+        certify_motion(request, plan, start, match_start(m, start.joints, request.limits), StopKind.OPTIMUM, s)
+        for m, s in found
     )
     return next((optimum for optimum in optima if optimum), best)

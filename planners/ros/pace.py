@@ -12,11 +12,11 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.controller import POINTS, points_of
-from planners.fit import stretch
+from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.ros.message import SECOND, Form, Times, message_of, reconstruct
-from planners.splice import held
+from planners.splice import append_rest
 from planners.trajectory import Trajectory
 
 SLOWINGS = 20
@@ -40,7 +40,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
         message = message_of(*_set_pace(source, rate, factor, between), form)
         executed = reconstruct(message, form.names)
         analysis = MotionAnalysis(motion.robot, executed, motion.path)
-        needed = stretch(analysis, motion.limits, judged)
+        needed = stretch_factor(analysis, motion.limits, judged)
         if needed <= 1.0:
             return message, analysis
         _check_slowing(motion, executed.duration / source.duration * needed, strict)
@@ -66,7 +66,7 @@ def _hold_to_period(trajectory: Trajectory, rate: float) -> Trajectory:
     """Append rest to a motion, to the end of its last period."""
     periods = Fraction(trajectory.duration) * Fraction(rate)
     left = math.ceil(periods - WHOLE_PERIOD * Fraction(rate)) - periods
-    return held(trajectory, float(left / Fraction(rate))) if left > WHOLE_PERIOD * Fraction(rate) else trajectory
+    return append_rest(trajectory, float(left / Fraction(rate))) if left > WHOLE_PERIOD * Fraction(rate) else trajectory
 
 
 def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:

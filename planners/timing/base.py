@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import composed, passed_at
+from planners.curve import apply_chain_rule, find_times
 from planners.following.follow import JointPath
 from planners.hermite import quintic
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names
@@ -275,7 +275,7 @@ def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: Array
 def _first_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
     """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
     switches = law.x
-    passed = passed_at(law, joint_path.nodes[1:-1], float(switches[-1]))
+    passed = find_times(law, joint_path.nodes[1:-1], float(switches[-1]))
     apart = NODE_APART if switches[-1] > BRIEF_MOTION else NODE_APART / BRIEF_MOTION * switches[-1]
     after = np.clip(np.searchsorted(switches, passed), 1, switches.size - 1)
     near = np.minimum(np.abs(passed - switches[after - 1]), np.abs(passed - switches[after]))
@@ -302,7 +302,7 @@ def _through(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) -> T
     s = np.clip(s, 0.0, joint_path.end)
     s[0, 0], s[-1, 1] = law.c[-1, 0], joint_path.end
     q, q1, q2 = (joint_path(s.ravel(), order).reshape(*s.shape, -1) for order in (0, 1, 2))
-    dq, ddq = composed((q1, q2), (v[..., None], a[..., None]))
+    dq, ddq = apply_chain_rule((q1, q2), (v[..., None], a[..., None]))
     q[1:, 0], dq[1:, 0] = q[:-1, 1], dq[:-1, 1]  # one value of q and q̇ at a knot, to the last bit
     return Trajectory(
         quintic(t, (q[:, 0], dq[:, 0], ddq[:, 0]), (q[:, 1], dq[:, 1], ddq[:, 1])), np.append(s[:, 0], s[-1, 1])
@@ -314,7 +314,7 @@ def _exact(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array, x: Arr
     s, v, a, j = (_piecewise(law, t, x, order).ravel()[:, None] for order in (0, 1, 2, 3))
     at = np.clip(s[:, 0], 0.0, joint_path.end)
     q, *derivatives = (joint_path(at, order) for order in (0, 1, 2, 3))
-    return q, composed(derivatives, (v, a, j))[2]
+    return q, apply_chain_rule(derivatives, (v, a, j))[2]
 
 
 METHOD_BASE = TimeLaw

@@ -12,10 +12,10 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import composed, passed_at
-from planners.fit import fit, stretch
+from planners.curve import apply_chain_rule, find_times
+from planners.fit import fit, stretch_factor
 from planners.following.follow import JointPath
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.start import spaced, sweep
@@ -123,7 +123,7 @@ class ConstantSpeed(AnalysingLaw):
             if ramps is None:
                 return None
             motion = MotionAnalysis(joint_path.robot, _built(joint_path, limits, distance, ramps), joint_path.path)
-            excess = stretch(motion, limits, enforced)
+            excess = stretch_factor(motion, limits, enforced)
             if excess <= 1.0:
                 return motion
             if self.speed is None and excess <= 1.0 / FIRST_ROOM:
@@ -191,7 +191,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     bent |= np.append(bent[1:], False) | np.append(False, bent[:-1])
     rates = np.stack([1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5])
     q, *orders = derivatives(joint_path, s)
-    along = parts(limits, PathPoints(joint_path, s, (q, *composed(orders, [y[:, None] for y in rates]))))
+    along = parts(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
     x = np.concatenate([[0.0], np.cumsum(cells)])
     return _Distance(s, rates, bent & knots, Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along), turning)
 
@@ -308,13 +308,13 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     x_law = law_of(chain, [phases_of(ramp) for ramp in chain])
     places, switches, end = distance.table.s, x_law.x, float(x_law.x[-1])
     inner = np.flatnonzero(distance.knots[1:-1]) + 1
-    t, apart = passed_at(x_law, places[inner], end), KNOTS_APART * min(1.0, end)
+    t, apart = find_times(x_law, places[inner], end), KNOTS_APART * min(1.0, end)
     after = np.clip(np.searchsorted(switches, t), 1, switches.size - 1)
     kept = np.minimum(t - switches[after - 1], switches[after] - t) > apart
     inner, t = inner[kept], t[kept]
     kept = spaced(t, end, apart)
     inner, t = inner[kept], np.concatenate([switches, t[kept]])
-    s_of_x = through(places, *(y[:, None] for y in (distance.s, *distance.rates[:2])))
+    s_of_x = quintic_through(places, *(y[:, None] for y in (distance.s, *distance.rates[:2])))
     at_switches = (s_of_x(x_law(switches), order)[:, 0] for order in range(3))
     order = np.argsort(t)
     s, *over_x = (
@@ -322,8 +322,8 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
         for a, b in zip(at_switches, (distance.s, *distance.rates[:2]), strict=True)
     )
     t = t[order]
-    velocity, acceleration = composed(over_x, [x_law(t, order)[:, None] for order in (1, 2)])
-    return scipy.interpolate.PPoly(through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
+    velocity, acceleration = apply_chain_rule(over_x, [x_law(t, order)[:, None] for order in (1, 2)])
+    return scipy.interpolate.PPoly(quintic_through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
 
 
 def _built(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:
@@ -341,7 +341,7 @@ def _worst(
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
         law = law_of([ramp], [phases_of(ramp)])
         near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
-        t = passed_at(law, what.s[near], float(law.x[-1]))
+        t = find_times(law, what.s[near], float(law.x[-1]))
         rates = [law(t, order) for order in (1, 2, 3)]
         other = _judged(joint_path, limits, distance, near, rates)
         if other.factor > found.factor:
@@ -353,7 +353,7 @@ def _judged(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, at: Indices, rates: Sequence[Array]
 ) -> Worst:
     """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
-    return worst(joint_path, limits, distance.s[at], *composed(list(distance.rates[:, at]), list(rates)))
+    return worst(joint_path, limits, distance.s[at], *apply_chain_rule(list(distance.rates[:, at]), list(rates)))
 
 
 def _down(x: float) -> float:

@@ -12,13 +12,13 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import composed
-from planners.fit import FIRST_MARGIN, fit, fitted, is_within
+from planners.curve import apply_chain_rule
+from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within
 from planners.following.follow import JointPath
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.limits._sides import over
-from planners.splice import begun
+from planners.splice import match_start
 from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances
 from planners.timing._optimal.limited import dynamic_excess, torque_excess
@@ -122,7 +122,7 @@ class Optimal(AnalysingLaw):
         problem = programme(joint_path, limits, self.intervals, state, joint_path.end)
         found = None if problem is None else _solved(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
-            return fitted(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
+            return fit_to_limits(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
         if found is not None:
             return found.motion
         raise NoSolution(
@@ -219,7 +219,7 @@ def _solved(
         motion = _motion(joint_path, given, z)
         coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
-            motion = begun(motion, given.moving.joints, limits)
+            motion = match_start(motion, given.moving.joints, limits)
         excess = _excess(joint_path, given, motion, limits, z)
         often = (
             2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
@@ -287,7 +287,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
     q, q1, q2, _ = derivatives(joint_path, given.s)
-    return Trajectory(through(t, q, *composed((q1, q2), (v, a))), given.s)
+    return Trajectory(quintic_through(t, q, *apply_chain_rule((q1, q2), (v, a))), given.s)
 
 
 def _tighten(problem: Problem, excess: _Excess, tool: Array, spare: float) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from planners.fit import stretch
+from planners.fit import stretch_factor
 from planners.following.follow import JointPath
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import MotionLimits
 from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
@@ -52,7 +52,7 @@ class Quintic(TimeLaw):
         q = joint_path(s)
         velocity = joint_path(s, 1) * (joint_path.end / self.duration)  # J⁻¹ V: q' times the constant ṡ
         velocity[0] = velocity[-1] = 0.0
-        return Trajectory(through(t, q, velocity, np.zeros_like(q)), s)
+        return Trajectory(quintic_through(t, q, velocity, np.zeros_like(q)), s)
 
     def least_duration(self, joint_path: JointPath, limits: MotionLimits) -> float:
         """Least T at which the law would keep all limits, with the same number of segments.
@@ -73,7 +73,7 @@ class Quintic(TimeLaw):
         float
             T [s].
         """
-        return self.duration * stretch(self.run_with_analysis(joint_path, limits), limits)
+        return self.duration * stretch_factor(self.run_with_analysis(joint_path, limits), limits)
 
 
 METHOD = Quintic

@@ -11,7 +11,7 @@ import scipy
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import passed_at
+from planners.curve import find_times
 from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
@@ -65,7 +65,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
 
 def _when(part: Array) -> Array:
     """Shares u (k,) of the duration at which the quintic reaches given parts of the way, and thirds between them."""
-    low = passed_at(lambda u: np.polyval(QUINTIC, u), part, 1.0)
+    low = find_times(lambda u: np.polyval(QUINTIC, u), part, 1.0)
     return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])
 
 

@@ -34,7 +34,7 @@ from planners import (
 from planners.following.joint_path import JointPath
 from planners.hermite import quintic
 from planners.plan import StopKind
-from planners.splice import joined, start_of
+from planners.splice import cut_after, join
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
 from tests import oracles
@@ -313,7 +313,7 @@ def test_a_jump_of_the_acceleration_where_the_limits_change_is_no_finite_rate(ru
     t, still = float(motion.knots[motion.knots.size // 3]), np.zeros((1, 6))
     at = tuple(motion(t, order)[None] for order in range(3))
     onward = quintic(np.array([0.0, 1.0]), (at[0], at[1], at[2] + 5.0), (at[0] + 0.1, still, still))
-    jumping = joined(start_of(motion, t), Trajectory(onward))
+    jumping = join(cut_after(motion, t), Trajectory(onward))
     torque = MotionLimits(1e3, 1e6, 1e9, torque=1e9, torque_rate=1e12)
     proof = certify(running.robot, running.path, jumping, torque, before=(torque, t))
     assert np.isinf(proof.jerk.ratio).any()

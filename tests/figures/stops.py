@@ -12,8 +12,8 @@ import numpy as np
 
 from optik.errors import OptikError
 from planners import Plan, replan
-from planners.replan.state import moving_state
-from planners.splice import begun
+from planners.replan.state import build_moving_state
+from planners.splice import match_start
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.figures.figure import Row, Value, main
@@ -63,7 +63,7 @@ def wrong(found: Plan) -> list[str]:
 
 def best_of_ten(made: Plan, t: float, found: Plan) -> float | None:
     """Shortest valid duration of ten optima that end around where the stop ends."""
-    start = moving_state(made, made.trajectory, t)
+    start = build_moving_state(made, made.trajectory, t)
     assert found.span is not None
     best: list[float] = []
     for factor in FACTORS:
@@ -71,7 +71,7 @@ def best_of_ten(made: Plan, t: float, found: Plan) -> float | None:
         if start.at.s < end < made.joint_path.end:
             motion = Optimal(intervals=100).run_to(made.joint_path, made.limits, start.at, end)
             if motion is not None:
-                best.append(begun(motion, start.joints, made.limits).duration)
+                best.append(match_start(motion, start.joints, made.limits).duration)
     return min(best, default=None)  # type: ignore[type-var]
 
 

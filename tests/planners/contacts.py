@@ -14,7 +14,7 @@ from optik import Scene, Shapes
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners import Trajectory
-from planners.hermite import through
+from planners.hermite import quintic_through
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 AXIS = 0.05 * np.sqrt(0.5)
@@ -86,7 +86,7 @@ def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
         a[1:-1] = rng.uniform(-3.0, 3.0, a[1:-1].shape)
     if kind % 3 == 2:  # straight from point to point
         return Trajectory(PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
-    return Trajectory(through(t, q, v, a))
+    return Trajectory(quintic_through(t, q, v, a))
 
 
 # ---------------------------------------------------------------- the oracle

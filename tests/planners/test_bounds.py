@@ -24,7 +24,7 @@ from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds
 from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
 from planners.certificate.path_error import path_error
 from planners.curve import bell
-from planners.hermite import through
+from planners.hermite import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
@@ -390,7 +390,7 @@ def far_off(rng: np.random.Generator, size: float) -> Trajectory:
     t = np.array([0.0, *np.cumsum(rng.uniform(0.3, 1.0, 2))])
     values = size * rng.normal(size=(3, 3, 6)) * np.array([1.0, 1.0, 3.0])[:, None, None]
     values[0] += START
-    return Trajectory(through(t, *values))
+    return Trajectory(quintic_through(t, *values))
 
 
 def paths_from(start: Array) -> dict[str, Path]:
@@ -453,7 +453,9 @@ def test_no_instant_contradicts_the_bounds_of_wide_pieces_far_off_their_path(
 def test_a_motion_on_its_path_at_few_instants_only_is_bounded_between(never_halved: None, pieces: int) -> None:
     joint_path = default_joint_path()
     s = np.linspace(0.0, joint_path.end, pieces + 1)
-    trajectory = Trajectory(through(s / joint_path.end, *(joint_path(s, k) * joint_path.end**k for k in range(3))))
+    trajectory = Trajectory(
+        quintic_through(s / joint_path.end, *(joint_path(s, k) * joint_path.end**k for k in range(3)))
+    )
     contradicted(default_line(), trajectory, 5_000, over=np.inf)
 
 

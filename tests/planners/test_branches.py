@@ -22,8 +22,8 @@ from planners import Line, follow
 from planners.following.branches import branches
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import LEAST_SPACING, JointPath, thin_knots
-from planners.following.march import first_exit, piece_bound
-from planners.following.smoothing import ROOM_WEIGHT
+from planners.following.march import find_exit, piece_bound
+from planners.following.smoothing import BARRIER_WEIGHT
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r
@@ -158,7 +158,7 @@ def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float],
     b = np.array(points)
     u = np.linspace(0.0, 1.0, 4001)
     value = sum(comb(5, k) * b[k] * u**k * (1.0 - u) ** (5 - k) for k in range(6))
-    found = first_exit(b, -high, high)
+    found = find_exit(b, -high, high)
     outside = np.flatnonzero(np.abs(value) > high)
     if outside.size:
         assert found <= u[outside[0]]
@@ -366,7 +366,7 @@ def test_a_redundant_arm_starts_where_it_is_told_or_where_it_is_best() -> None:
         middle, half = 0.5 * (robot.limits.lower + robot.limits.upper), 0.5 * (robot.limits.upper - robot.limits.lower)
         q = p(np.linspace(0.0, p.end, 400))
         room = -np.log(1.0 - ((q - middle) / half) ** 2).sum(axis=1).mean()
-        return float(0.5 * np.linalg.norm(np.diff(q, axis=0), axis=1).sum() ** 2 + ROOM_WEIGHT * room)
+        return float(0.5 * np.linalg.norm(np.diff(q, axis=0), axis=1).sum() ** 2 + BARRIER_WEIGHT * room)
 
     assert cost(best) < cost(joint_path)
 

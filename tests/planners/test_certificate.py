@@ -13,7 +13,7 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import DERIVATIVES
 from planners.paths.base import Path
 from tests import oracles
@@ -66,7 +66,7 @@ def moving(joint: int, t: Array, v: Array, a: Array) -> Trajectory:
     values[0] = START
     values[0, :, joint] += q
     values[1, :, joint], values[2, :, joint] = v, a
-    return Trajectory(through(t, *values))
+    return Trajectory(quintic_through(t, *values))
 
 
 # ---------------------------------------------------------------- exact worst values
@@ -135,7 +135,7 @@ def test_each_broken_limit_is_reported_with_its_joint_and_time(joint: int, field
 
 
 def test_only_the_joint_whose_own_limit_is_broken_is_named() -> None:
-    trajectory = Trajectory(through(np.array([0.0, 1.0]), *_all_joints_move()))
+    trajectory = Trajectory(quintic_through(np.array([0.0, 1.0]), *_all_joints_move()))
     worst = trajectory.extrema(1).worst
     for joint in range(6):
         limit = 10.0 * worst
@@ -469,7 +469,7 @@ def test_a_bulge_of_one_millimetre_is_found_where_it_is() -> None:
         target = oracles.moved(oracles.line_pose(line.start, line.goal, u), [0.0, off, 0.0])
         q[i] = oracles.met(PAPER, target, joint_path(u * line.end))
     spline = CubicSpline(t, q)
-    error = certified(Trajectory(through(t, q, spline(t, 1), spline(t, 2)))).path_error
+    error = certified(Trajectory(quintic_through(t, q, spline(t, 1), spline(t, 2)))).path_error
     assert error.distance == pytest.approx(1e-3, rel=1e-3)
     assert error.t_distance == pytest.approx(0.4 * 1.5, abs=0.01)
 

@@ -199,10 +199,10 @@ def test_an_empty_scene_is_for_the_links_alone() -> None:
 
 
 def line(first: Array, last: Array) -> Trajectory:
-    from planners.hermite import through
+    from planners.hermite import quintic_through
 
     rest = np.zeros((2, 7))
-    return Trajectory(through(np.array([0.0, 1.0]), np.array([first, last]), rest, rest))
+    return Trajectory(quintic_through(np.array([0.0, 1.0]), np.array([first, last]), rest, rest))
 
 
 def test_pairs_that_are_left_out_are_named() -> None:

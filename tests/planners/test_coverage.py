@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.certificate.coverage import COVERED, Coverage, length_between
-from planners.hermite import through
+from planners.hermite import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 
@@ -40,7 +40,7 @@ def pieces(motion: Trajectory, first: int, last: int) -> Trajectory:
 
 def backwards(motion: Trajectory) -> Trajectory:
     q, v, a = (motion(motion.knots[::-1], order) for order in (0, 1, 2))
-    return Trajectory(through(motion.end - motion.knots[::-1], q, -v, a))
+    return Trajectory(quintic_through(motion.end - motion.knots[::-1], q, -v, a))
 
 
 def test_the_whole_motion_holds(whole: Trajectory) -> None:
@@ -91,7 +91,7 @@ def test_a_step_back_on_the_way_does_not_hold(size: float) -> None:
         t += list(t[-1] + u[u > 0.0])
     p, v, a = np.array(s).T[..., None]
     q, q1, q2 = (joints(p[:, 0], order) for order in (0, 1, 2))
-    motion = Trajectory(through(np.array(t), q, q1 * v, q1 * a + q2 * v * v))
+    motion = Trajectory(quintic_through(np.array(t), q, q1 * v, q1 * a + q2 * v * v))
     proof = judged(motion, enforced=())
     assert proof.coverage.missing[2][0] == pytest.approx(size, rel=0.01)
     assert len(proof.reasons) == (size > COVERED[0])
@@ -156,7 +156,7 @@ def test_a_short_stretch_back_between_two_knots_is_as_long_as_its_extrema_say(ba
     q[:, 0] += [0.0, 0.1 + wave(-h), 0.1 + wave(h), 0.2]
     dq, ddq = np.zeros((2, 4, 6))
     dq[1:3, 0], ddq[1, 0], ddq[2, 0] = v, -a, a
-    motion = Trajectory(through(t, q, dq, ddq))
+    motion = Trajectory(quintic_through(t, q, dq, ddq))
     x = motion(np.linspace(0.0, t[-1], 200_001))[:, 0]
     assert (np.maximum.accumulate(x) - x).max() == pytest.approx(back, rel=1e-4)
     proof = certify(ROBOT, JointLine(ROBOT, START, goal), motion, LIMITS, enforced=())
@@ -213,7 +213,7 @@ def test_rounding_in_short_pieces_is_no_jump(size: float) -> None:
     u = np.poly1d([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
     orders = [np.multiply.outer((u.deriv(k) if k else u)(t), size * np.arange(6.0)) for k in range(3)]
     orders[0] += START
-    proof = certify(ROBOT, LINE, Trajectory(through(t, *orders)), LIMITS)
+    proof = certify(ROBOT, LINE, Trajectory(quintic_through(t, *orders)), LIMITS)
     assert proof.continuous == 2, "the jerk begins and ends with a step, and nothing else jumps"
 
 
@@ -223,7 +223,7 @@ def test_rounding_of_a_joint_that_stands_is_no_jump() -> None:
     u = np.poly1d([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
     orders = [np.multiply.outer((u.deriv(k) if k else u)(t), 0.1 * np.arange(6.0)) for k in range(3)]
     orders[0] += START
-    c = through(t, *orders).c
+    c = quintic_through(t, *orders).c
     c[4, :, 0] = [2e-16, -1e-13, 2e-16]  # joint 1 stands
     assert certify(ROBOT, LINE, Trajectory(PPoly(c, t)), LIMITS).continuous == 2
     c[4, :, 0] = [2e-16, -1e-9, 2e-16]

@@ -26,7 +26,7 @@ from planners.motion import Motion, motion_of
 from planners.ros.export import from_ros, to_ros
 from planners.ros.message import LONGEST_DURATION, SECOND, _to_yaml
 from planners.ros.pace import NEAR_KNOT
-from planners.splice import rest_of
+from planners.splice import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact
@@ -352,7 +352,7 @@ def test_a_start_on_the_move_is_neither_slowed_nor_stretched(tmp_path: Path) -> 
     assert to_ros(moving, tmp_path / "motion.json", rate=100.0).factor == 1.0
     with pytest.raises(InvalidInput, match="rate: expected none, or one that divides the duration"):
         to_ros(moving, tmp_path / "motion.json", rate=75.0)
-    rest = rest_of(hop().trajectory, 0.3)
+    rest = cut_before(hop().trajectory, 0.3)
     limits = MotionLimits(acceleration=rest.extrema(2).worst * (1.0 + 1e-9))
     limited = replace(hop(), trajectory=rest, path=way_of(rest), limits=limits, enforced=("acceleration",))
     with pytest.raises(NoSolution, match="starts on the move and cannot be slowed"):

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Line, Polyline, follow
-from planners.following.course import Course, thin, unguided
+from planners.following.course import Course, make_empty_guide, thin
 from planners.following.joint_path import LEAST_SPACING, fourth_bounds
 from tests import oracles
 
@@ -60,7 +60,7 @@ def test_places_are_no_further_than_the_path_bends_and_no_nearer_than_rounding_a
     breaks, at = np.array([0.0, *sorted(inner), 1.0]), np.array([0.0, *sorted(s), 1.0])
     fourth = 10.0 ** np.random.default_rng(seed).uniform(-3.0, 9.0, len(breaks) - 1)
     path, tolerance = Pieces(breaks, fourth), Tolerance(1e-5, 1e-5)
-    found = Course(path, unguided(6)).spread(at, tolerance)
+    found = Course(path, make_empty_guide(6)).spread(at, tolerance)
     assert found[0] == 0.0 and found[-1] == 1.0 and (np.diff(found) > 0.0).all()
     h, bound = np.diff(found), fourth_bounds(path, found)[:-1, 0]
     assert (h**4 / 384.0 * bound <= 1e-5).all()
@@ -173,6 +173,6 @@ def test_places_stand_as_near_as_both_tolerances_ask(tolerance: tuple[float, flo
         oracles.moved(T, np.zeros(3), np.array([0.0, 0.3 * k, 0.0])) for k, T in enumerate(poses[1:], 1)
     )
     path = Polyline(poses, blend=5e-3, blend_rotation=5e-2)
-    s = Course(path, unguided(6)).spread(np.linspace(0.0, path.end, 11), Tolerance(*tolerance))
+    s = Course(path, make_empty_guide(6)).spread(np.linspace(0.0, path.end, 11), Tolerance(*tolerance))
     fourth = path.piece_bounds()[np.searchsorted(path.breaks, s[:-1] + 0.5 * np.diff(s)) - 1, :, 3]
     assert (np.diff(s)[:, None] ** 4 / 384.0 * fourth <= np.array(tolerance)).all()

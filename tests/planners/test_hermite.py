@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 from scipy.interpolate import BPoly
 
-from planners.hermite import quintic, through
+from planners.hermite import quintic, quintic_through
 
 laws_hold = settings(deadline=None, max_examples=50)
 seeds = st.integers(0, 2**31)
@@ -65,7 +65,7 @@ def test_a_polynomial_of_degree_five_is_reproduced(seed: int) -> None:
     x = np.concatenate([[0.0], np.cumsum(rng.uniform(0.2, 1.0, 3))])
     c = rng.normal(size=6)
     values = [polynomial.polyval(x, polynomial.polyder(c, order))[:, None] for order in range(3)]
-    p = through(x, *values)
+    p = quintic_through(x, *values)
     t = np.linspace(0.0, x[-1], 50)
     for order in range(6):
         wanted = polynomial.polyval(t, polynomial.polyder(c, order))
@@ -77,7 +77,7 @@ def test_a_polynomial_of_degree_five_is_reproduced(seed: int) -> None:
 def test_through_is_continuous_to_the_second_derivative(seed: int) -> None:
     rng = np.random.default_rng(seed)
     x = np.concatenate([[0.0], np.cumsum(rng.uniform(0.1, 1.0, 4))])
-    p = through(x, *rng.normal(size=(3, 5, 2)))
+    p = quintic_through(x, *rng.normal(size=(3, 5, 2)))
     for order in range(3):
         d = p.derivative(order) if order else p
         first = d.c[-1, 1:]

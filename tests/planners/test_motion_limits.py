@@ -14,7 +14,7 @@ from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fitted, stretch
+from planners.fit import fit_to_limits, stretch_factor
 from planners.limits import (
     ALL_LIMITS,
     FIELD_LIMITS,
@@ -146,13 +146,13 @@ def test_fit_scales_by_what_the_limit_says() -> None:
     fast = plan(paper6r(), default_line(), START, limits=OUR).trajectory
     worst = float(fast.extrema(2).worst.max())
     limits = MotionLimits(extra={"loaded_acceleration": 1.0 + worst / 4.0})
-    assert stretch(MotionAnalysis(paper6r(), fast), limits) == pytest.approx(2.0, rel=1e-12)
-    slow = fitted(paper6r(), fast, limits)
+    assert stretch_factor(MotionAnalysis(paper6r(), fast), limits) == pytest.approx(2.0, rel=1e-12)
+    slow = fit_to_limits(paper6r(), fast, limits)
     assert slow.duration / fast.duration == pytest.approx(2.0, rel=1e-9)
-    assert stretch(MotionAnalysis(paper6r(), slow), limits) <= 1.0
-    assert stretch(MotionAnalysis(paper6r(), fast), limits, ("velocity",)) == 0.0
+    assert stretch_factor(MotionAnalysis(paper6r(), slow), limits) <= 1.0
+    assert stretch_factor(MotionAnalysis(paper6r(), fast), limits, ("velocity",)) == 0.0
     with pytest.raises(NoSolution, match="any speed"):
-        fitted(paper6r(), fast, MotionLimits(extra={"loaded_acceleration": 0.9}))
+        fit_to_limits(paper6r(), fast, MotionLimits(extra={"loaded_acceleration": 0.9}))
     never = plan(
         paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, extra={"loaded_acceleration": 0.9})
     )

@@ -11,7 +11,7 @@ import planners
 from optik.errors import InvalidInput
 from planners import MotionLimits, TimeLaw, Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fitted, stretch
+from planners.fit import fit_to_limits, stretch_factor
 from planners.following.joint_path import JointPath
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
@@ -76,7 +76,7 @@ def test_promises_that_are_no_limits_are_refused_before_anything_runs(enforced: 
 @pytest.mark.parametrize("enforced", ["velocity", ("jrek",)])
 def test_motions_are_fitted_to_limits_that_exist(enforced: Any) -> None:
     trajectory = Quintic(duration=2.0).run(default_joint_path(), LIMITS)
-    for use in (fitted, lambda robot, motion, *rest: stretch(MotionAnalysis(robot, motion), *rest)):
+    for use in (fit_to_limits, lambda robot, motion, *rest: stretch_factor(MotionAnalysis(robot, motion), *rest)):
         with pytest.raises(InvalidInput, match="enforced"):
             use(paper6r(), trajectory, LIMITS, enforced)
 

@@ -29,7 +29,7 @@ from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearan
 from planners.certificate.effort import energy
 from planners.certificate.path_error import PathError
 from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
 from planners.limits.base import Limit
 from tests.planners.contacts import pose
@@ -394,7 +394,7 @@ def test_thresholds_are_those_that_are_stated(name: str) -> None:
 def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps: bool) -> None:
     """A quintic of a second joint is unlike the first: each is judged on its own scale."""
     t, q = np.array([0.0, 0.7, 1.3]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0]])
-    smooth = Trajectory(through(t, q, np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]]), np.zeros((3, 2))))
+    smooth = Trajectory(quintic_through(t, q, np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]]), np.zeros((3, 2))))
     c, moved = smooth.coefficients.copy(), smooth
     for _ in range(4):  # the jump changes the largest value that it is compared with
         most = continuity.JUMP * moved.extrema(order).worst + continuity._rounding(moved)[order, 1]
@@ -409,12 +409,12 @@ def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps:
 def test_a_motion_is_at_rest_just_below_its_threshold(share: float, rests: bool, end: int) -> None:
     t, q = np.array([0.0, 0.7, 1.3, 1.8]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0], [0.7, 20.0]])
     v = np.array([[0.0, 0.0], [1.0, 5.0], [-0.5, 2.0], [0.0, 0.0]])
-    still = Trajectory(through(t, q, v, np.zeros((4, 2))))
+    still = Trajectory(quintic_through(t, q, v, np.zeros((4, 2))))
     most = continuity._rounding(still)[1, -end]
     if end:
         most = most + continuity.AT_REST * still.extrema(1).worst
     v[-end, 0] = share * most[0]
-    found = continuity.rest(Trajectory(through(t, q, v, np.zeros((4, 2)))))
+    found = continuity.rest(Trajectory(quintic_through(t, q, v, np.zeros((4, 2)))))
     assert found[end] == rests and found[1 - end]
 
 

@@ -16,7 +16,7 @@ from optik.types import Array
 from planners import Line, follow
 from planners.following import smoothing
 from planners.following.failure import FollowStatus
-from planners.following.redundancy import free_motions
+from planners.following.redundancy import find_null_space_motions
 from planners.paths.arc import Arc
 from tests import oracles
 
@@ -48,7 +48,7 @@ def test_free_directions_are_an_orthonormal_null_space_turned_little(n: int) -> 
             null @ np.linalg.qr(rng.normal(size=(n - 6, n - 6)))[0] + 0.05 * rng.normal(size=(n, n - 6)),
             np.empty((n, n - 6)),
         )
-        smoothing.free_directions(J, before, N)
+        smoothing.find_null_space(J, before, N)
         np.testing.assert_allclose(N.T @ N, np.eye(n - 6), atol=1e-12)
         np.testing.assert_allclose(J @ N, 0.0, atol=1e-12)
         np.testing.assert_allclose(N, before, atol=0.5)
@@ -61,7 +61,7 @@ def cost(robot: Robot, way: Array, shares: Array) -> float:
     h = np.diff(shares)
     return float(
         0.5 * (np.diff(way, axis=0) ** 2 / h[:, None]).sum()
-        + smoothing.ROOM_WEIGHT * (0.5 * (room[1:] + room[:-1]) * h).sum()
+        + smoothing.BARRIER_WEIGHT * (0.5 * (room[1:] + room[:-1]) * h).sum()
     )
 
 
@@ -70,7 +70,7 @@ def test_the_smooth_free_motion_is_a_minimum_of_its_cost(held: bool) -> None:
     robot, rng = load("panda"), np.random.default_rng(1)
     q = np.array([0.2, -0.3, 0.1, -2.0, 0.2, 1.8, 0.5])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.1, 0.2, -0.1])))
-    motion = next(free_motions(robot, line, q, "start" if held else "best"))
+    motion = next(find_null_space_motions(robot, line, q, "start" if held else "best"))
     if held:
         np.testing.assert_allclose(motion.way[0], q, atol=1e-9)
     shares, least = motion.s / line.end, cost(robot, motion.way, motion.s / line.end)
@@ -149,7 +149,7 @@ def test_a_station_that_needs_a_nearer_one_before_it_does_not_end_the_way() -> N
     goal = oracles.moved(start, np.array([0.11718277, 0.08913643, -0.23533859]), np.array([-0.06, -0.15, -0.09]))
     path = Arc.through(start, start[:3, 3] + np.array([0.1291949, 0.00960465, -0.09201861]), goal)
     assert keeps_on(robot, path, q)
-    motion = next(free_motions(robot, path, q, "start"))
+    motion = next(find_null_space_motions(robot, path, q, "start"))
     assert motion.s[-1] == path.end and len(motion.s) > 25
     assert follow(make_solver(robot, "lm"), path, q)
 

@@ -15,10 +15,10 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import composed
-from planners.fit import stretch
+from planners.curve import apply_chain_rule
+from planners.fit import stretch_factor
 from planners.following.joint_path import JointPath
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits import PathPoints
 from tests.planners.cases import START, default_line, paper6r
 
@@ -125,7 +125,7 @@ def test_the_proof_is_of_each_segment_on_its_own_stretch(speeds: tuple[float, ..
     assert proof.binding.ratio.max() == pytest.approx(proof.tool_speed.ratio, rel=0.02)
     alone = certify(paper6r(), bent(), motion, limits(0.3))
     assert proof.tool_speed.value == alone.tool_speed.value
-    factor = stretch(MotionAnalysis(paper6r(), motion, bent()), limits(speeds), ("tool_speed",))
+    factor = stretch_factor(MotionAnalysis(paper6r(), motion, bent()), limits(speeds), ("tool_speed",))
     assert factor == pytest.approx(proof.tool_speed.ratio, rel=1e-9)
 
 
@@ -141,7 +141,7 @@ def by_nearest_place(motion: Trajectory, speeds: tuple[float, ...]) -> tuple[Arr
 def through_places(t: Array, s: Array, v: Array, a: Array) -> Trajectory:
     """The motion through places of the path at knots t, with ṡ and s̈ there."""
     q, q1, q2 = (along_bent()(s, i) for i in range(3))
-    return Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
+    return Trajectory(quintic_through(t, q, *apply_chain_rule((q1, q2), (v[:, None], a[:, None]))))
 
 
 @pytest.mark.parametrize("knots", [24, 9])
@@ -192,7 +192,7 @@ def along_straight(
     """The proved ratio of a motion through places at knots, and when; and the largest of dense samples, and when."""
     path, joints = straight()
     q, q1, q2 = (joints(s, i) for i in range(3))
-    motion = Trajectory(through(t, q, *composed((q1, q2), (v[:, None], a[:, None]))))
+    motion = Trajectory(quintic_through(t, q, *apply_chain_rule((q1, q2), (v[:, None], a[:, None]))))
     proof = certify(paper6r(), path, motion, limits(speeds), enforced=("tool_speed",)).tool_speed
     times = np.linspace(0.0, motion.end, 40_001)
     points = paper6r().fk(motion(times))[:, :3, 3]
@@ -244,7 +244,7 @@ def test_a_wrong_count_is_named_with_both_numbers() -> None:
     ):
         plan(paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, rotation_speed=(1.0, 2.0)))
     with pytest.raises(InvalidInput, match="path"):
-        stretch(MotionAnalysis(paper6r(), motion.trajectory), limits())
+        stretch_factor(MotionAnalysis(paper6r(), motion.trajectory), limits())
     for bad in ((0.1, -0.3, 0.2), (), (0.1, float("nan")), [[0.1, 0.2]], (0.1, "x")):
         with pytest.raises(InvalidInput, match="tool_speed"):
             MotionLimits(tool_speed=bad)  # type: ignore[arg-type]

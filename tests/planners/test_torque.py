@@ -18,7 +18,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.effort import energy, friction_steps
 from planners.certificate.torque_bounds import cubic_range, direction, fourth_bounds, sizes, slope_range
 from planners.certificate.torque_slowing import slowing
-from planners.hermite import through
+from planners.hermite import quintic_through
 from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values
 
@@ -317,7 +317,9 @@ def test_the_energy_is_what_goes_into_motion_and_height() -> None:
     """A pendulum that is raised without friction: its potential energy, and the area of the positive power."""
     robot, t = pendulum(), np.linspace(0.0, 1.5, 41)
     course = np.polynomial.Polynomial([-0.5, 0.0, 0.0, 20.0, -30.0, 12.0], domain=[0.0, 1.5], window=[0.0, 1.0])
-    motion = Trajectory(through(t, *(course.deriv(k)(t)[:, None] if k else course(t)[:, None] for k in range(3))))
+    motion = Trajectory(
+        quintic_through(t, *(course.deriv(k)(t)[:, None] if k else course(t)[:, None] for k in range(3)))
+    )
     found = energy(MotionAnalysis(robot, motion).torques)
     heights = (robot.fk(motion(np.array([0.0, motion.end]))) @ [0.5, 0.0, 0.0, 1.0])[:, 2]
     assert found.net == pytest.approx(2.0 * 9.80665 * (heights[1] - heights[0]), rel=1e-7)

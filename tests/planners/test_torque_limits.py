@@ -15,7 +15,7 @@ from optik.types import Array
 from planners import MotionLimits, Plan, TimeLaw, Trajectory, certify, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
-from planners.curve import composed
+from planners.curve import apply_chain_rule
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
 from planners.limits._torque_rows import torque_rows
@@ -178,7 +178,7 @@ def test_rows_say_what_the_torque_is_over_its_limit() -> None:
         rows = limits.rows(name, at)
         assert rows.shape == (1, 12, columns)
         assert limits.ratios(name, at, rates).shape == (1, 12)
-    states = [at.q(0), *composed([at.q(k) for k in (1, 2, 3)], [x[:, None] for x in rates])]
+    states = [at.q(0), *apply_chain_rule([at.q(k) for k in (1, 2, 3)], [x[:, None] for x in rates])]
     both = []
     for load in arm.loads:
         out = np.empty((1, 2, 6))

@@ -14,7 +14,7 @@ from optik.dynamics import torques_batch
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.limits._motion import TorqueRatios
 from tests import oracles
 
@@ -52,7 +52,7 @@ def swing(rng: np.random.Generator, n: int, pieces: int, duration: float) -> Tra
     q = np.cumsum(rng.normal(size=(pieces + 1, n)) * h, axis=0)
     dq, ddq = rng.normal(size=(pieces + 1, n)), 0.5 * rng.normal(size=(pieces + 1, n)) / h
     dq[[0, -1]] = ddq[[0, -1]] = 0.0
-    return Trajectory(through(t, q, dq, ddq))
+    return Trajectory(quintic_through(t, q, dq, ddq))
 
 
 def values(robot: Robot, trajectory: Trajectory, t: Array, load: Any) -> Array:

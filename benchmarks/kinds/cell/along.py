@@ -9,7 +9,7 @@ from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import IKSolver, Tolerance
 from optik.types import Array
-from planners.fit import fitted
+from planners.fit import fit_to_limits
 from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
@@ -45,7 +45,7 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
     limits, timed = MotionLimits.of(robot), make_law(law)
     try:
         enforced = timed.list_enforced(limits)
-        trajectory = fitted(robot, timed.run(joints, limits), limits, enforced, line)
+        trajectory = fit_to_limits(robot, timed.run(joints, limits), limits, enforced, line)
     except NoSolution as error:
         failure = PlanFailure.from_error(PlanStatus.TIMING_INFEASIBLE, error)
         return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)

@@ -21,7 +21,7 @@ from optik.scene import Scene
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.trajectory import Trajectory
 
 END_CLEARANCE = 0.01
@@ -81,7 +81,7 @@ def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int
     acceleration = USUAL_ACCELERATION if arm.limits.acceleration is None else arm.limits.acceleration
     T = max((1.875 * way / speed).max(), float(np.sqrt(10.0 / np.sqrt(3.0) * way / acceleration).max()))
     still = np.zeros((2, arm.n))
-    return Trajectory(through(np.array([0.0, T]), np.array(ends), still, still))
+    return Trajectory(quintic_through(np.array([0.0, T]), np.array(ends), still, still))
 
 
 def judged(

@@ -14,7 +14,7 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
-from planners.fit import stretch
+from planners.fit import stretch_factor
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -75,7 +75,7 @@ def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certific
     """Duration at which the same motion, scaled in time uniformly, just keeps every limit."""
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
-    return motion.duration * stretch(MotionAnalysis(robot, motion, path), limits)
+    return motion.duration * stretch_factor(MotionAnalysis(robot, motion, path), limits)
 
 
 def breaks(proof: Certificate) -> list[str]:

@@ -10,7 +10,7 @@ from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.hermite import through
+from planners.hermite import quintic_through
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 
@@ -85,7 +85,7 @@ class Copp(TimingPeer):
         """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them."""
         s, t, profile = raw
         speed = np.sqrt(np.maximum(profile.a, 0.0))
-        law = through(t, s[:, None], speed[:, None], profile.b[:, None])
+        law = quintic_through(t, s[:, None], speed[:, None], profile.b[:, None])
         law.c = np.ascontiguousarray(law.c[..., 0])
         return refit(joint_path, law, self._limits["jerk"])
 

@@ -18,7 +18,7 @@ from planners.controller import states
 from planners.plan import Plan
 from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
 from planners.ros.transport import Goal
-from planners.splice import joined, start_of
+from planners.splice import cut_after, join
 
 if TYPE_CHECKING:
     from planners.cell.drives.ros import RosDrive
@@ -218,7 +218,7 @@ class Run:
         goal = self.drive.transport.send(stop.message | {"header": header})
         if self._taken(goal, stop.t + CONFIRMED + self._trips[1]):
             self.goal, self.stop, self._stop_stamp = goal, stop.plan, stamp
-            self.motion = joined(start_of(self.motion, stop.t), stop.plan.trajectory)
+            self.motion = join(cut_after(self.motion, stop.t), stop.plan.trajectory)
             return
         self.drive.transport.cancel(goal)
         self._cancel(f"the controller did not take the stop{f': {goal.refused}' if goal.refused else ''}")

@@ -12,7 +12,7 @@ from planners.cell.drives._stop import ends_at_goal, plan_stop
 from planners.cell.drives.base import Fault
 from planners.cell.setpoints import Setpoints, make_setpoints
 from planners.plan import Plan, PlanStatus
-from planners.splice import joined, start_of
+from planners.splice import cut_after, join
 from planners.trajectory import Trajectory
 
 
@@ -173,7 +173,7 @@ class Run:
                 return
             self.notes.append(f"{why}; it was sent all the same, because of the fault")
         self.stop = found
-        self.motion = joined(start_of(self.motion, t), found.trajectory)
+        self.motion = join(cut_after(self.motion, t), found.trajectory)
         self.stream = make_setpoints(self.motion, self.stream.period)
         if ends_at_goal(found):
             self.notes.append("the shortest stop within the limits ends at the end of the path")

@@ -19,7 +19,7 @@ from planners.cell.drives._stop import relax
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.setpoints import PERIOD
 from planners.certificate.violation import Allow
-from planners.following.place import place_on
+from planners.following.projection import find_nearest_s
 from planners.plan import Plan
 from planners.replan import replan
 from planners.ros.export import JointNames, find_columns
@@ -268,7 +268,7 @@ class RosDrive(Drive):
         if reason:
             return self._unsent(plan, ExecutionStatus.REFUSED, reason, advice)
         q, joints = self.measure(), plan.joint_path
-        s = place_on(joints, q, _find_position(execution))
+        s = find_nearest_s(joints, q, _find_position(execution))
         off = np.abs(joints(s) - q)
         i = int(off.argmax())
         if off[i] > self.start_tolerance:

@@ -16,7 +16,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import composed
+from planners.curve import apply_chain_rule
 from planners.hermite import quintic
 from planners.limits import MotionLimits
 from planners.limits._loaded import LoadedLimit
@@ -157,8 +157,8 @@ def _braking(running: Trajectory, start: float, swept: Array) -> tuple[Trajector
     piece = piece_at(running.knots, start + every)
     piece[k : 2 * k] = piece_at(running.knots, start + x[1:] - 1e-9 * np.diff(x))  # one-sided values where q̈ jumps
     q, q1, q2, _ = derivatives_at(running.padded, piece, start - running.knots[piece] + every)
-    first = composed((q1[:k], q2[:k]), (w[:-1], b[:-1]))
-    last = composed((q1[k : 2 * k], q2[k : 2 * k]), (w[1:], b[1:]))
+    first = apply_chain_rule((q1[:k], q2[:k]), (w[:-1], b[:-1]))
+    last = apply_chain_rule((q1[k : 2 * k], q2[k : 2 * k]), (w[1:], b[1:]))
     moved = np.einsum("k,kin,i->kn", np.diff(x), q1[2 * k :].reshape(*inner.shape, -1), 0.5 * weights)
     motion = quintic(t, (np.zeros_like(moved), *first), (moved, *last))
     motion.c[5] = q[0] + np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)[:-1]])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optik.errors import NoSolution
 from optik.types import Array
-from planners.curve import passed_at
+from planners.curve import find_times
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.timing._optimal import limited, reach
@@ -193,7 +193,7 @@ def _peaks(tau: Array, top: Array) -> Array:
 
 def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
-    return float(passed_at(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
+    return float(find_times(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
 
 
 def numbers(

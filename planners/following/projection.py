@@ -15,27 +15,27 @@ NEAR_INTERVALS = 8
 """Largest number of intervals that are searched if a path comes near a configuration more than once."""
 EQUALLY_NEAR = 1e-6
 """Difference of distances [rad or m] below which two points of the path are equally near."""
-PLACE_STEPS = 60
+PROJECTION_STEPS = 60
 """Number of search steps in an interval; enough for bisection alone."""
 
 
-def place_on(joints: JointPath, q: ArrayLike, near: float) -> float:
+def find_nearest_s(joints: JointPath, q: ArrayLike, near: float) -> float:
     """Return the path parameter s nearest to a configuration (n,) [rad, m]; among equally near ones the closest to `near`."""
     q, part = np.asarray(q, dtype=np.float64), np.arange(BETWEEN_NODES) / BETWEEN_NODES
     grid = np.append((joints.nodes[:-1, None] + np.diff(joints.nodes)[:, None] * part).ravel(), joints.end)
     off = np.linalg.norm(joints(grid) - q, axis=1)
     lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))
     chosen = lowest[np.argsort(off[lowest], kind="stable")][:NEAR_INTERVALS]
-    places = [place_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
+    places = [find_nearest_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
     rests = np.array([float(np.linalg.norm(joints(s) - q)) for s in places])
     nearest = [s for s, rest in zip(places, rests, strict=True) if rest <= rests.min() + EQUALLY_NEAR]
     return min(nearest, key=lambda s: abs(s - near))
 
 
-def place_between(joints: Curve, q: Array, low: float, high: float) -> float:
+def find_nearest_between(joints: Curve, q: Array, low: float, high: float) -> float:
     """Return s in [low, high] at which a curve is nearest to q, by Newton steps for q' · (q(s) − q) = 0, or by bisection."""
     s = 0.5 * (low + high)
-    for _ in range(PLACE_STEPS):
+    for _ in range(PROJECTION_STEPS):
         q1, off = joints(s, 1), joints(s) - q
         slope = float(q1 @ off)
         if slope > 0.0:
