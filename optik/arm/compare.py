@@ -7,17 +7,17 @@ linear least-squares problem. Every explanation is verified by the tool poses be
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, product
 from math import atan2, degrees, pi
-from typing import Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from optik import se3
+from optik import kinematics, se3
 from optik.arm.limits import JointLimits
+from optik.arm.model import ArmModel
 from optik.check import check_number
 from optik.types import Array, Flags
 
@@ -32,31 +32,6 @@ UNEXPLAINED = "angles and distances of neighbouring axes agree; lengths along th
 
 PARALLEL = 1e-3
 """Angle [rad] below which two axes count as parallel: the direction of their common normal is then mostly noise."""
-
-
-class Arm(Protocol):
-    """The part of `optik.Robot` that a comparison uses."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def n(self) -> int: ...  # noqa: D102
-
-    @property
-    def prismatic(self) -> Flags: ...  # noqa: D102
-
-    @property
-    def limits(self) -> JointLimits: ...  # noqa: D102
-
-    @property
-    def fk(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
-
-    @property
-    def frames(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
-
-    @property
-    def jacobian(self) -> Callable[[ArrayLike], Array]: ...  # noqa: D102
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,30 +91,24 @@ class Comparison:
         return f"{head} differ {difference}; no base, tool, zero or sign explains it\n{reasons}".rstrip()
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """One explanation: its numbers, the remaining differences, and the number of its parts."""
+class _Candidate(NamedTuple):
+    """One explanation: the remaining differences [m], [rad], base, tool, signs and offsets, and the number of its parts."""
 
-    base: Array
-    tool: Array
-    signs: Array
-    offsets: Array
-    position: float
-    rotation: float
+    left: tuple[float, float]
+    values: tuple[Array, Array, Array, Array]
     parts: int
 
 
 class _Pair:
-    """Two arms, the poses to be matched, and the axes of both at q = 0."""
+    """Two arms, the poses to be matched, and the axes and tools of both at q = 0, those of the first arm first."""
 
-    def __init__(self, first: Arm, other: Arm, position: float, rotation: float) -> None:
-        self.first, self.other, self.n = first, other, first.n
+    def __init__(self, first: ArmModel, other: ArmModel, position: float, rotation: float) -> None:
+        self.first, self.n, self.prismatic = first, first.n, first.prismatic
         self.position, self.rotation = position, rotation
         self.q = _configurations(first, other)
-        self.target = other.fk(self.q)
-        self.home, self.home_other = (robot.frames(np.zeros(self.n)) for robot in (first, other))
-        self.axes, self.axes_other = self.home[:-1, :3, 2], self.home_other[:-1, :3, 2]
-        self.points, self.points_other = self.home[:-1, :3, 3], self.home_other[:-1, :3, 3]
+        self.target = _frames(other, self.q)[:, -1]
+        home = np.concatenate([_frames(arm, np.zeros((1, arm.n))) for arm in (first, other)])
+        self.axes, self.points, self.tools = home[:, :-1, :3, 2], home[:, :-1, :3, 3], home[:, -1, :3, :3]
 
     def differences(self, poses: Array) -> tuple[float, float]:
         """Return the largest position [m] and rotation [rad] differences from the poses of the other arm."""
@@ -150,43 +119,31 @@ class _Pair:
         """Return whether differences are within the tolerances."""
         return position <= self.position and rotation <= self.rotation
 
+    def matters(self, T: Array) -> bool:
+        """Return whether a transform differs from the identity by more than the tolerances."""
+        e = se3.error(np.eye(4), T)
+        return not self.is_within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
 
-def compare_arms(first: Arm, other: Arm, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+
+def compare_arms(first: ArmModel, other: ArmModel, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
     """Compare two models of an arm, and explain the difference; see `Robot.compare`."""
     position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
     rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
-    mismatch = _find_joint_differences(first, other)
-    if mismatch:
-        return _result(first, other, (np.inf, np.inf), None, mismatch)
+    nothing, names = (np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n)), (first.name, other.name)
+    if mismatch := _find_joint_differences(first, other):
+        return Comparison(False, False, np.inf, np.inf, np.inf, np.inf, *nothing, mismatch, names)
     pair = _Pair(first, other, position, rotation)
-    plain = pair.differences(first.fk(pair.q))
+    plain = pair.differences(_frames(first, pair.q)[:, -1])
     if pair.is_within(*plain):
-        return _result(first, other, plain, None, (), agree=True)
+        return Comparison(True, True, *plain, *plain, *nothing, (), names)
     against = tuple(_find_axis_differences(pair))
     best = None if against else _find_simplest(pair)
     if best is None:
-        return _result(first, other, plain, None, against or (UNEXPLAINED,))
-    return _result(first, other, plain, best, tuple(_reasons(pair, best)))
+        return Comparison(False, False, *plain, *plain, *nothing, against or (UNEXPLAINED,), names)
+    return Comparison(False, True, *plain, *best.left, *best.values, tuple(_reasons(pair, best)), names)
 
 
-def _result(
-    first: Arm,
-    other: Arm,
-    plain: tuple[float, float],
-    best: _Candidate | None,
-    reasons: tuple[str, ...],
-    *,
-    agree: bool = False,
-) -> Comparison:
-    left = best or _Candidate(np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n), *plain, 0)
-    numbers = (left.base, left.tool, left.signs, left.offsets)
-    explained = agree or best is not None
-    return Comparison(
-        agree, explained, *plain, left.position, left.rotation, *numbers, reasons, (first.name, other.name)
-    )
-
-
-def _find_joint_differences(first: Arm, other: Arm) -> tuple[str, ...]:
+def _find_joint_differences(first: ArmModel, other: ArmModel) -> tuple[str, ...]:
     if first.n != other.n:
         return (f"{first.n} joints and {other.n}",)
     kinds = ("turns", "slides")
@@ -196,7 +153,7 @@ def _find_joint_differences(first: Arm, other: Arm) -> tuple[str, ...]:
     )
 
 
-def _configurations(first: Arm, other: Arm) -> Array:
+def _configurations(first: ArmModel, other: ArmModel) -> Array:
     """Sample configurations (COMPARED, n) inside the limits of both arms, or of the first if a joint's ranges are disjoint."""
     lower = np.maximum(first.limits.lower, other.limits.lower)
     upper = np.minimum(first.limits.upper, other.limits.upper)
@@ -206,6 +163,13 @@ def _configurations(first: Arm, other: Arm) -> Array:
     return JointLimits(lower, upper).sample(np.random.default_rng(0), COMPARED, half_if_infinite=half)
 
 
+def _frames(arm: ArmModel, q: Array) -> Array:
+    """Return the joint frames and, last, the tool poses (k, n + 1, 4, 4) of an arm at configurations (k, n)."""
+    out = np.empty((len(q), arm.n + 1, 4, 4))
+    kinematics.frames_batch(arm.chain, q, out)
+    return out
+
+
 # ---------------------------------------------------------------- invariants of all explanations
 
 
@@ -213,13 +177,13 @@ def _find_axis_differences(pair: _Pair) -> Iterator[str]:
     """Describe differing angles and distances of neighbouring axes, which no base, tool, joint zero or direction changes."""
     for i in range(pair.n - 1):
         (angle, distance), (angle_other, distance_other) = (
-            _angle_and_distance(axes[i : i + 2], points[i : i + 2])
-            for axes, points in ((pair.axes, pair.points), (pair.axes_other, pair.points_other))
+            _angle_and_distance(*lines)
+            for lines in zip(pair.axes[:, i : i + 2], pair.points[:, i : i + 2], strict=True)
         )
         names = f"the axes of joints {i + 1} and {i + 2}"
         if abs(angle - angle_other) > 4.0 * pair.rotation:
             yield f"{names} are {degrees(angle):.6g}° to each other in one and {degrees(angle_other):.6g}° in the other"
-        elif not pair.first.prismatic[i : i + 2].any() and abs(distance - distance_other) > 4.0 * pair.position:
+        elif not pair.prismatic[i : i + 2].any() and abs(distance - distance_other) > 4.0 * pair.position:
             yield f"{names} are {distance:.6g} m apart in one and {distance_other:.6g} m in the other"
 
 
@@ -246,7 +210,7 @@ def _find_simplest(pair: _Pair) -> _Candidate | None:
             if best is not None and best.parts <= flips + offsets + base + tool:
                 continue
             found = _fit(pair, signs, offsets=offsets, base=base, tool=tool)
-            if pair.is_within(found.position, found.rotation) and (best is None or found.parts < best.parts):
+            if pair.is_within(*found.left) and (best is None or found.parts < best.parts):
                 best = found
     return best
 
@@ -255,15 +219,15 @@ def _sign_vectors(pair: _Pair) -> list[Array]:
     """List the joint directions that the angles and moments of neighbouring axes allow, fewest reversed joints first."""
     allowed = []
     for i in range(pair.n - 1):
-        cosines = [float(axes[i] @ axes[i + 1]) for axes in (pair.axes, pair.axes_other)]
+        cosines = [float(axes[i] @ axes[i + 1]) for axes in pair.axes]
         moments = [
             float((points[i + 1] - points[i]) @ np.cross(axes[i], axes[i + 1]))
-            for axes, points in ((pair.axes, pair.points), (pair.axes_other, pair.points_other))
+            for axes, points in zip(pair.axes, pair.points, strict=True)
         ]
         told = 0.0
         if min(map(abs, cosines)) > PARALLEL:
             told = float(np.sign(cosines[0] * cosines[1]))
-        elif not pair.first.prismatic[i : i + 2].any() and min(map(abs, moments)) > 10.0 * pair.position:
+        elif not pair.prismatic[i : i + 2].any() and min(map(abs, moments)) > 10.0 * pair.position:
             told = float(np.sign(moments[0] * moments[1]))
         allowed.append((1.0, -1.0) if told == 0.0 else (told,))
     steps = islice(product((1.0, -1.0), *allowed), 2**16)
@@ -279,26 +243,18 @@ def _fit(pair: _Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) ->
         X = _base_rotation(pair, signs)
     if offsets:
         o = _offsets(pair, signs, X, skip_first=base, to_tool=not tool)
-    R = pair.first.fk(signs * pair.q + o)[:, :3, :3]
+    R = _frames(pair.first, signs * pair.q + o)[:, -1, :3, :3]
     if base and not (offsets or tool):
         X = _mean_rotation(pair.target[:, :3, :3] @ np.swapaxes(R, 1, 2))
     if tool:
         Y = _mean_rotation(np.swapaxes(X @ R, 1, 2) @ pair.target[:, :3, :3])
-    slides = np.flatnonzero(pair.first.prismatic) if offsets else np.zeros(0, dtype=np.intp)
-    x, y = _lengths(pair, signs, X, o, slides, base=base, tool=tool)
+    slides = pair.prismatic & offsets
+    x, y, o[slides] = _lengths(pair, _frames(pair.first, signs * pair.q + o), X, slides, base=base, tool=tool)
     T_base, T_tool = se3.pose(X, x), se3.pose(Y, y)
-    left = pair.differences(T_base @ pair.first.fk(signs * pair.q + o) @ T_tool)
-    return _Candidate(T_base, T_tool, signs, o, *left, _parts(pair, T_base, T_tool, signs, o))
-
-
-def _parts(pair: _Pair, base: Array, tool: Array, signs: Array, offsets: Array) -> int:
-    matter = np.abs(offsets) > np.where(pair.first.prismatic, pair.position, pair.rotation)
-    return int((signs < 0.0).sum() + matter.sum()) + _matters(pair, base) + _matters(pair, tool)
-
-
-def _matters(pair: _Pair, T: Array) -> bool:
-    e = se3.error(np.eye(4), T)
-    return not pair.is_within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
+    left = pair.differences(T_base @ _frames(pair.first, signs * pair.q + o)[:, -1] @ T_tool)
+    shifted = np.abs(o) > np.where(pair.prismatic, pair.position, pair.rotation)
+    parts = int((signs < 0.0).sum() + shifted.sum()) + pair.matters(T_base) + pair.matters(T_tool)
+    return _Candidate(left, (T_base, T_tool, signs, o), parts)
 
 
 def _mean_rotation(R: Array) -> Array:
@@ -309,7 +265,7 @@ def _mean_rotation(R: Array) -> Array:
 
 def _base_rotation(pair: _Pair, signs: Array) -> Array:
     """Return the base rotation that aligns the first axis, and the next axis not parallel to it, with the other's."""
-    a, b = signs[0] * pair.axes[0], pair.axes_other[0]
+    a, b = signs[0] * pair.axes[0, 0], pair.axes[1, 0]
     w, sine, cosine = np.cross(a, b), float(np.linalg.norm(np.cross(a, b))), float(a @ b)
     if sine < 1e-12:  # same or opposite direction: any perpendicular axis
         w = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
@@ -322,12 +278,12 @@ def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: 
     """Return the offsets (n,) of the revolute joints from the directions of the next axes; 0 for prismatic joints."""
     offsets, R = np.zeros(pair.n), X
     for i in range(pair.n):
-        if pair.first.prismatic[i]:
+        if pair.prismatic[i]:
             continue
         if i > 0 or not skip_first:
             # the other's axis is the first's times the sign, and the angle about it has the same sign
             offsets[i] = signs[i] * _angle_about(pair, signs, R, i, to_tool=to_tool)
-            R = R @ se3.exp_so3(offsets[i] * pair.axes[i])
+            R = R @ se3.exp_so3(offsets[i] * pair.axes[0, i])
     return offsets
 
 
@@ -336,18 +292,18 @@ def _angle_about(pair: _Pair, signs: Array, R: Array, i: int, *, to_tool: bool) 
     # R (3, 3) is the rotation that all joints before i apply to the first arm's axes at q = 0. The angle follows from the
     # direction of the next axis, or from its position if it is parallel; a parallel prismatic joint does not determine
     # it. After the last joint it follows from the tool.
-    axis = pair.axes_other[i]
+    axis = pair.axes[1, i]
     for k in range(i + 1, pair.n):
-        v, target = signs[k] * (R @ pair.axes[k]), pair.axes_other[k]
+        v, target = signs[k] * (R @ pair.axes[0, k]), pair.axes[1, k]
         if np.linalg.norm(np.cross(axis, v)) > PARALLEL:
             return _turn(axis, v, target)
-        if not pair.first.prismatic[k]:
-            v, target = R @ (pair.points[k] - pair.points[i]), pair.points_other[k] - pair.points_other[i]
+        if not pair.prismatic[k]:
+            v, target = R @ (pair.points[0, k] - pair.points[0, i]), pair.points[1, k] - pair.points[1, i]
             apart = np.linalg.norm(np.cross(axis, v)) > 10.0 * pair.position
             return _turn(axis, v, target) if apart else 0.0
     if not to_tool:
         return 0.0
-    W = pair.home_other[-1, :3, :3] @ (R @ pair.home[-1, :3, :3]).T
+    W = pair.tools[1] @ (R @ pair.tools[0]).T
     sine = 0.5 * float(axis @ [W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]])
     return atan2(sine, 0.5 * (float(np.trace(W)) - 1.0))
 
@@ -359,41 +315,33 @@ def _turn(axis: Array, v: Array, target: Array) -> float:
 
 
 def _lengths(
-    pair: _Pair, signs: Array, X: Array, offsets: Array, slides: NDArray[np.intp], *, base: bool, tool: bool
-) -> tuple[Array, Array]:
-    """Return the translations of base and tool (3,), (3,); write the offsets of prismatic joints into `offsets`."""
-    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. The solution of least norm is
-    # taken.
-    T = pair.first.fk(signs * pair.q + offsets)
-    rest = (pair.target[:, :3, 3] - T[:, :3, 3] @ X.T).reshape(-1)
-    columns = []
-    if base:
-        columns.append(np.tile(np.eye(3), (COMPARED, 1)))
-    if tool:
-        columns.append((X @ T[:, :3, :3]).reshape(-1, 3))
-    if slides.size:
-        d = pair.first.jacobian(signs * pair.q + offsets)[:, :3, slides]
-        columns.append((X @ d).reshape(-1, slides.size))
-    if not columns:
-        return np.zeros(3), np.zeros(3)
-    found: Array = np.asarray(np.linalg.lstsq(np.hstack(columns), rest, rcond=1e-9)[0], dtype=np.float64)
-    offsets[slides] = found[found.size - slides.size :]
-    return (found[:3] if base else np.zeros(3)), (found[3 * base : 3 * base + 3] if tool else np.zeros(3))
+    pair: _Pair, frames: Array, X: Array, slides: Flags, *, base: bool, tool: bool
+) -> tuple[Array, Array, Array]:
+    """Return the translations of base and tool (3,), (3,), and the offsets of the sliding joints."""
+    # The positions are linear in them: p_other = X p + x + X R y + X Σ d_i o_i. The solution of least norm is taken.
+    p, R, d = frames[:, -1, :3, 3], frames[:, -1, :3, :3], np.swapaxes(frames[:, :-1, :3, 2][:, slides], 1, 2)
+    rest = (pair.target[:, :3, 3] - p @ X.T).reshape(-1)
+    columns = [np.tile(np.eye(3), (COMPARED, 1))] * base + [(X @ R).reshape(-1, 3)] * tool
+    columns.append((X @ d).reshape(3 * COMPARED, -1))
+    found: Any = np.linalg.lstsq(np.hstack(columns), rest, rcond=1e-9)[0]
+    x, y, o = np.split(found, (3 * base, 3 * base + 3 * tool))
+    return x if base else np.zeros(3), y if tool else np.zeros(3), o
 
 
 # ---------------------------------------------------------------- reasons in words
 
 
 def _reasons(pair: _Pair, found: _Candidate) -> Iterator[str]:
-    for which, T in (("base", found.base), ("tool", found.tool)):
-        if _matters(pair, T):
+    base, tool, signs, offsets = found.values
+    for which, T in (("base", base), ("tool", tool)):
+        if pair.matters(T):
             yield f"the {which}s differ {_transform_in_words(pair, T, which)}"
     for i in range(pair.n):
-        slides = bool(pair.first.prismatic[i])
-        if found.signs[i] < 0.0:
+        slides = bool(pair.prismatic[i])
+        if signs[i] < 0.0:
             yield f"joint {i + 1} {'slides' if slides else 'turns'} the other way"
-        if abs(found.offsets[i]) > (pair.position if slides else pair.rotation):
-            shift = f"{found.offsets[i]:.6g} m" if slides else f"{degrees(found.offsets[i]):.6g}°"
+        if abs(offsets[i]) > (pair.position if slides else pair.rotation):
+            shift = f"{offsets[i]:.6g} m" if slides else f"{degrees(offsets[i]):.6g}°"
             yield f"joint {i + 1} has its zero offset by {shift}"
 
 
