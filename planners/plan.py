@@ -443,8 +443,9 @@ def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) ->
             advice=f"no duration; or {law.name} without a speed, whose speed then follows from the duration",
         )
     if law.enforced and duration < trajectory.duration:
+        least = np.ceil(1e4 * trajectory.duration) / 1e4
         raise NoSolution(
-            f"{duration:.6g} s is shorter than the least duration that {law.name} finds, {trajectory.duration:.9g} s",
+            f"a duration of {duration:.6g} s is too short: the shortest motion of {law.name} takes {least:.6g} s",
             advice="a longer duration, or higher limits",
         )
     return trajectory.slowed(duration / trajectory.duration)

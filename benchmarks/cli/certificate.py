@@ -8,6 +8,8 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.cli.shared import out_console
+from optik.arm.units import unit_factors, unit_names
+from optik.errors import NoSolution
 
 EXACT_EXCESS = 5e-13
 """Excess over a limit [1] that is not shown: the rounding of exact extrema."""
@@ -65,6 +67,19 @@ def describe_clearance(found: Any) -> str:
     return "\n".join(
         [*lines, f"{len(found.left_out)} pairs of links are not checked; --json lists them with the reasons"]
     )
+
+
+def check_motion(plan: Any) -> None:
+    """Raise NoSolution if a plan has no motion, with joint limits in degrees and millimetres."""
+    if plan.has_motion:
+        return
+    failure, arm = plan.failure, plan.robot
+    reason = failure.reason
+    if failure.status == "outside_limits" and failure.joint is not None:
+        i = arm.joint_names.index(failure.joint)
+        low, high = (bound[i] * unit_factors(arm)[i] for bound in (arm.limits.lower, arm.limits.upper))
+        reason = f"{failure.joint} leaves its range [{low:.4g}, {high:.4g}]{unit_names(arm)[i]} at s = {failure.s:.4g}"
+    raise NoSolution(reason, s=failure.s, joint=failure.joint, advice=failure.advice)
 
 
 def print_certificate(plan: Any) -> None:

@@ -14,7 +14,7 @@ import typer
 
 import optik
 from benchmarks.cli.carried import add_payload, read_torque_limit
-from benchmarks.cli.certificate import print_certificate
+from benchmarks.cli.certificate import check_motion, print_certificate
 from benchmarks.cli.shared import (
     NUMBERS,
     Allowed,
@@ -197,7 +197,8 @@ def run_plan(arm: optik.Robot, path: Any, q: Any, options: PlanOptions, words: s
     if options.as_json:
         print_json(plan.to_dict())
         raise typer.Exit(0 if valid else 1)
-    print_certificate(plan)  # raises NoSolution with the reason where there is no motion
+    check_motion(plan)
+    print_certificate(plan)
     if not valid:
         words = ",".join(words_for(refused, allow))
         out_console.print(

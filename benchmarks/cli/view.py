@@ -140,6 +140,8 @@ def read_motion(file: Path) -> Motion:
     try:
         return load_motion(file)
     except InvalidInput as error:
+        if error.argument == "file":  # its name, or that it cannot be read
+            raise InvalidInput("PLAN", error.got, STORED_MOTION) from None
         data = _json(file)
         if data.get("format") == EXECUTION:
             raise InvalidInput(

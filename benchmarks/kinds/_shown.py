@@ -10,6 +10,7 @@ import polars as pl
 
 from benchmarks.kinds._block import Block, Section
 from benchmarks.kinds._compared import Compared
+from benchmarks.statistics import is_too_few
 
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
@@ -99,6 +100,8 @@ class Winner:
         What the intervals are, and by which test ties are found; the page shows it on request.
     level : tuple of str, optional
         Labels of the best and of those that a paired test does not tell from it, where one was made.
+    count : int, optional
+        Number of problems or motions in the paired test.
     """
 
     question: str
@@ -109,6 +112,15 @@ class Winner:
     note: str = ""
     how: str = ""
     level: tuple[str, ...] | None = None
+    count: int | None = None
+
+    @property
+    def sample(self) -> str:
+        """Number of values in the paired test, and whether they are too few for it; empty without a test."""
+        if self.count is None:
+            return ""
+        few = ": too few for a test" if is_too_few(self.count, len(self.entries) - 1) else ""
+        return f" (n = {self.count:,}{few})"
 
     @property
     def tied(self) -> tuple[str, ...]:

@@ -45,6 +45,7 @@ class Won:
     how: str
     best: Place
     tied: tuple[str, ...]
+    sample: str
     second: Place | None
 
 
@@ -68,6 +69,7 @@ def _won(winner: Winner, run: Run) -> Won:
         winner.how,
         places[0],
         tied,
+        winner.sample,
         places[second] if second is not None else None,
     )
 

@@ -7,6 +7,7 @@ from benchmarks.statistics.paired import (
     SIGNIFICANT,
     McNemar,
     holm,
+    is_too_few,
     mcnemar,
     mcnemar_p,
     not_beaten,
@@ -18,6 +19,7 @@ from benchmarks.statistics.profiles import performance_profile
 from benchmarks.statistics.summaries import binned, quantiles, shifted_geometric_mean
 
 __all__ = [
-    "SIGNIFICANT", "McNemar", "binned", "holm", "mcnemar", "mcnemar_p", "median_interval", "not_beaten", "not_longer",
-    "not_told_apart", "performance_profile", "quantiles", "ratio_interval", "shifted_geometric_mean", "signed_rank", "wilson",
+    "SIGNIFICANT", "McNemar", "binned", "holm", "is_too_few", "mcnemar", "mcnemar_p", "median_interval", "not_beaten",
+    "not_longer", "not_told_apart", "performance_profile", "quantiles", "ratio_interval", "shifted_geometric_mean",
+    "signed_rank", "wilson",
 ]  # fmt: skip

@@ -77,6 +77,14 @@ def not_told_apart(best: str, p_values: Mapping[str, float]) -> tuple[str, ...]:
     return (best, *(label for label, p in zip(p_values, corrected, strict=True) if not p < SIGNIFICANT))
 
 
+def is_too_few(count: int, comparisons: int) -> bool:
+    """Say whether no result of some paired values can be significant after Holm's correction of some comparisons.
+
+    The least p-value of McNemar's and Wilcoxon's exact two-sided tests is 2^(1 − n).
+    """
+    return comparisons * 2.0 ** (1 - count) >= SIGNIFICANT
+
+
 def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
     """Two-sided p-value of Wilcoxon's signed-rank test on the logarithms of two paired samples of times or errors.
 

@@ -30,7 +30,7 @@ _ADVICE: Mapping[IKStatus, str] = {
     IKStatus.STALLED: "restarts (max_restarts) or another initial guess: this one leads to a local minimum or a joint limit",
     IKStatus.TIME_LIMIT: "a longer time_limit, or an initial guess nearer to the target",
     IKStatus.OUTSIDE_LIMITS: "restarts (max_restarts) or wider limits: the pose was met only with a joint outside its limits",
-    IKStatus.UNREACHABLE: "a target within reach (the message gives the bound), or another tool",
+    IKStatus.UNREACHABLE: "a target within reach, or another tool",
     IKStatus.REJECTED: "another method: forward kinematics does not confirm the success that this one reported",
     IKStatus.IN_CONTACT: "another target, or another place for the object: every solution that was found collides",
 }

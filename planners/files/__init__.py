@@ -94,8 +94,9 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
         The format needs a package that is not installed.
     """
     chosen = _format(file, format)
+    content = read_bytes(FilePath(file))
     try:
-        return chosen.from_bytes(read_bytes(FilePath(file)))
+        return chosen.from_bytes(content)
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
     except OptikError as error:

@@ -61,6 +61,9 @@ def test_no_solution_is_exit_status_one(typed: Any) -> None:
     assert status == 1
     assert said.count("\n") == 1
     assert "s = " in said
+    status, _, said = typed("plan", "line", "--turn-deg", "0,90,0", "--start-deg", START)
+    assert status == 1
+    assert "joint4" in said and "[-90, 90]°" in said  # degrees, as typed
 
 
 def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:

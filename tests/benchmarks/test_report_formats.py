@@ -32,6 +32,7 @@ from benchmarks.report.shown import shown_cell, shown_table, written
 from benchmarks.report.steps import steps_of
 from benchmarks.report.winners import tied_words, won
 from benchmarks.report.words import listed
+from benchmarks.statistics import holm, mcnemar_p, signed_rank
 from optik.errors import MissingDependency
 from tests.benchmarks.conftest import hide
 
@@ -322,6 +323,18 @@ def test_digits_of_shares_and_p_values() -> None:
     assert [written("p", p)[0] for p in (2e-112, 0.0, 0.0345)] == ["< 10⁻⁶", "< 10⁻⁶", "0.035"]
 
 
+@pytest.mark.parametrize(
+    ("methods", "count", "words"),
+    [(2, 6, " (n = 6)"), (2, 5, " (n = 5: too few for a test)"), (3, 6, "too few"), (3, 7, "7)")],
+)
+def test_a_test_that_cannot_find_a_difference_says_so(methods: int, count: int, words: str) -> None:
+    entries = tuple((f"m{k}", 1.0, 0.0, 2.0) for k in range(methods))
+    assert words in Winner("Who?", "%", "more", entries, "methods", level=("m0",), count=count).sample
+    p = holm([mcnemar_p(0, count)] * (methods - 1))[0]  # the most unequal outcome
+    assert p == holm([signed_rank(np.arange(2.0, 2.0 + count), np.ones(count))] * (methods - 1))[0]
+    assert (p >= 0.05) == ("too few" in Winner("Who?", "%", "more", entries, "methods", level=(), count=count).sample)
+
+
 def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     from benchmarks.kinds.base import load_kind
 
@@ -335,6 +348,7 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     ]
     assert (found.best.label, found.best.value, found.best.interval) == ("ipopt", "90.0 %", "80.0 to 95.0")
     assert found.tied == ("b",)
+    assert not found.sample
     assert found.second is not None
     assert found.second.label == "c"
     assert found.best.colour.startswith("var(--m")

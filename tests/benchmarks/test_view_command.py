@@ -105,7 +105,7 @@ def test_what_is_wrong_is_one_line(
     assert said.count("\n") == 1
 
 
-@pytest.mark.parametrize("wrong", ["a folder", "a failed plan", "what --json printed"])
+@pytest.mark.parametrize("wrong", ["no file", "a folder", "a failed plan", "what --json printed"])
 def test_a_drive_is_given_the_same_files(typed: Any, motion: Path, tmp_path: Path, wrong: str) -> None:
     file, _, expected, words = WRONG[wrong]
     status, _, said = typed("drive", str(file(tmp_path, motion)))

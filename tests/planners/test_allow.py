@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app, main
 from optik.errors import InvalidInput, InvalidMotion
+from optik.ik import Tolerance
 from planners import (
     Line,
     MotionLimits,
@@ -202,9 +203,9 @@ def test_what_a_plan_was_given_holds_for_its_stop() -> None:
 def test_a_bound_beyond_the_tolerance_is_a_violation_only_if_a_value_is(found: float, bound: float, word: Any) -> None:
     for distance in (True, False):
         error = PathError(*((bound, 0.0, found, 0.0) if distance else (0.0, bound, 0.0, found)), 0.1, 0.2)
-        words = [violation.allow for violation in error.find_violations((1.0, 1.0))]
+        words = [violation.allow for violation in error.find_violations(Tolerance(1.0, 1.0))]
         assert words == ([] if word is None else [word])
-    assert [f.allow for f in PathError(*(float("nan"),) * 6).find_violations((1.0, 1.0))] == ["not_proved"] * 2
+    assert [f.allow for f in PathError(*(float("nan"),) * 6).find_violations(Tolerance(1.0, 1.0))] == ["not_proved"] * 2
 
 
 @pytest.mark.parametrize(

@@ -63,6 +63,7 @@ def _winner(b: BlockRows) -> Winner:
         note,
         "Wilson 95 % intervals; differences by McNemar's test",
         level,
+        count,
     )
 
 

@@ -43,6 +43,7 @@ def _winner(b: BudgetRows) -> Winner | None:
         f"within {level_words(SUCCESS_LEVELS[-1])} m and rad{who.left_out}",
         "Wilson 95 % intervals; differences by McNemar's test",
         not_beaten(entries[0][0], solved),
+        rows["problem"].n_unique(),
     )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ def block_winners(b: CallRows) -> list[Winner]:
     most = Winner(
         f"Highest success rate: {b.block.title}", "%", "more", tuple(solved), "speed",
         f"{problems}{who.left_out}", "Wilson 95 % intervals; differences by McNemar's test", level,
+        len(parts[who.labels[0]]),
     )  # fmt: skip
     fastest = _fastest(b, rows, level)
     return [most] if fastest is None else [most, fastest]
@@ -56,6 +57,7 @@ def _fastest(b: CallRows, rows: pl.DataFrame, labels: tuple[str, ...]) -> Winner
         f"Fastest among equally successful methods: {b.block.title}", "µs", "less", tuple(times), "speed",
         f"median time of a call on the {both['problem'].n_unique():,} problems solved by all of them",
         "bootstrap 95 % intervals; differences by Wilcoxon's signed-rank test", not_longer(times[0][0], us),
+        len(us[labels[0]]),
     )  # fmt: skip
 
 

@@ -74,4 +74,5 @@ def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
 def _winner(question: str, unit: str, values: Mapping[str, Array], note: str) -> Winner:
     """The least median of paired values, and those that Wilcoxon's test does not show to be longer."""
     entries = sorted(((label, *median_interval(x)) for label, x in values.items()), key=lambda entry: entry[1])
-    return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, not_longer(entries[0][0], values))
+    level, count = not_longer(entries[0][0], values), len(values[entries[0][0]])
+    return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, level, count)
