@@ -1,9 +1,11 @@
 """The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
 
+from optik.arm.mjcf_writer import mujoco_model, to_mjcf
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives._options import LateHost, LostEncoder, Stall, WrongSetpoint
+from planners.cell.drives._setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
@@ -12,9 +14,7 @@ from planners.cell.error_split import ErrorSplit, PathSplit, split_configuration
 from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
-from planners.cell.mjcf import mujoco_model, to_mjcf
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
-from planners.cell.setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import RosbridgeTransport

@@ -74,7 +74,7 @@ def test_what_cannot_be_executed_is_refused_and_nothing_moves(name: str) -> None
     elsewhere = START + 0.1
     drive = make_drive(name, paper6r(), q=elsewhere)
     refused = drive.execute(line())
-    assert refused.status is ExecutionStatus.REFUSED and "stands at" in refused.reason and refused.advice
+    assert refused.status is ExecutionStatus.REFUSED and "is at" in refused.reason and refused.advice
     assert refused.motion is None and refused.setpoints is None
     np.testing.assert_allclose(drive.measure(), elsewhere, rtol=0.0, atol=NEAR)
     with pytest.raises(InvalidInput) as info:

@@ -133,9 +133,9 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/cell/iso9283.py": ("tests/planners/test_iso9283.py",),
     "planners/cell/laser.py": ("tests/planners/test_laser.py",),
     "planners/cell/sighting.py": ("tests/planners/test_laser.py",),
-    "planners/cell/setpoints.py": DRIVE,
+    "planners/cell/drives/_setpoints.py": DRIVE,
     "planners/cell/_parts.py": ("tests/planners/test_laser.py", "tests/planners/test_cell.py"),
-    "planners/cell/mjcf.py": ("tests/planners/test_mjcf.py",),
+    "optik/arm/mjcf_writer.py": ("tests/planners/test_mjcf.py",),
     "planners/cell/drives/_checks.py": (EDGES, *DRIVE),
     "planners/cell/drives/_stop.py": DRIVE,
     "planners/cell/drives/_servo.py": ("tests/planners/test_mujoco_drive.py",),
@@ -218,10 +218,10 @@ NEWER = (
     "planners/cell/calibration.py",
     "planners/cell/iso9283.py",
     "planners/cell/laser.py",
-    "planners/cell/setpoints.py",
+    "planners/cell/drives/_setpoints.py",
     "planners/cell/sighting.py",
     "planners/cell/_parts.py",
-    "planners/cell/mjcf.py",
+    "optik/arm/mjcf_writer.py",
 )
 """The proofs of contact and torque, shapes, scenes, limits, the time-optimal law and the cell."""
 

@@ -314,7 +314,7 @@ def test_an_arm_that_was_moved_since_its_stop_is_not_resumed() -> None:
 # ---------------------------------------------------------------- faults
 
 
-@pytest.mark.parametrize(("by", "what"), [(0.1, "velocity limit"), (10.0, "position limits"), (np.nan, "no number")])
+@pytest.mark.parametrize(("by", "what"), [(0.1, "velocity limit"), (10.0, "position limits"), (np.nan, "not a number")])
 def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: float, what: str) -> None:
     drive, execution = run(WrongSetpoint(0.15, "joint4", by))
     assert execution.status is ExecutionStatus.FAULT and execution.fault is not None

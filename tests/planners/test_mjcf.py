@@ -9,8 +9,8 @@ import pytest
 
 import optik
 from optik.arm.inertia import Inertia
+from optik.arm.mjcf_writer import ROD_DENSITY, _rod, assume_masses, mujoco_model, to_mjcf
 from optik.errors import InvalidInput, MissingDependency, RobotModelError
-from planners.cell.mjcf import ROD_DENSITY, _rod, assume_masses, mujoco_model, to_mjcf
 from tests.robots import each_robot
 
 

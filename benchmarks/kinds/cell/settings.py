@@ -15,8 +15,8 @@ from benchmarks.settings import all_of, check_keys, check_known, check_list, che
 from benchmarks.targets import read_target
 from optik.check import check_count, check_flag, check_number, real_array
 from optik.errors import InvalidInput
+from planners.cell.drives._setpoints import PERIOD
 from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES
-from planners.cell.setpoints import PERIOD
 
 SPOTS, ISO, LAWS = "spots", "iso", "laws"
 """What a block executes."""

@@ -1,4 +1,4 @@
-"""What a simulated drive checks: the plan before its start; set-points, encoders and the host at every tick."""
+"""Checks of drives: the plan before its start; set-points, encoders and the host of a simulated drive at every tick."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopReq
 from planners.certificate.certificate import Certificate
 from planners.certificate.validity import check_valid
 from planners.certificate.violation import Allow
+from planners.following.failure import joint_unit
 from planners.plan import Plan
 
 GREATEST_STEP = 1.0 + 1e-6
-"""Largest step between set-points, over what the velocity limit allows in a period: a motion at its limit is accepted."""
+"""Largest step between set-points, over the velocity limit times the period [1]: a motion at its limit is accepted."""
 
 COUNTS = 4.0
 """Encoder counts beyond the tolerance that a set-point must move before an unchanged reading is a fault [1]."""
@@ -28,10 +29,14 @@ NOISE_SPREADS = 6.0
 """Noise that no reading exceeds, in standard deviations [1]."""
 AT_STANDSTILL = (0.02, 0.002)
 """Largest velocity of a joint at rest [rad/s, m/s]; a servo that follows encoder noise is slower."""
-MEND = "repair the encoder; then resume"
+ENCODER_ADVICE = "repair the encoder; then resume"
 """Advice for a false reading."""
+START_ADVICE = "plan from the arm's present configuration, drive.measure()"
+"""Advice for an arm that is not at the start of a plan."""
+RESUME_ADVICE = "drive.resume continues to the goal"
+"""Advice after a stop on request."""
 Refusal = tuple[str, str]
-"""Why nothing is sent, and what to do."""
+"""The reason why nothing is sent, and advice."""
 
 
 # ---------------------------------------------------------------- before the start
@@ -42,13 +47,13 @@ def check_plan(plan: Plan, robot: Robot) -> None:
     if not isinstance(plan, Plan):
         raise InvalidInput("plan", repr(plan)[:60], "a Plan")
     if plan.robot != robot:
-        raise InvalidInput("plan", f"one of {plan.robot.name}", f"one of this drive's arm, {robot.name}")
+        raise InvalidInput("plan", f"a plan of {plan.robot.name}", f"a plan of this drive's arm, {robot.name}")
 
 
 def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = None) -> Refusal | None:
     """Return why a plan must not be executed: no motion, violations that `allow` does not permit, or a start in motion.
 
-    By default the plan's own certificate is judged.
+    ``proof`` is the certificate that is judged; by default the plan's own.
     """
     if plan.failure is not None and (not plan.has_motion or (not plan and plan.certificate.is_valid)):
         return f"the plan did not succeed ({plan.status}): {plan.failure.reason}", plan.failure.advice
@@ -59,12 +64,12 @@ def find_violation(plan: Plan, allow: Allow = (), proof: Certificate | None = No
         status = "" if plan else f" ({plan.status})"
         return f"the certificate of the plan{status} is not valid: {error.reason}", error.advice
     if not proof.rest[0]:
-        return "the plan begins in motion, and the arm is at rest", "a plan that begins at rest where the arm stands"
+        return "the plan begins in motion, but the arm is at rest", START_ADVICE
     return None
 
 
 def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | None:
-    """Return why a plan must not be sent: the arm is not at its start, or the drive would refuse its set-points."""
+    """Return why a plan must not be sent: the arm is not at its start, or set-points exceed the arm's velocity limits."""
     names, start = plan.robot.joint_names, plan.trajectory(0.0)
     lost = np.flatnonzero(np.isnan(measured))
     if lost.size:
@@ -72,17 +77,21 @@ def find_refusal(plan: Plan, measured: Array, options: Options) -> Refusal | Non
     off = np.abs(measured - start) / options.start
     i = int(off.argmax())
     if off[i] > 1.0:
-        away = f"{names[i]} stands at {measured[i]:.6g} and the plan begins at {start[i]:.6g}"
-        return (
-            f"{away}, more than {options.start[i]:g} away",
-            "a plan that begins where the arm stands (drive.measure())",
-        )
+        return describe_start(plan.robot, i, measured[i], start[i], options.start[i]), START_ADVICE
     fastest, most = plan.trajectory.extrema(1).worst, _velocity_limits(plan.robot) * GREATEST_STEP
     i = int((fastest / most).argmax())
     if fastest[i] > most[i]:
-        what = f"{names[i]} moves at {fastest[i]:.6g}, and the arm's own limit is {most[i]:.6g}"
-        return f"the drive would refuse its set-points: {what}", "a plan within the limits of the robot"
+        unit = f"{joint_unit(plan.robot, i)}/s"
+        what = f"{names[i]} moves at {fastest[i]:.6g} {unit}, above the arm's own limit of {most[i]:.6g} {unit}"
+        return f"the drive would refuse the set-points: {what}", "plan within the limits of the robot"
     return None
+
+
+def describe_start(robot: Robot, i: int, q: float, start: float, tolerance: float) -> str:
+    """Return the reason for an arm that is not at the start of a plan: joint i is farther from it than the tolerance."""
+    unit = joint_unit(robot, i)
+    at = f"{robot.joint_names[i]} is at {q:.6g} {unit}, but the plan starts at {start:.6g} {unit}"
+    return f"{at}; the tolerance is {tolerance:g} {unit}"
 
 
 def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
@@ -134,18 +143,17 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
     if lost.size:
         joint = names[lost[0]]
         what = f"the encoder of {joint} is lost; the joint went on by its set-points until it was at rest"
-        run.fail(Fault(FaultKind.ENCODER, t, joint, what, "repair the encoder; then resume"), k + options.ahead)
+        run.fail(Fault(FaultKind.ENCODER, t, joint, what, ENCODER_ADVICE), k + options.ahead)
         return
     behind = np.abs(read - run.stream.q[min(k, run.last)])
     i = int((behind / options.following).argmax())
     if behind[i] > options.following[i]:
+        unit = joint_unit(robot, i)
         what = (
-            f"{names[i]} reads {behind[i]:.3g} off its set-point, more than {options.following[i]:g}: it is blocked or too "
-            "weak, or its encoder is frozen"
+            f"{names[i]} reads {behind[i]:.3g} {unit} off its set-point, more than {options.following[i]:g} {unit}: the joint "
+            "is blocked or too weak, or its encoder is frozen"
         )
-        advice = (
-            f"see what blocks {names[i]} and whether its encoder moves; then resume, which first goes back to the path"
-        )
+        advice = f"check what blocks {names[i]} and its encoder; then resume, which first returns to the path"
         run.stuck = i
         run.fail(Fault(FaultKind.STALL, t, names[i], what, advice), k + options.ahead)
         return
@@ -154,30 +162,33 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
     )
     i = int(moved.argmax())
     if moved[i] > 1.0:
-        what = f"{names[i]} reads {read[i]:.6g} while its set-point moved by more than {options.following[i]:g}"
+        unit = joint_unit(robot, i)
+        what = f"{names[i]} reads {read[i]:.6g} {unit} while its set-point moved by more than {options.following[i]:g} {unit}"
         run.stuck = i
-        fault = Fault(FaultKind.ENCODER, t, names[i], f"{what}: its encoder is frozen, or it is blocked", MEND)
+        fault = Fault(
+            FaultKind.ENCODER, t, names[i], f"{what}: its encoder is frozen, or it is blocked", ENCODER_ADVICE
+        )
         run.fail(fault, k + options.ahead)
 
 
 def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
-    """Check the final position of the arm at the last tick k, by its encoders and by the true state of the simulated arm."""
+    """Check the final position of the arm at the last tick k by its encoders and by the true state of the simulated arm."""
     if run.fault is not None:
         return
     t, false = k * options.period, find_false_reading(read, actual, options)
     if false is not None:
-        joint = robot.joint_names[false]
-        what = f"the encoder of {joint} is lost" if np.isnan(read[false]) else (
-            f"{joint} stands at {actual[false]:.6g}, and its encoder reads {read[false]:.6g}"
-        )  # fmt: skip
-        run.fail(Fault(FaultKind.ENCODER, t, joint, what, MEND), k)
+        joint, unit = robot.joint_names[false], joint_unit(robot, false)
+        what = f"{joint} is at {actual[false]:.6g} {unit}, but its encoder reads {read[false]:.6g} {unit}"
+        if np.isnan(read[false]):
+            what = f"the encoder of {joint} is lost"
+        run.fail(Fault(FaultKind.ENCODER, t, joint, what, ENCODER_ADVICE), k)
         return
     off = np.abs(read - run.stream.q[-1])
     i = int((off / options.end).argmax())
     if off[i] > options.end[i]:
-        joint = robot.joint_names[i]
-        what = f"{joint} came to rest {off[i]:.3g} off its last set-point, more than {options.end[i]:g}"
-        advice = f"see what blocks {joint}; then resume, which first goes back to the path"
+        joint, unit = robot.joint_names[i], joint_unit(robot, i)
+        what = f"{joint} came to rest {off[i]:.3g} {unit} off its last set-point, more than {options.end[i]:g} {unit}"
+        advice = f"find out what blocks {joint}; then resume, which first returns to the path"
         run.fail(Fault(FaultKind.STALL, t, joint, f"{what}: it was blocked or is too weak", advice), k)
 
 
@@ -197,19 +208,12 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
     if speed[i] <= 1.0:
         return True
     if run.fault is None:
-        what = f"{robot.joint_names[i]} moves at {abs(dq[i]):.3g} when its set-points end"
-        kind, why, advice = (
-            FaultKind.STALL,
-            "it is too weak",
-            f"find out what moves {robot.joint_names[i]}; then resume",
-        )
+        joint = robot.joint_names[i]
+        what = f"{joint} moves at {abs(dq[i]):.3g} {joint_unit(robot, i)}/s when its set-points end"
+        kind, why, advice = FaultKind.STALL, "it is too weak", f"find out what moves {joint}; then resume"
         if false is not None:
-            kind, why, advice = (
-                FaultKind.ENCODER,
-                f"the encoder of {robot.joint_names[false]} reads a false position",
-                MEND,
-            )
-        joint = robot.joint_names[i if false is None else false]
+            joint = robot.joint_names[false]
+            kind, why, advice = FaultKind.ENCODER, f"the encoder of {joint} reads a false position", ENCODER_ADVICE
         run.fail(Fault(kind, k * options.period, joint, f"{what}: {why}; the brakes were applied", advice), k)
     return False
 
@@ -220,7 +224,7 @@ def judge_end(run: Run) -> tuple[ExecutionStatus, str, str]:
         return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
     if run.requested and run.stop is not None and not run.at_goal:
         begun = run.motion.end - run.stop.trajectory.end
-        return ExecutionStatus.STOPPED, f"stopped on request; the stop began at t = {begun:.6g} s", "resume goes on"
+        return ExecutionStatus.STOPPED, f"stopped on request; the stop began at t = {begun:.6g} s", RESUME_ADVICE
     return ExecutionStatus.DONE, "", ""
 
 
@@ -238,27 +242,27 @@ def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -
         return
     run.late += 1
     if k == first - 1 + options.ahead:
-        what = f"the host was silent for {options.ahead} ticks, and the drive had no set-point left"
-        advice = "a host that is never late by so much, or more set-points ahead; then resume"
+        what = f"the host was silent for {options.ahead} ticks, and the drive ran out of set-points"
+        advice = "make the host faster, or send more set-points ahead (ahead=); then resume"
         run.fail(Fault(FaultKind.LATE_HOST, k * options.period, None, what, advice), k)
 
 
 def _judge_setpoint(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
-    """Reject a set-point that is outside the limits; accept a wrong one that is within them."""
+    """Reject a wrong set-point that is outside the limits; accept one that is within them."""
     joint, before = int(wrong.joint), run.stream.q[row - 1]
+    name, unit, t = robot.joint_names[joint], joint_unit(robot, joint), row * run.stream.period
     value = run.stream.q[row, joint] + wrong.by
     low, high = robot.limits.lower[joint], robot.limits.upper[joint]
     step, most = abs(value - before[joint]), _velocity_limits(robot)[joint] * run.stream.period * GREATEST_STEP
     if low <= value <= high and step <= most:
         run.stream.q[row, joint] = value
-        run.notes.append(f"the set-point {row} of {robot.joint_names[joint]} was {wrong.by:g} off, within the limits")
+        run.notes.append(f"the set-point {row} of {name} was {wrong.by:g} {unit} off, within the limits")
         return
-    outside = f"it is outside the position limits [{low:.6g}, {high:.6g}]"
-    jumps = f"it is {step:.6g} from the one before, and the velocity limit allows {most:.6g} in a period"
-    what = "it is no number" if np.isnan(value) else outside if not low <= value <= high else jumps
-    name, t = robot.joint_names[joint], row * run.stream.period
-    reason = f"the set-point {value:.6g} of {name} for t = {t:.6g} s was refused: {what}"
-    run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out what the host sent, and why; then resume"), row - 1)
+    outside = f"it is outside the position limits [{low:.6g}, {high:.6g}] {unit}"
+    jumps = f"it is {step:.6g} {unit} from the previous one, but the velocity limit allows {most:.6g} {unit} per period"
+    what = "it is not a number" if np.isnan(value) else outside if not low <= value <= high else jumps
+    reason = f"the set-point {value:.6g} {unit} of {name} for t = {t:.6g} s was refused: {what}"
+    run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out why the host sent it; then resume"), row - 1)
 
 
 def _velocity_limits(robot: Robot) -> Array:

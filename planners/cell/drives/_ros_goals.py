@@ -1,4 +1,4 @@
-"""Goals for a joint_trajectory_controller: messages of a plan and of its stop, certified as the controller executes them."""
+"""Goals for a joint_trajectory_controller: messages of a plan and of its stops, certified after controller interpolation."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from planners.ros.export import JointNames, ros_message
 from planners.trajectory import Trajectory
 
 PREPARING = 5.0
-"""About how long the stops of a motion may take to compute before it is sent [s]: longer, and their grid gets wider."""
+"""Approximate limit on the time to compute the stops of a motion [s]; if they take longer, their instants get farther apart."""
 MOTORS = ("velocity", "acceleration", "torque")
-"""Limits of the motors, which no law can pass on a real arm; the others say how smooth the motion is."""
+"""Limits of the motors, which a real arm always enforces; the others state how smooth a motion is."""
 DESIRED = 1e-3
-"""Largest distance of a controller's desired state from the motion that was sent [rad, m]. Farther off it executes
-something else, and nothing is known of where it is."""
+"""Largest distance of a controller's desired state from the sent motion [rad, m]; beyond it the controller executes
+something else, and its time on the motion is unknown."""
 WINDOW = 1.0
-"""Half-width of the time window in which the controller's desired state is searched [s]: feedback is late, or it is slowed."""
+"""Half-width of the time window in which the controller's desired state is searched [s]: feedback may be late, or the
+controller slowed."""
 ROOM = 1e-4
-"""By how much a motion is slowed before it is sent [1], so that a stop from any of its states has room within the limits: the
-times of points are whole nanoseconds, and a motion at its limits passes them by what that rounds."""
+"""Relative slowing of a motion before it is sent [1], so that a stop from any of its states exists within the limits: the
+times of points are whole nanoseconds, and this rounding makes a motion at its limits exceed them."""
 
 
 class TimedStop(NamedTuple):
@@ -39,7 +40,7 @@ class TimedStop(NamedTuple):
     t : float
         The instant [s].
     plan : Plan
-        The stop, with the motion that the controller interpolates, certified.
+        The stop with its certified motion after controller interpolation.
     message : dict
         A ``trajectory_msgs/JointTrajectory`` as plain data; its first point is the state at t.
     """
@@ -77,25 +78,25 @@ def describe_exceeded(plan: Plan) -> str:
     """Return a note on limits that a motion exceeds and its law does not enforce."""
     proof = plan.certificate
     found = {name: proof.worst(name)[0] for name in plan.limits.names if name not in proof.enforced}
-    words = [f"{name.replace('_', ' ')} {ratio:.3g} times" for name, ratio in found.items() if ratio > 1.0]
-    return f"beyond limits that {plan.law} does not promise: {', '.join(words)}" if words else ""
+    words = [f"{name.replace('_', ' ')} by {100 * (x - 1):.3g} %" for name, x in found.items() if x > 1.0]
+    return f"limits that {plan.law} does not enforce are exceeded: {', '.join(words)}" if words else ""
 
 
 def add_room(plan: Plan) -> Plan:
-    """Slow a plan a little, so that stops have room; one with a tool speed that was asked stays as it is."""
+    """Return the plan slowed by `ROOM`, or the plan itself if it has a requested tool speed."""
     if plan.speed is not None:
         return plan
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
 def make_stop(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> TimedStop:
-    """Plan a certified stop from an instant of a motion that was sent, and make its message."""
+    """Return a certified stop from an instant of a sent motion, with its message."""
     found = plan_stop(sent, t, 1.0 - 0.5 * ROOM, allow)
     return TimedStop(t, *make_message(replace(found, limits=sent.limits), joint_names, allow))
 
 
 def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
-    """Plan the stops from a grid of instants before a motion is sent; while the arm moves there is no time for it."""
+    """Return the stops from equally spaced instants of a motion; they are computed before it is sent."""
     found: list[TimedStop] = []
     reason, took = "", 0.0
     t = min(every, 0.5 * sent.trajectory.end)
@@ -113,11 +114,11 @@ def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow =
 
 
 def find_instant(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
-    """Find the instant of a motion at which it has a state."""
+    """Return the instant near a time at which a motion has a state; None if there is none."""
     low, high = max(near - WINDOW, 0.0), min(near + WINDOW, motion.end)
     if low >= high:
         return None
-    for _ in range(6):  # a grid that is narrowed to a picosecond: the motion is smooth, but may stand for a while
+    for _ in range(6):  # a grid refined to a picosecond; the motion may rest for a while, where Newton's method fails
         grid = np.linspace(low, high, 201)
         off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
         best = int(off.argmin())

@@ -1,36 +1,35 @@
-"""One goal of a RosDrive while it runs: what the joint states say, what ends it, and the certified stop that replaces it."""
+"""The goal of a RosDrive while it runs: its joint states, its end, and the certified stop that replaces it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from optik.types import Array
+from planners.cell.drives._checks import RESUME_ADVICE
+from planners.cell.drives._ros_arm import RosArm
 from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
+from planners.cell.drives._setpoints import Setpoints
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
-from planners.cell.setpoints import Setpoints
 from planners.controller import states
+from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
 from planners.ros.transport import Goal
 from planners.splice import cut_after, join
 
-if TYPE_CHECKING:
-    from planners.cell.drives.ros import RosDrive
-
 POLL = 0.01
-"""How often a running goal is looked at [s]: twice as often as joint states usually come."""
+"""Polling interval of a running goal [s]: half the usual interval of joint states."""
 CONFIRMED = 0.3
-"""How long after its instant a stop may be confirmed [s]: by its first feedback, which controllers send at 20 Hz by default."""
+"""Longest time from the instant of a stop to its first feedback [s]; controllers send feedback at 20 Hz by default."""
 FROZEN = "repair the encoder or its driver, or see what blocks the joint; then resume"
 """Advice for a joint whose reading does not change while its set-point does."""
-TOLERANCES = {-4: "it left its path tolerance", -5: "it missed its goal tolerance"}
-"""Error codes of ``FollowJointTrajectory`` that mean that a joint does not follow, in words."""
+TOLERANCES = {-4: "its path tolerance was violated", -5: "its goal tolerance was violated"}
+"""Error codes of ``FollowJointTrajectory`` for a joint that does not follow, in words."""
 
 
 @dataclass
@@ -39,19 +38,19 @@ class Run:
 
     Attributes
     ----------
-    drive : RosDrive
-        The drive.
+    drive : RosArm
+        The arm with its transport.
     plan : Plan
-        What was sent, as the controller interpolates it.
+        The plan with the motion after controller interpolation.
     goal : Goal
-        The goal that runs: that of the plan, or of its stop.
+        The running goal, of the plan or of its stop.
     stops : Stops
-        What can replace it.
+        Stops that can replace it.
     notes : tuple of str
-        What the reader must know.
+        Remarks for the reader.
     """
 
-    drive: RosDrive
+    drive: RosArm
     plan: Plan
     goal: Goal
     stops: Stops
@@ -66,13 +65,13 @@ class Run:
         self.sent = time.monotonic()
         self.motion = self.plan.trajectory
         self.ended = 0.0
-        """When the goal had ended, or nothing more was to be expected [s]."""
+        """Time of the motion at which the goal ended or was given up [s]."""
         self.begun: float | None = None
-        """Start of the motion, by this machine's clock [s]; None as long as no feedback told."""
+        """Start of the motion on this machine's clock [s]; None before the first feedback."""
         self.stamp: int | None = None
-        """The same by the controller's clock [ns]."""
+        """Start of the motion on the controller's clock [ns]; None while it is unknown."""
         self._stop_stamp = 0
-        """Instant of the stop by the controller's clock [ns]."""
+        """Instant of the stop on the controller's clock [ns]."""
         self._located: Feedback | None = None
         self._fastest = self._give_up = 0.0
         self._trips = (np.inf, 0.0)
@@ -81,26 +80,22 @@ class Run:
 
     # ------------------------------------------------------------ the loop
 
-    def follow(self, asking: Callable[[float], bool], watch: Watcher | None) -> Execution:
-        """Follow the goal until it has ended or a stop is requested."""
+    def follow(self, stop_test: Callable[[float], bool], watch: Watcher | None) -> Execution:
+        """Follow the goal until it has ended, and return the record of the execution."""
         try:
-            self._loop(asking, watch)
+            self._loop(stop_test, watch)
         except BaseException:  # from the caller's functions, or Ctrl-C: the arm must not go on unattended
             if not self._stopping and not self.goal.ended:
                 self._stop()
             raise
         result, patience = self.goal.result, self.drive.timing.patience
         if result is not None and result.state is GoalState.UNKNOWN and not self.cancelled:
-            what = f"how the goal ended is not known ({result.words})"
-            self._fail(
-                FaultKind.CONTROLLER,
-                what,
-                "make sure that the arm is at rest, and read the controller's log; then resume",
-            )
+            what = f"the end of the goal is not known ({result.words})"
+            advice = "make sure that the arm is at rest, and read the controller's log; then resume"
+            self._fail(FaultKind.CONTROLLER, what, advice)
             self._cancel("its end is not known")
-            patience += max(
-                self.motion.end - self.now, 0.0
-            )  # if the cancellation is not accepted, the motion continues to its end
+            # if the cancellation is not accepted, the motion continues to its end
+            patience += max(self.motion.end - self.now, 0.0)
         self.ended = max(self.now, 0.0)
         if self.goal.refused:
             self.drive.transport.cancel(self.goal)
@@ -108,7 +103,7 @@ class Run:
             self._settle(watch, patience)
         return self._report()
 
-    def _loop(self, asking: Callable[[float], bool], watch: Watcher | None) -> None:
+    def _loop(self, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Poll the goal until it has ended or its connection is lost."""
         patience, grace = self.drive.timing.patience, self.drive.timing.grace
         while not (self.goal.ended or self.drive.transport.lost or (self.cancelled and self.now > self._give_up)):
@@ -122,21 +117,21 @@ class Run:
             elif self.now > self.motion.end + grace:
                 self._fail(FaultKind.STALL, *_describe_delay(self.motion.end, grace))
                 self._cancel("it did not end in time")
-            elif not self._stopping and asking(max(self.now, 0.0)):
+            elif not self._stopping and stop_test(max(self.now, 0.0)):
                 self.requested = True
                 self._stop()
 
     @property
     def now(self) -> float:
-        """Time since the start of the motion, as far as it is known [s]."""
+        """Time since the start of the motion, or since its goal was sent while the start is unknown [s]."""
         return time.monotonic() - (self.sent if self.begun is None else self.begun)
 
     @property
     def _stopping(self) -> bool:
         return self.requested or self.fault is not None
 
-    def _taken(self, stop: Goal, until: float) -> bool:
-        """Wait until the controller has accepted the goal of a stop, to a time of the motion [s] at most."""
+    def _wait_for_acceptance(self, stop: Goal, until: float) -> bool:
+        """Return whether the controller accepts the goal of a stop before a time of the motion [s]."""
         while not (stop.accepted or stop.ended or self.drive.transport.lost) and self.now < until:
             stop.wait(lambda: stop.accepted or stop.ended, POLL)
             self._look(None)
@@ -147,33 +142,34 @@ class Run:
         feedback = self.goal.feedback
         if feedback is not None and feedback is not self._located:
             self._locate(feedback, self.goal.heard)
-        q, dq, stamp, at = self.drive.measured()
+        q, dq, stamp, at = self.drive.read_states()
         if np.isfinite(q).all() and (not self.samples or at > self.samples[-1][1]):
             self.samples.append((stamp, at, q, dq))
             if watch is not None:
                 t = max(self.now, 0.0)
                 watch(Moment(t, self.motion(min(t, self.motion.end)), q.copy(), q.copy()))
         if not self._stopping and not self.drive.transport.lost and self.begun is not None and not self.goal.ended:
-            self._look_at_encoders(q, at)
+            self._check_encoders(q, at)
 
-    def _look_at_encoders(self, q: Array, at: float) -> None:
+    def _check_encoders(self, q: Array, at: float) -> None:
         """Stop if a joint is no longer measured, or if its reading does not change for too long while it should move."""
         names, lost, age = self.drive.robot.joint_names, np.flatnonzero(~np.isfinite(q)), self.drive.timing.state_age
         if lost.size:
-            self._fail(FaultKind.ENCODER, *self.drive.unknown(q, age), names[lost[0]])
+            self._fail(FaultKind.ENCODER, *self.drive.explain_unknown(q, age), names[lost[0]])
             self._stop()
             return
         t = at - (self.begun or self.sent)
         moved = self._encoders.update(q, self.motion(min(max(t, 0.0), self.motion.end)), at)
         frozen = np.flatnonzero((moved > self.drive.start_tolerance) & (self._encoders.seconds(at) > age))
         if frozen.size:
-            name, i = names[frozen[0]], frozen[0]
-            what = f"{name} reads {q[i]:.6g} for more than {age:g} s while its set-point moved by {moved[i]:.3g}"
+            i = int(frozen[0])
+            name, unit = names[i], joint_unit(self.drive.robot, i)
+            what = f"{name} reads {q[i]:.6g} {unit} for more than {age:g} s while its set-point moved by {moved[i]:.3g} {unit}"
             self._fail(FaultKind.ENCODER, f"{what}: its encoder is frozen, or it is blocked", FROZEN, name)
             self._stop()
 
     def _locate(self, feedback: Feedback, heard: float) -> None:
-        """Find the instant of the motion at which the controller is, from its desired state."""
+        """Estimate the start of the motion from the desired state in a feedback message."""
         self._located = feedback
         order = [feedback.names.index(name) if name in feedback.names else -1 for name in self._names]
         if min(order) < 0:
@@ -182,7 +178,7 @@ class Run:
         t = find_instant(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
         speed = float(np.abs(dq).max())
         if t is None or t <= 0.0 or t >= self.motion.end or speed < 0.5 * self._fastest:
-            return  # near rest a small distance is a long time
+            return  # near rest a small difference in position is a long time
         self._fastest = max(speed, self._fastest)
         self.begun = heard - t
         self.stamp = feedback.stamp - round(t * NANOSECONDS) if feedback.stamp else None
@@ -191,55 +187,57 @@ class Run:
 
     @property
     def _names(self) -> list[str]:
-        """Return the controller's names of the joints in the order of the robot."""
+        """The controller's names of the joints in the order of the robot."""
         return sorted(self.drive.columns, key=lambda name: self.drive.columns[name])
 
     # ------------------------------------------------------------ stopping
 
     def _stop(self) -> None:
-        """Replace the goal by the next certified stop; where there is none, or the controller does not take it, cancel."""
+        """Replace the goal by the next certified stop; cancel it if there is no stop or the stop is not accepted."""
         if self.begun is None or self.stamp is None:
-            self._cancel("no feedback tells where the controller is")
+            self._cancel("no feedback has shown the controller's position on the motion")
             return
-        # The delay of the feedback is not known, but the goal did not begin before it was sent: the controller is at most
-        # here on its motion. The stop is not expected to travel longer than the goal and its fastest answer did together.
+        # The delay of the feedback is unknown. The goal did not begin before it was sent, which bounds the time of the motion.
+        # The stop is assumed to travel no longer than the goal and its fastest feedback together.
         latest, latency = time.monotonic() - self.sent, max(self.drive.timing.latency, self._trips[0])
         stop = next((each for each in self.stops.found if each.t >= latest + latency), None)
         if stop is None:
             if self.motion.end - self.now <= self.drive.timing.latency + 2.0 * self.stops.every:
-                self.notes += ("the motion ends about when a stop could: it is not replaced",)
+                self.notes += ("the motion ends at about the time of the earliest stop: it is not replaced",)
             elif self.stops.found and latency > self.drive.timing.latency:
-                self._cancel(f"every certified stop might arrive too late: an answer takes at least {latency:.3g} s")
+                self._cancel(
+                    f"every certified stop may arrive too late: goal and feedback take at least {latency:.3g} s"
+                )
             else:
                 self._cancel("no stop from here could be certified")
             return
         stamp = self.stamp + round(stop.t * NANOSECONDS)
         header = stop.message["header"] | {"stamp": write_time(stamp)}
         goal = self.drive.transport.send(stop.message | {"header": header})
-        if self._taken(goal, stop.t + CONFIRMED + self._trips[1]):
+        if self._wait_for_acceptance(goal, stop.t + CONFIRMED + self._trips[1]):
             self.goal, self.stop, self._stop_stamp = goal, stop.plan, stamp
             self.motion = join(cut_after(self.motion, stop.t), stop.plan.trajectory)
             return
         self.drive.transport.cancel(goal)
-        self._cancel(f"the controller did not take the stop{f': {goal.refused}' if goal.refused else ''}")
+        self._cancel(f"the controller did not accept the stop{f': {goal.refused}' if goal.refused else ''}")
 
     def _cancel(self, why: str) -> None:
-        """Ask the controller to cancel the goal; that is waited for, for a while only."""
+        """Ask the controller to cancel the goal."""
         self.cancelled, self._give_up = why, self.now + self.drive.timing.patience
         self.drive.transport.cancel(self.goal)
-        self.notes += (f"the goal was cancelled ({why}): how the arm stopped then is the controller's own",)
+        self.notes += (f"the goal was cancelled ({why}): the stop that followed was the controller's own",)
 
     def _settle(self, watch: Watcher | None, patience: float) -> None:
         """Wait until the joint states show the arm at rest, and note that state; after `patience` [s] note that it moves."""
         until, count = time.monotonic() + patience, len(self.samples)
         while time.monotonic() < until and not self.drive.transport.lost:
             self._look(watch)
-            if len(self.samples) > count + 1 and self._stands():
+            if len(self.samples) > count + 1 and self._is_at_rest():
                 return
             time.sleep(POLL)
-        self.notes += ("whether the arm is at rest is not known: its joint states do not show it",)
+        self.notes += ("the joint states do not show the arm at rest",)
 
-    def _stands(self) -> bool:
+    def _is_at_rest(self) -> bool:
         """Return whether the last two joint states show an arm at rest."""
         (_, t, q, _), (_, t_after, q_after, dq) = self.samples[-2:]
         slow = self.drive.start_tolerance / 10.0
@@ -254,49 +252,59 @@ class Run:
             self.fault = Fault(kind, max(self.now, 0.0), joint, reason, advice)
 
     def _judge(self) -> None:
-        """Turn the goal's end into a fault where it is one."""
+        """Record a fault if the goal did not end as it should."""
         result, refused = self.goal.result, self.goal.refused
         if self.drive.transport.lost and result is None:
-            what = f"{self.drive.transport.lost} while a goal ran: whether the arm still moves is not known"
-            self._fail(FaultKind.CONNECTION, what, "see that the arm stands; connect again, then resume")
+            what = f"{self.drive.transport.lost} while a goal ran: it is not known whether the arm still moves"
+            self._fail(FaultKind.CONNECTION, what, "make sure that the arm is at rest; connect again, then resume")
         elif refused:
             said = f"; it says: {self.drive.transport.odd}" if self.drive.transport.odd else ""
-            advice = "the controller's log; the name of its action, its joints, and that it is active"
-            self._fail(FaultKind.CONTROLLER, f"the controller did not take the goal: {refused}{said}", advice)
+            advice = "read the controller's log; check the name of its action, its joints, and that it is active"
+            self._fail(FaultKind.CONTROLLER, f"the controller did not accept the goal: {refused}{said}", advice)
         elif result is None:
-            what = f"the goal was cancelled ({self.cancelled}), and its end was not told"
-            self._fail(FaultKind.CONNECTION, what, "see that the arm stands")
+            what = f"the goal was cancelled ({self.cancelled}), and no result arrived"
+            self._fail(FaultKind.CONNECTION, what, "make sure that the arm is at rest")
         elif result.state is GoalState.SUCCEEDED or (result.state is GoalState.CANCELED and self.cancelled):
             self._judge_rest(result.state is GoalState.SUCCEEDED)
         else:
-            joint, off = self._farthest(self.ended)
+            joint, off = self._find_farthest(self.ended)
             if result.code in TOLERANCES:
                 what = f"the controller ended the goal: {TOLERANCES[result.code]} ({result.words or result.code})"
-                what += f"; {joint} was {off:.3g} off its set-point, the most of all"
-                self._fail(FaultKind.STALL, what, "see what holds the joint; then resume", joint)
+                what += f"; {joint} was the farthest from its set-point, by {off}"
+                self._fail(FaultKind.STALL, what, "find out what blocks the joint; then resume", joint)
             else:
                 what = f"the controller ended the goal, {result.state.name.lower()}, with code {result.code}"
-                self._fail(FaultKind.CONTROLLER, f"{what}: {result.words or 'no words'}", "its log; then resume")
+                advice = "read the controller's log; then resume"
+                self._fail(FaultKind.CONTROLLER, f"{what}: {result.words or 'no message'}", advice)
 
     def _judge_rest(self, at_end: bool) -> None:
         """Record a fault if the arm is not at the end of the motion, or after a cancellation not on the path."""
-        near = self.drive.start_tolerance
-        joint, off = self._farthest(self.motion.end)
-        if at_end and off > near:
-            what = f"the controller says that it is there, and {joint} stands {off:.3g} from the motion's end"
-            self._fail(FaultKind.STALL, what, "see what holds it; then a new plan from where it stands", joint)
+        near, robot = self.drive.start_tolerance, self.drive.robot
+        if at_end and self._deviations(self.motion.end).max() > near:
+            joint, off = self._find_farthest(self.motion.end)
+            what = f"the controller reports success, but {joint} is {off} from the end of the motion"
+            advice = f"find out what blocks {joint}; then plan from the arm's present configuration"
+            self._fail(FaultKind.STALL, what, advice, joint)
         elif not at_end and self.samples:
             grid = np.linspace(0.0, self.plan.joint_path.end, 2001)
-            away = float(np.abs(self.plan.joint_path(grid) - self.samples[-1][2]).max(axis=1).min())
-            if away > near:
-                what = f"the goal was cancelled ({self.cancelled}), and the arm came to rest {away:.3g} off the path"
-                self._fail(FaultKind.CONTROLLER, what, "a new plan from where it stands")
+            away = np.abs(self.plan.joint_path(grid) - self.samples[-1][2])
+            k = int(away.max(axis=1).argmin())
+            if away[k].max() > near:
+                i = int(away[k].argmax())
+                off = f"{robot.joint_names[i]} {away[k, i]:.3g} {joint_unit(robot, i)} off the path"
+                what = f"the goal was cancelled ({self.cancelled}), and the arm came to rest with {off}"
+                self._fail(FaultKind.CONTROLLER, what, "plan from the arm's present configuration")
 
-    def _farthest(self, t: float) -> tuple[str, float]:
-        """Return the joint with the largest deviation from the motion at a time, and its deviation."""
+    def _deviations(self, t: float) -> Array:
+        """Return the deviations of the joints (n,) from the motion at a time [rad, m]; infinite where unknown."""
         at = self.samples[-1][2] if self.samples else np.full(self.drive.robot.n, np.nan)
-        off = np.nan_to_num(np.abs(at - self.motion(min(t, self.motion.end))), nan=np.inf)
-        return self.drive.robot.joint_names[int(off.argmax())], float(off.max())
+        return np.nan_to_num(np.abs(at - self.motion(min(t, self.motion.end))), nan=np.inf)
+
+    def _find_farthest(self, t: float) -> tuple[str, str]:
+        """Return the joint with the largest deviation from the motion at a time, and that deviation with its unit."""
+        off = self._deviations(t)
+        i = int(off.argmax())
+        return self.drive.robot.joint_names[i], f"{off[i]:.3g} {joint_unit(self.drive.robot, i)}"
 
     def _report(self) -> Execution:
         """Return the record of the execution."""
@@ -308,16 +316,16 @@ class Run:
             status, reason, advice = ExecutionStatus.FAULT, self.fault.reason, self.fault.advice
         elif self.stop is not None:
             begun = self.motion.end - self.stop.trajectory.end
-            status, advice = ExecutionStatus.STOPPED, "resume goes on"
+            status, advice = ExecutionStatus.STOPPED, RESUME_ADVICE
             reason = f"stopped on request; the stop began at t = {begun:.6g} s"
         elif self.cancelled and result is not None and result.state is not GoalState.SUCCEEDED:
-            status, reason, advice = ExecutionStatus.STOPPED, f"stopped: {self.cancelled}", "resume goes on"
+            status, reason, advice = ExecutionStatus.STOPPED, f"stopped: {self.cancelled}", RESUME_ADVICE
         first = self.goal.first if self.stop is not None else None
         if first is not None and self._stop_stamp and first.stamp > self._stop_stamp:
             after = (first.stamp - self._stop_stamp) / NANOSECONDS
-            note = f"the stop was first confirmed {after:.3g} s after it should have begun"
-            self.notes += (f"{note}: if it also arrived after that, the set-point jumped",)
-        t, q, dq = self._recorded()
+            note = f"the stop was first confirmed {after:.3g} s after its first instant"
+            self.notes += (f"{note}: if it also arrived after that instant, the set-point jumped",)
+        t, q, dq = self._collect_samples()
         whole = result is not None and result.state is GoalState.SUCCEEDED
         count = t.size if whole else max(int(np.searchsorted(t, self.ended, side="right")), 1)
         period = float(np.median(np.diff(t))) if t.size > 1 else self.drive.period
@@ -329,7 +337,7 @@ class Run:
             t, q, dq, None, q[:count], fault=self.fault, notes=self.notes,
         )  # fmt: skip
 
-    def _recorded(self) -> tuple[Array, Array, Array]:
+    def _collect_samples(self) -> tuple[Array, Array, Array]:
         """Return times since the start, positions and velocities of the joint states, by the robot's clock if it is known."""
         rows = []
         for stamp, at, q, dq in self.samples:
@@ -339,20 +347,17 @@ class Run:
         rows = [row for i, row in enumerate(rows) if row[0] > 0.0 and (i == 0 or row[0] > rows[i - 1][0])]
         first = (0.0, self.samples[0][2] if self.samples else self.drive.measure(), np.zeros(self.drive.robot.n))
         rows.insert(0, first)
-        return (
-            np.array([row[0] for row in rows]),
-            np.array([row[1] for row in rows]),
-            np.array([row[2] for row in rows]),
-        )
+        times, positions, velocities = (np.array(column) for column in zip(*rows, strict=True))
+        return times, positions, velocities
 
 
 def _describe_silence(patience: float) -> tuple[str, str]:
     """Return reason and advice for a goal without any answer."""
-    what = f"the controller did not say within {patience:g} s that it takes the goal; it may take it later all the same"
-    return what, "see that the arm stands, and the controller's log"
+    what = f"the controller did not accept the goal within {patience:g} s; it may still accept it later"
+    return what, "make sure that the arm is at rest, and read the controller's log"
 
 
 def _describe_delay(seconds: float, grace: float) -> tuple[str, str]:
     """Return reason and advice for a goal that did not end in time."""
-    what = f"no result came within {grace:g} s after the {seconds:.6g} s of the motion"
-    return what, "see what holds the arm, and the controller's goal tolerances; then resume"
+    what = f"no result arrived within {grace:g} s after the {seconds:.6g} s of the motion"
+    return what, "find out what blocks the arm, check the controller's goal tolerances; then resume"

@@ -19,9 +19,9 @@ from optik.types import Array, Flags
 from planners.cell.drives import _checks
 from planners.cell.drives._options import Stall, make_options
 from planners.cell.drives._run import Commands, Run, Steps, interpolate
+from planners.cell.drives._setpoints import fit_periods, make_setpoints
 from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
-from planners.cell.setpoints import fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.inertia import Payload
+from optik.arm.mjcf_writer import PLANT_STEP, assume_masses, import_mujoco, mujoco_model
 from optik.arm.robot import Robot
 from optik.check import check_flag
 from optik.dynamics import joint_torques, mass_matrices
@@ -19,7 +20,6 @@ from planners.cell.drives._run import Commands, Run, Steps
 from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, compute_gains, pack_gains, servo
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
-from planners.cell.mjcf import PLANT_STEP, assume_masses, import_mujoco, mujoco_model
 
 CREEP = 1e-5
 """Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at
