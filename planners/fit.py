@@ -27,7 +27,7 @@ def stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple
         check_names(enforced, "enforced")
     bounds = limits.bounds(motion.robot.n)
     chosen = [kind for kind in limits.kinds if enforced is None or kind.name in enforced]
-    return max((kind.slowing(motion, bounds[kind.name]) for kind in chosen), default=0.0)
+    return max((kind.stretch_factor(motion, bounds[kind.name]) for kind in chosen), default=0.0)
 
 
 def is_within(motion: MotionAnalysis, limits: MotionLimits, names: tuple[str, ...]) -> bool:

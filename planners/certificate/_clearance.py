@@ -17,10 +17,10 @@ from planners.certificate.bounds import instants
 Polynomials = tuple[Array, Array, Array, Flags]
 """A motion as kernels take it: coefficients (6, m, n), knots (m + 1,) [s], the pieces' extrema of orders 0 to 3
 (4, m, n, 2), and at which knots (m + 1,) the velocities are continuous."""
-Moved = tuple[Array, Array, Array, Array]
+EndMotion = tuple[Array, Array, Array, Array]
 """What is known of the ends of capsules around the middle of an interval: points (m, 2, 3) [m]; and relative to each link
 (n + 1): velocity (m, 2, n + 1, 3) [m/s], and bounds on the displacement and on the acceleration (m, 2, n + 1) [m, m/s²]."""
-Wanted = tuple[float, float, float, float, int]
+SearchOptions = tuple[float, float, float, float, int]
 """Margin to the scene [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half
 interval [s]; most intervals."""
 
@@ -37,7 +37,9 @@ def _length(a: Triple, b: Triple) -> float:
 
 
 @inlined
-def _end(chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: int, moved: Moved, k: int) -> None:
+def _locate_end(
+    chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: int, moved: EndMotion, k: int
+) -> None:
     """One end e of capsule k: its place, and its motion relative to each link before its own.
 
     joint (4, n): velocities at the middle, and bounds over the interval on displacement, velocity and acceleration.
@@ -69,21 +71,29 @@ def _end(chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: i
 
 
 @inlined
-def _place(
-    k: int, chain: Chain, frame: Array, axes: tuple[Indices, Array, Array], joint: Array, moved: Moved, spheres: Array
+def _locate_capsule(
+    k: int,
+    chain: Chain,
+    frame: Array,
+    axes: tuple[Indices, Array, Array],
+    joint: Array,
+    moved: EndMotion,
+    spheres: Array,
 ) -> None:
     """Both ends of capsule k, and the sphere around its axis, unless they are known for this interval."""
     if spheres[k, 3] >= 0.0:
         return
-    _end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
-    _end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
+    _locate_end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
+    _locate_end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
     a, b = read_row(moved[0][k], 0), read_row(moved[0][k], 1)
     spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
     spheres[k, 3] = 0.5 * _length(a, b)
 
 
 @compiled
-def _joints(motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array) -> tuple[float, bool]:
+def _bound_joints(
+    motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array
+) -> tuple[float, bool]:
     """The middle of an interval over pieces first to last: derivatives D (1, 6, n) there, and `joint` as `_end` reads it.
 
     Returns half  [s].
@@ -115,7 +125,7 @@ def _joints(motion: Polynomials, first: int, last: int, span: Array, D: Array, j
 
 
 @inlined
-def _around(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
+def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
     """Lower bound on the distance of an axis to the second body of a pair, by spheres around axes."""
     if kind == BOX:
         T, edges = scene[0], scene[1]
@@ -135,7 +145,7 @@ def _around(middle: Triple, half: float, kind: int, i: int, scene: Objects, sphe
 
 
 @inlined
-def _directed(near: NearestPoint, moved: Moved, k: int, base: int, h: float) -> float:
+def _plane_distance(near: NearestPoint, moved: EndMotion, k: int, base: int, h: float) -> float:
     """Lower bound on the distance of axis k over an interval, by the plane through the nearest point; see `clearance`."""
     places, velocity, _away, bent = moved
     distance, share, w = near
@@ -152,7 +162,7 @@ def _directed(near: NearestPoint, moved: Moved, k: int, base: int, h: float) -> 
 
 
 @inlined
-def _target(found: float, own: int, wanted: Wanted) -> float:
+def _target(found: float, own: int, wanted: SearchOptions) -> float:
     """The lower bound that is close enough to the least distance found; never below the margin while that is not reached."""
     margin, share, absolute = wanted[0] if own == 0 else 0.0, wanted[1], wanted[2]
     if found == np.inf:
@@ -162,7 +172,7 @@ def _target(found: float, own: int, wanted: Wanted) -> float:
 
 @inlined
 def _judge(
-    pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: Moved, shift: float,
+    pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: EndMotion, shift: float,
     interval: tuple[float, float, bool], least: Array,
 ) -> float:  # fmt: skip
     """Lower bound on the distance of a pair (capsule, body, kind, base link) over an interval; thick is its radii and rounding.
@@ -179,7 +189,7 @@ def _judge(
         least[0], least[1] = distance, interval[0]
     bound = near[0] - shift
     if interval[2] and near[0] > 0.0:
-        bound = max(bound, _directed(near, moved, k, base, interval[1]))
+        bound = max(bound, _plane_distance(near, moved, k, base, interval[1]))
     return bound - thick
 
 
@@ -197,8 +207,8 @@ def _split(knots: Array, first: int, last: int, span: Array) -> tuple[float, int
 
 
 @compiled
-def _level(
-    chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted,
+def _judge_level(
+    chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions,
     nodes: tuple[Array, Indices], open_: tuple[Indices, Array], rest: tuple[Indices, Array], least: Array,
 ) -> Indices:  # fmt: skip
     """Judge the open pairs of all intervals of one level.
@@ -224,18 +234,18 @@ def _level(
             own = 1 if kind == SELF else 0
             if bound < _target(least[own, 0], own, wanted):
                 if not placed:
-                    h, smooth = _joints(motion, first, last, nodes[0][node], D, joint)
+                    h, smooth = _bound_joints(motion, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
                     spheres[:, 3], placed = -1.0, True
-                _place(k, chain, frame, axes, joint, moved, spheres)
+                _locate_capsule(k, chain, frame, axes, joint, moved, spheres)
                 base, thick = 0, radius[k] + DISTANCE_ROUNDING
                 if kind == SELF:
-                    _place(i, chain, frame, axes, joint, moved, spheres)
+                    _locate_capsule(i, chain, frame, axes, joint, moved, spheres)
                     base, thick = link[i], thick + radius[i]
                 elif kind == ROUND:
                     thick += scene[4][i]
                 shift = max(away[k, 0, base], away[k, 1, base])
-                rough = _around(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
+                rough = _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
                 if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])
@@ -253,7 +263,7 @@ def _level(
 
 
 @compiled
-def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, least: Array) -> int:
+def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions, least: Array) -> int:
     """Find and prove the least distances over a motion, of pairs with the scene and of pairs of the arm's own capsules.
 
     All intervals of one length are judged before their halves, so that the least distance found is soon near the least there
@@ -271,7 +281,7 @@ def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: Wanted, le
     while spans.shape[0]:
         total += spans.shape[0]
         rest = (np.empty(parts[:, 3].sum(), np.int64), np.empty(parts[:, 3].sum()))
-        left = _level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
+        left = _judge_level(chain, bodies, motion, wanted, (spans, parts), (ids, bounds), rest, least)
         ends = least[0, 0] <= wanted[0] or least[1, 0] <= 0.0 or total >= wanted[4]
         halves, those, count = np.empty((2 * spans.shape[0], 2)), np.empty((2 * spans.shape[0], 4), np.int64), 0
         for k in range(spans.shape[0]):

@@ -15,7 +15,7 @@ from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, pat
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.tool_speed import ToolSpeed, tool_speed
 from planners.certificate.torque import TorqueBounds
-from planners.certificate.torque_slowing import slowing
+from planners.certificate.torque_slowing import stretch_factor
 from planners.limits._motion import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -104,15 +104,15 @@ class MotionAnalysis(LimitedMotion):
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
         """Return proved bounds on the torques, or on their rates, over the limits (2, n)."""
-        return self.torques.proved(bound, rate=rate)
+        return self.torques.bound_ratios(bound, rate=rate)
 
     def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
         """Return the larger of the ratios (m, n) at both ends of every piece."""
         return self.torques.piece_ratios(bound, rate=rate)
 
-    def torque_slowing(self, bound: Array, *, rate: bool) -> float:
+    def torque_stretch(self, bound: Array, *, rate: bool) -> float:
         """Return the least factor by which the motion is stretched in time to respect the limits (2, n)."""
-        return slowing(self.torques, bound, rate=rate)
+        return stretch_factor(self.torques, bound, rate=rate)
 
     @cached_property
     def jumps(self) -> Flags:

@@ -22,7 +22,7 @@ from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.continuity import Jump, continuous_order, find_continuity_violations, largest_jump
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
-from planners.certificate.parts import judged_parts, limited_parts
+from planners.certificate.parts import judge_parts, limited_parts
 from planners.certificate.path_error import PathError
 from planners.certificate.position import find_position_violations, position_margins, position_times
 from planners.certificate.sampled_jerk import sampled_jerk
@@ -129,7 +129,7 @@ class Certificate:
     def __str__(self) -> str:
         return "\n".join(summary_lines(self))
 
-    def judged(self, field: str) -> Extreme | ToolExtreme:
+    def extreme(self, field: str) -> Extreme | ToolExtreme:
         """Return the worst value of a limit, its ratio and its time.
 
         Parameters
@@ -172,7 +172,7 @@ class Certificate:
         InvalidInput
             No limit of that name.
         """
-        found = self.judged(field)
+        found = self.extreme(field)
         subject = kind_of(field).subject
         return found.worst(self.joint_names if subject is None else (subject,))
 
@@ -227,7 +227,7 @@ class Certificate:
             "path_error": self.path_error.to_dict(), "coverage": self.coverage._asdict(), "joint_names": list(self.joint_names),
             "tolerance": None if self.tolerance is None else list(self.tolerance),
         }  # fmt: skip
-        out |= {name: self.judged(name).to_dict() for name in (*ALL_LIMITS, *self.extra)}
+        out |= {name: self.extreme(name).to_dict() for name in (*ALL_LIMITS, *self.extra)}
         out["energy"] = None if self.energy is None else self.energy._asdict()
         out["friction_steps"] = [step._asdict() for step in self.friction_steps]
         out |= {"sampled_jerk": plain(self.sampled_jerk), "position_margin": plain(self.position_margin)}
@@ -290,14 +290,14 @@ def certify(
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
     check_scene(robot, scene)
     enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
-    promise = _Promise(law, enforced, rate, tolerance, scene, before)
+    promise = _Criteria(law, enforced, rate, tolerance, scene, before)
     analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
     if analysis.trajectory is not trajectory or analysis.robot != robot:
         raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
-    return _proved(analysis.along_path(path, enough), limits, promise, span)
+    return _certify(analysis.along_path(path, enough), limits, promise, span)
 
 
-class _Promise(NamedTuple):
+class _Criteria(NamedTuple):
     """What a motion is judged by besides its limits, as `certify` describes it."""
 
     law: str
@@ -308,13 +308,15 @@ class _Promise(NamedTuple):
     before: tuple[MotionLimits, float] | None
 
 
-def _proved(motion: MotionAnalysis, limits: MotionLimits, promise: _Promise, span: tuple[float, float]) -> Certificate:
+def _certify(
+    motion: MotionAnalysis, limits: MotionLimits, promise: _Criteria, span: tuple[float, float]
+) -> Certificate:
     """The certificate of checked arguments: all judgements."""
     law, enforced, rate, tolerance, scene, before = promise
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
-    judged = judged_parts(motion, parts)
-    off, places, covered = _along(motion, span)
+    judged = judge_parts(motion, parts)
+    off, places, covered = _measure_along_path(motion, span)
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
@@ -337,11 +339,11 @@ def _proved(motion: MotionAnalysis, limits: MotionLimits, promise: _Promise, spa
         clearance=None if scene is None else clearance(robot, trajectory, scene),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
-        **_effort(motion, limits),
+        **_measure_effort(motion, limits),
     )
 
 
-def _effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
+def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
     """Energy and steps of friction, where torque or its rate is limited."""
     if all(limits.value(name) is None for name in LOADED):
         return {}
@@ -350,7 +352,7 @@ def _effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
     return {"energy": energy(torques), "friction_steps": steps}
 
 
-def _along(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
+def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
     """Distance to the path, places (m + 1,) at the knots, and the part of the path that is covered."""
     if not motion.has_path:
         end, nothing = motion.trajectory.end, (0.0, 0.0)

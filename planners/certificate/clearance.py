@@ -163,7 +163,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     check_scene(robot, scene)
     assert robot.shapes is not None
     pairs = find_pairs(robot, scene)
-    motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _continuous(trajectory))
+    motion = (trajectory.padded, trajectory.knots, trajectory.piece_ranges, _is_continuous(trajectory))
     wanted = (scene.margin, *CLOSE, NARROWEST_SHARE * trajectory.duration, MOST_INTERVALS)
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
@@ -175,7 +175,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     return Clearance(kinds[0], kinds[1], scene.margin, pairs.left_out)
 
 
-def _continuous(trajectory: Trajectory) -> Flags:
+def _is_continuous(trajectory: Trajectory) -> Flags:
     """At which knots (m + 1,) positions and velocities are continuous to rounding."""
     smooth = np.ones(trajectory.knots.size, np.bool_)
     for order, step in enumerate((POSITION_STEP, VELOCITY_STEP)):

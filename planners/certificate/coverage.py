@@ -58,7 +58,7 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
     """Find which part of its path a motion runs through, and how far it goes back on the way."""
     begin, end = float(passage.s[0]), float(passage.s[-1])
     back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
-    for t, high, low in _stretches_back(passage):
+    for t, high, low in _find_backward_stretches(passage):
         length = length_between(path, low, high)
         if max(length) > max(back[0]):
             back = length, float(low), float(t)
@@ -66,7 +66,7 @@ def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverag
     return Coverage(begin, end, span, back[1], back[2], missing)
 
 
-def _stretches_back(passage: Passage) -> Array:
+def _find_backward_stretches(passage: Passage) -> Array:
     """Return the longest backward stretches (k, 3): their end time, the largest s before, and the least s until the next.
 
     A stretch may span many intervals; ``passage.falls`` has its part in each of them.

@@ -29,24 +29,24 @@ class Closeness(NamedTuple):
     most: int
 
 
-def taken(side: Side, which: Flags) -> Side:
+def select_ends(side: Side, which: Flags) -> Side:
     """Return some of the ends of intervals."""
     some: Side = type(side)(*(x[which] for x in side))
     return some
 
 
-def joined(first: Side, second: Side) -> Side:
+def join_ends(first: Side, second: Side) -> Side:
     """Return ends of intervals, and others behind them."""
     both: Side = type(first)(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
     return both
 
 
-def tiled(x: Any, times: int) -> Any:
+def repeat_ends(x: Any, times: int) -> Any:
     """Return an array several times behind one another."""
     return x if times == 1 else np.concatenate([x] * times)
 
 
-class Divided(ABC, Generic[Side]):
+class SubdivisionBound(ABC, Generic[Side]):
     """Bounds on two values of a motion at every instant, such as distance and angle.
 
     A subclass says how the values are bounded within intervals, and finds them at instants.
@@ -80,7 +80,7 @@ class Divided(ABC, Generic[Side]):
     def values(self, side: Side) -> Array:
         """Both values at instants."""
 
-    def closed(self, which: Flags, left: Side) -> None:
+    def record_closed(self, which: Flags, left: Side) -> None:
         """Take note of the intervals of the last `between` that are not divided any more."""
 
     def bound(self, piece: Indices, left: Side, right: Side) -> Array:
@@ -94,16 +94,16 @@ class Divided(ABC, Generic[Side]):
             loose = (over > 1.0) & (right.t - left.t > self._shortest)
             loose &= np.count_nonzero(loose) <= self._close.most - count
             np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
-            self.closed(~loose, left)
+            self.record_closed(~loose, left)
             if not loose.any():
                 return np.maximum(proved, self.found)
             count += loose.size - int(np.count_nonzero(loose))
-            piece, left, right = piece[loose], taken(left, loose), taken(right, loose)
-            parts = _parts(over[loose])
+            piece, left, right = piece[loose], select_ends(left, loose), select_ends(right, loose)
+            parts = _count_parts(over[loose])
             shares = np.arange(1, parts).repeat(piece.size) / parts
             middle = self.within(piece, left, right, shares)
             _keep_largest(middle.t, self.values(middle), self.found, self.when)
-            piece, left, right = tiled(piece, parts), joined(left, middle), joined(middle, right)
+            piece, left, right = repeat_ends(piece, parts), join_ends(left, middle), join_ends(middle, right)
 
 
 def _keep_largest(t: Array, values: Array, found: Array, when: Array) -> None:
@@ -113,7 +113,7 @@ def _keep_largest(t: Array, values: Array, found: Array, when: Array) -> None:
             found[i], when[i] = values[k, i], t[k]
 
 
-def _parts(over: Array) -> int:
+def _count_parts(over: Array) -> int:
     """Parts to divide intervals into, from their bounds over the target: errors of cubics fall by parts⁴."""
     if over.max() <= 2.0**4:
         return 2

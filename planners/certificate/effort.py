@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.certificate.torque import Ends, Model, TorqueBounds, at_middle, resting
+from planners.certificate.torque import Ends, Model, TorqueBounds, at_middle, rest_velocity
 from planners.trajectory import Trajectory
 
 
@@ -78,7 +78,7 @@ def friction_steps(
     robot: Robot, trajectory: Trajectory, torques: TorqueBounds, rest: tuple[bool, bool]
 ) -> tuple[FrictionStep, ...]:
     """Return the steps of Coulomb friction, by f where a joint starts or stops, by 2 f where it reverses."""
-    coulomb, still, found = torques.models[0][1].coulomb, resting(torques.ends[0]), []
+    coulomb, still, found = torques.models[0][1].coulomb, rest_velocity(torques.ends[0]), []
     least, greatest = trajectory.piece_range(1)
     for i in np.flatnonzero(coulomb > 0.0):
         roots = [_roots(trajectory, int(k), int(i)) for k in np.flatnonzero(least[:, i] * greatest[:, i] < 0.0)]

@@ -30,7 +30,7 @@ TOOL_ON_PATH = 1e-9
 """Distance [m, rad] to the path at which a place needs no further search."""
 
 
-class Places(NamedTuple):
+class PathPositions(NamedTuple):
     """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
 
     s: Array
@@ -60,7 +60,7 @@ class Nearest:
         least = np.minimum(bend, np.minimum(np.append(bend[1:], np.inf), np.append(np.inf, bend[:-1])))
         self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 
-    def places(self, instants: Instants, guess: Array) -> Places:
+    def places(self, instants: Instants, guess: Array) -> PathPositions:
         """Find the places that are nearest to a tool, near a guess."""
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
@@ -88,7 +88,7 @@ class Nearest:
         misfit = _misfit(tool, motion, poses, twist).reshape(s.shape)
         return np.asarray(s[np.arange(guess.size), misfit.argmin(axis=1)])
 
-    def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[Places, Array]:
+    def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[PathPositions, Array]:
         """Places from a guess (k,), and their squared distances."""
         path = self._path
         poses, twist = path.frames(s)
@@ -110,7 +110,7 @@ class Nearest:
             s = s.copy()
             for old, x in zip((s, cost, speed, poses, twist), new, strict=True):
                 old[nearer] = x[nearer]
-        return Places(s, speed, poses, twist), cost
+        return PathPositions(s, speed, poses, twist), cost
 
 
 def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:

@@ -44,14 +44,14 @@ def limited_parts(
     return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
 
 
-def judged_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
+def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
     """Return the worst judgement of each kind of limit over the parts; infinite where a derivative jumps between two."""
     n = motion.robot.n
     found: dict[str, Any] = {}
     for kind in parts[-1].limits.kinds:
         each: list[Any] = [kind.judge(part.motion, part.limits.bounds(n)[kind.name]) for part in parts]
         each = [x._replace(time=x.time + part.begin) for x, part in zip(each, parts, strict=True)]
-        found[kind.name] = each[0] if len(each) == 1 else _worse(*each)
+        found[kind.name] = each[0] if len(each) == 1 else _select_worse(*each)
     if len(parts) > 1:
         k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
         jump = motion.jumps[:3, k].any(axis=0)
@@ -65,7 +65,7 @@ def judged_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict
     return found
 
 
-def _worse(first: Any, second: Any) -> Extreme | ToolExtreme:
+def _select_worse(first: Any, second: Any) -> Extreme | ToolExtreme:
     """Return the judgement with the larger ratio for each joint, or with the larger value if neither is limited."""
     free = np.isnan(first.ratio) & np.isnan(second.ratio)
     a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))

@@ -12,7 +12,7 @@ from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds
 from planners.paths.base import Path
 
 
-class Compared(NamedTuple):
+class ComparedInstants(NamedTuple):
     """Tool and path at instants t (k,).
 
     ``joints`` (k, 6, n), ``poses`` (k, 4, 4) and ``motion`` (k, 3, 6) are those of `Instants`. ``s`` (k,) are the places of
@@ -74,7 +74,7 @@ class PieceBounds(NamedTuple):
 
 
 @compiled
-def _on_stretch(limits: PieceBounds, low: float, high: float, out: Array) -> None:
+def _bounds_on_stretch(limits: PieceBounds, low: float, high: float, out: Array) -> None:
     """Bounds (2, 4) on the path's derivatives between two places: the largest of the pieces that are touched."""
     last = limits.bounds.shape[0] - 1
     first = min(max(np.searchsorted(limits.breaks, low) - 1, 0), last)
@@ -104,7 +104,7 @@ def path_rates(
     a = max(abs(a0), abs(a1))
     b = np.empty((2, 4))
     p, q = s0 + v0 * h / 3.0, s1 - v1 * h / 3.0
-    _on_stretch(limits, min(s0, p, q, s1), max(s0, p, q, s1), b)
+    _bounds_on_stretch(limits, min(s0, p, q, s1), max(s0, p, q, s1), b)
     for part in range(2):
         b1, b2, b3, b4 = b[part, 0], b[part, 1], b[part, 2], b[part, 3]
         out[part, 0] = 1.0
@@ -115,7 +115,7 @@ def path_rates(
 
 
 @compiled
-def _cut(v: float, before: float, after: float, h: float) -> float:
+def _clip_speed(v: float, before: float, after: float, h: float) -> float:
     """A rate of s, cut so that the Bézier points of its cubic stay on the path, which reaches so far back and on."""
     return min(max(v, -3.0 * before / h), 3.0 * after / h)
 
@@ -126,8 +126,8 @@ def intervals(
     prismatic: Flags,
     limits: PieceBounds,
     end: float,
-    left: Compared,
-    right: Compared,
+    left: ComparedInstants,
+    right: ComparedInstants,
     out: Array,
     fall: Array,
 ) -> None:
@@ -142,8 +142,8 @@ def intervals(
     tool_bounds(links, prismatic, D, moves, turns, spin)
     e0, r0, e1, r1, b = np.empty(12), np.empty(12), np.empty(12), np.empty(12), np.empty((2, 5))
     for i in range(k):
-        v0 = _cut(left.speed[i], left.s[i], end - left.s[i], h[i])
-        v1 = _cut(right.speed[i], end - right.s[i], right.s[i], h[i])
+        v0 = _clip_speed(left.speed[i], left.s[i], end - left.s[i], h[i])
+        v1 = _clip_speed(right.speed[i], end - right.s[i], right.s[i], h[i])
         _error(left.poses[i], left.motion[i], left.path_poses[i], left.twist[i], v0, e0, r0)
         _error(right.poses[i], right.motion[i], right.path_poses[i], right.twist[i], v1, e1, r1)
         path_rates(limits, (left.s[i], right.s[i]), (v0, v1), h[i], b)

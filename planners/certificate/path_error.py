@@ -10,10 +10,10 @@ from optik.arm.robot import Robot
 from optik.ik.base import Tolerance
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds
-from planners.certificate.dividing import Closeness, Divided, joined, tiled
+from planners.certificate.dividing import Closeness, SubdivisionBound, join_ends, repeat_ends
 from planners.certificate.nearest import Nearest
-from planners.certificate.path_bounds import Compared, PieceBounds, intervals
-from planners.certificate.progress import BEND, places_along
+from planners.certificate.path_bounds import ComparedInstants, PieceBounds, intervals
+from planners.certificate.progress import BEND, positions_along
 from planners.certificate.violation import Violation
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -67,14 +67,14 @@ class PathError(NamedTuple):
         violations: list[Violation] = []
         if not self.distance <= tolerance.position:
             words = f"the tool is up to {self.distance:.3g} m off its path at t = {self.t_distance:.6g} s"
-            violations.append(_beyond(words, self.t_distance, self.found_distance, tolerance.position, "m"))
+            violations.append(_deviation(words, self.t_distance, self.found_distance, tolerance.position, "m"))
         if not self.angle <= tolerance.rotation:
             words = f"the tool is turned by up to {self.angle:.3g} rad at t = {self.t_angle:.6g} s"
-            violations.append(_beyond(words, self.t_angle, self.found_angle, tolerance.rotation, "rad"))
+            violations.append(_deviation(words, self.t_angle, self.found_angle, tolerance.rotation, "rad"))
         return violations
 
 
-def _beyond(words: str, t: float, found: float, tolerance: float, unit: str) -> Violation:
+def _deviation(words: str, t: float, found: float, tolerance: float, unit: str) -> Violation:
     """Return a deviation whose bound exceeds the tolerance; it is a violation if the largest value found also exceeds it."""
     words = f"{words}, and the tolerance is {tolerance:.3g} {unit}"
     if found > tolerance:
@@ -110,10 +110,14 @@ def path_error(
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = Nearest(path)
-    piece, left, right, knot = _first_look(bounds)
-    guess = places_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
-    both = _compared(nearest, joined(left, right), np.concatenate([guess[:-1], guess[1:]]))  # one search for both ends
-    first, last = (Compared(*(x[half] for x in both)) for half in (slice(None, piece.size), slice(piece.size, None)))
+    piece, left, right, knot = _first_intervals(bounds)
+    guess = positions_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
+    both = _compare(
+        nearest, join_ends(left, right), np.concatenate([guess[:-1], guess[1:]])
+    )  # one search for both ends
+    first, last = (
+        ComparedInstants(*(x[half] for x in both)) for half in (slice(None, piece.size), slice(piece.size, None))
+    )
     errors = _Errors(bounds, path, nearest, trajectory.end, np.minimum(enough, ERROR_FLOOR))
     proved = errors.bound(piece, first, last) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
@@ -121,12 +125,12 @@ def path_error(
     return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
-def _compared(nearest: Nearest, side: Instants, guess: Array) -> Compared:
+def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants:
     """The tool at instants beside the places of the path that are nearest around a guess."""
-    return Compared(*side, *nearest.places(side, guess))
+    return ComparedInstants(*side, *nearest.places(side, guess))
 
 
-class _Errors(Divided[Compared]):
+class _Errors(SubdivisionBound[ComparedInstants]):
     """Distance and angle between tool and path, and the stretches on which the motion goes back."""
 
     def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, duration: float, floor: Array) -> None:
@@ -135,29 +139,31 @@ class _Errors(Divided[Compared]):
         self._fall = np.empty((0, 2))
         self.falls: list[Array] = []
 
-    def between(self, left: Compared, right: Compared) -> Array:
+    def between(self, left: ComparedInstants, right: ComparedInstants) -> Array:
         out, self._fall = np.empty((2, left.t.size, 2))
         intervals(
             self._bounds.links, self._bounds.robot.prismatic, self._limits, self._end, left, right, out, self._fall
         )
         return out
 
-    def within(self, piece: Indices, left: Compared, right: Compared, shares: Array) -> Compared:
-        t, guess = _between(shares, shares.size // piece.size, left, right)
-        return _compared(self._nearest, self._bounds.at(tiled(piece, shares.size // piece.size), t), guess)
+    def within(
+        self, piece: Indices, left: ComparedInstants, right: ComparedInstants, shares: Array
+    ) -> ComparedInstants:
+        t, guess = _interpolate(shares, shares.size // piece.size, left, right)
+        return _compare(self._nearest, self._bounds.at(repeat_ends(piece, shares.size // piece.size), t), guess)
 
-    def values(self, side: Compared) -> Array:
+    def values(self, side: ComparedInstants) -> Array:
         apart = (side.poses - side.path_poses).reshape(-1, 16)
         values = np.sqrt((apart * apart) @ DISTANCE_AND_TURN)
         values[:, 1] = 2.0 * np.arcsin(np.minimum(values[:, 1] / np.sqrt(8.0), 1.0))
         return np.asarray(values)
 
-    def closed(self, which: Flags, left: Compared) -> None:
+    def record_closed(self, which: Flags, left: ComparedInstants) -> None:
         back = which & (self._fall[:, 0] > self._fall[:, 1])
         self.falls.append(np.column_stack([left.t[back], self._fall[back]]))
 
 
-def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flags]:
+def _first_intervals(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flags]:
     """Intervals in which the tool stays within about `BEND` of the straight way: their pieces, their ends, one-sided.
 
     Also which of the k + 1 instants between them are knots of the motion.
@@ -165,7 +171,7 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     t = bounds.knots
     piece = np.arange(t.size - 1)
     left, right = bounds.ends
-    parts = _parts(left, right)
+    parts = _count_parts(left, right)
     if parts.max() == 1:
         return piece, left, right, np.ones(t.size, np.bool_)
     which = np.repeat(piece, parts)
@@ -175,7 +181,7 @@ def _first_look(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flag
     return which, bounds.at(which, begin), bounds.at(which, end), np.append(part == 0, True)
 
 
-def _parts(left: Instants, right: Instants) -> Indices:
+def _count_parts(left: Instants, right: Instants) -> Indices:
     """Equal parts (k,) of intervals in which the tool bends away from the straight way by `BEND` at most, by |a| h²/8."""
     way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
     size = (way * way) @ np.ones(3)
@@ -185,10 +191,10 @@ def _parts(left: Instants, right: Instants) -> Indices:
     return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
 
 
-def _between(u: Array, times: int, left: Compared, right: Compared) -> tuple[Array, Array]:
+def _interpolate(u: Array, times: int, left: ComparedInstants, right: ComparedInstants) -> tuple[Array, Array]:
     """Instants after shares u of intervals, all of them `times` times, and the places on the cubic through their ends."""
-    t0, h = tiled(left.t, times), tiled(right.t - left.t, times)
-    s0, v0, s1, v1 = (tiled(x, times) for x in (left.s, left.speed, right.s, right.speed))
+    t0, h = repeat_ends(left.t, times), repeat_ends(right.t - left.t, times)
+    s0, v0, s1, v1 = (repeat_ends(x, times) for x in (left.s, left.speed, right.s, right.speed))
     w = 1.0 - u
     s = w * w * ((1.0 + 2.0 * u) * s0 + u * h * v0) + u * u * ((1.0 + 2.0 * w) * s1 - w * h * v1)
     return t0 + u * h, s

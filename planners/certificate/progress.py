@@ -23,7 +23,7 @@ MOST_PAIRS = 20_000_000
 """Most pairs of an instant and a chord; a motion that needs more is far from its path."""
 
 
-def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
+def positions_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     """Places (k,) on the path of a tool that moves through poses (k, 4, 4), none left out between two of them.
 
     The motion is put on the path as a whole, not pose by pose: among all ways to run through chords of the path one after
@@ -36,9 +36,9 @@ def places_along(path: Path, poses: Array, bend: float = BEND) -> Array:
     cell, room = np.empty(len(poses), np.int64), CHORD_ROOM + 2.0 * (bend + float(off.max()))
     size = float(np.ptp(np.concatenate([z, y]), axis=0).sum())
     while True:
-        found = _cheapest(z, y, room, MOST_PAIRS, cell)
+        found = _find_cheapest(z, y, room, MOST_PAIRS, cell)
         if found == FOUND:
-            return _within(edges, z, y, cell)
+            return _nearest_on_chords(edges, z, y, cell)
         if found == TOO_MANY or room > size:
             return path.nearest(poses)
         room *= ROOM_FACTOR
@@ -51,7 +51,7 @@ def _chords(path: Path) -> tuple[Array, Array, Array]:
     return edges, off, np.ascontiguousarray(embed_poses(path.pose(edges), CHORD_TURN))
 
 
-def _within(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
+def _nearest_on_chords(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
     """Places (k,) on the chords of given cells that are nearest to points y."""
     a, e = z[cell], z[cell + 1] - z[cell]
     size = np.einsum("ij,ij->i", e, e)
@@ -80,7 +80,7 @@ def _distance2(x: Array, a: Array, b: Array) -> float:
 
 
 @compiled
-def _grown(x: Indices, count: int) -> Indices:
+def _grow(x: Indices, count: int) -> Indices:
     """The array, copied into a larger one where it has fewer entries than `count`."""
     if count <= x.shape[0]:
         return x
@@ -91,7 +91,7 @@ def _grown(x: Indices, count: int) -> Indices:
 
 
 @compiled
-def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
+def _find_cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
     """Dynamic programming: the chord of z (m + 1, d) of every point y (k, d), into cell (k,).
 
     A state is a chord within `room` of the point. From one point to the next it stays or goes over vertices that the way
@@ -110,7 +110,7 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
             count += 1
     first, last = 0, count
     for row in range(1, k):
-        number = _touched(z, y[row - 1], y[row], limit, cells[first:last], near, touched)
+        number = _find_touched(z, y[row - 1], y[row], limit, cells[first:last], near, touched)
         for j in range(first, last):
             i = cells[j]
             new[i], origin[i] = cost[i], j
@@ -125,7 +125,7 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
                 back = new[i + 1] + room * np.sqrt(_distance2(z[i], z[i + 1], z[i + 1]))
                 if back < new[i]:
                     new[i], origin[i] = back, origin[i + 1]
-        cells, before = _grown(cells, count + number), _grown(before, count + number)
+        cells, before = _grow(cells, count + number), _grow(before, count + number)
         first = count
         for j in range(number):
             i = touched[j]
@@ -140,11 +140,11 @@ def _cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
             return TOO_MANY
         if first == last:
             return TOO_FAR
-    return _traced(cost, cells[:last], before, first, cell)
+    return _trace_back(cost, cells[:last], before, first, cell)
 
 
 @compiled
-def _traced(cost: Array, cells: Indices, before: Indices, first: int, cell: Indices) -> int:
+def _trace_back(cost: Array, cells: Indices, before: Indices, first: int, cell: Indices) -> int:
     """Follow the cheapest of the states from `first` on back to the start, into `cell`; TOO_FAR where there is none."""
     if first == cells.shape[0]:
         return TOO_FAR
@@ -159,7 +159,7 @@ def _traced(cost: Array, cells: Indices, before: Indices, first: int, cell: Indi
 
 
 @compiled
-def _touched(z: Array, a: Array, b: Array, limit: float, active: Indices, near: Flags, touched: Indices) -> int:
+def _find_touched(z: Array, a: Array, b: Array, limit: float, active: Indices, near: Flags, touched: Indices) -> int:
     """Chords that the way from a to b may reach from the active ones, in order, into `touched`; how many.
 
     near[i] is set where vertex i lies within the limit of that way.

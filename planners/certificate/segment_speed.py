@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.types import Array, Indices
 from planners.certificate.bounds import Instants, MotionBounds
-from planners.certificate.dividing import Closeness, Divided, tiled
+from planners.certificate.dividing import Closeness, SubdivisionBound, repeat_ends
 from planners.certificate.nearest import Nearest
 from planners.certificate.path_error import Passage
 from planners.certificate.tool_speed import SPEED_EXCESS, SPEED_INTERVALS, speeds_within
@@ -22,7 +22,7 @@ CROSSING_STEPS = 60
 """Most steps to the instant at which a break is passed; Newton's method usually needs three."""
 
 
-class Limited(NamedTuple):
+class LimitedInstants(NamedTuple):
     """A motion at instants, as `Instants`, with the limit (k,) of the stretch of time that each belongs to."""
 
     t: Array
@@ -42,28 +42,28 @@ def segment_speed(
     """
     piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
     ratios = _Ratios(bounds, float(bounds.knots[-1]), part)
-    left, right = (Limited(*bounds.at(piece, t), limit) for t in (begin, end))
+    left, right = (LimitedInstants(*bounds.at(piece, t), limit) for t in (begin, end))
     return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
 
 
-class _Ratios(Divided[Limited]):
+class _Ratios(SubdivisionBound[LimitedInstants]):
     """|v| or |ω| of the tool over its limit; the second value is not used."""
 
     def __init__(self, bounds: MotionBounds, duration: float, part: int) -> None:
         super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
         self._bounds, self._part = bounds, part
 
-    def between(self, left: Limited, right: Limited) -> Array:
+    def between(self, left: LimitedInstants, right: LimitedInstants) -> Array:
         out = np.empty((left.t.size, 2))
         speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*left[:4]), Instants(*right[:4]), out)
         return np.stack([out[:, self._part] / left.bound, np.zeros(left.t.size)], axis=1)
 
-    def within(self, piece: Indices, left: Limited, right: Limited, shares: Array) -> Limited:
+    def within(self, piece: Indices, left: LimitedInstants, right: LimitedInstants, shares: Array) -> LimitedInstants:
         times = shares.size // piece.size
-        t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
-        return Limited(*self._bounds.at(tiled(piece, times), t), tiled(left.bound, times))
+        t = repeat_ends(left.t, times) + shares * repeat_ends(right.t - left.t, times)
+        return LimitedInstants(*self._bounds.at(repeat_ends(piece, times), t), repeat_ends(left.bound, times))
 
-    def values(self, side: Limited) -> Array:
+    def values(self, side: LimitedInstants) -> Array:
         first = 3 * self._part
         ratio = np.linalg.norm(side.motion[:, 0, first : first + 3], axis=1) / side.bound
         return np.stack([ratio, np.zeros(ratio.size)], axis=1)

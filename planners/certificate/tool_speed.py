@@ -10,7 +10,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
-from planners.certificate.dividing import Closeness, Divided, tiled
+from planners.certificate.dividing import Closeness, SubdivisionBound, repeat_ends
 from planners.trajectory import Trajectory
 
 SPEED_EXCESS = 1e-6
@@ -44,7 +44,7 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     return ToolSpeed(float(proved[0]), float(proved[1]), float(speeds.when[0]), float(speeds.when[1]))
 
 
-class _Speeds(Divided[Instants]):
+class _Speeds(SubdivisionBound[Instants]):
     """|v| and |ω| of the tool."""
 
     def __init__(self, bounds: MotionBounds, duration: float) -> None:
@@ -58,8 +58,8 @@ class _Speeds(Divided[Instants]):
 
     def within(self, piece: Indices, left: Instants, right: Instants, shares: Array) -> Instants:
         times = shares.size // piece.size
-        t = tiled(left.t, times) + shares * tiled(right.t - left.t, times)
-        return self._bounds.at(tiled(piece, times), t)
+        t = repeat_ends(left.t, times) + shares * repeat_ends(right.t - left.t, times)
+        return self._bounds.at(repeat_ends(piece, times), t)
 
     def values(self, side: Instants) -> Array:
         twist = side.motion[:, 0]

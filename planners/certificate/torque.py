@@ -89,17 +89,17 @@ class TorqueBounds:
             self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right, fourths))
         self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
-    def proved(
+    def bound_ratios(
         self, bound: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
     ) -> TorqueRatios:
         """Bound the torques, or their rates, over their limits at every instant; found once, then kept."""
         key = (rate, np.array([*np.ravel(bound), excess, most]).tobytes())
         if key not in self._kept:
             each = [
-                _of_load(model, ends, bound, (rate, excess, most))
+                _bound_load(model, ends, bound, (rate, excess, most))
                 for model, ends in zip(self.models, self.ends, strict=True)
             ]
-            self._kept[key] = each[0] if len(each) == 1 else _worse(*each)
+            self._kept[key] = each[0] if len(each) == 1 else _select_worse(*each)
         return self._kept[key]
 
     def piece_ratios(self, bound: Array, *, rate: bool) -> Array:
@@ -113,20 +113,20 @@ class TorqueBounds:
         return np.asarray(worst)
 
 
-def _worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
+def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
     """The worse of two loads, joint by joint."""
     first = a.ratio >= b.ratio
     return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
-def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
+def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
     """The bounds of one load; how: whether of the rates, the excess, and how often an interval is halved at most."""
     rate, excess, most = how
     lower, upper = bound
     limits = np.stack([-lower, upper])
     limits = np.where(np.isfinite(limits), limits, 1.0)
     n = upper.size
-    rest = resting(ends)
+    rest = rest_velocity(ends)
     coulomb = np.zeros(n) if rate else np.array(model[1].coulomb)
     results = np.zeros((2, n)), np.zeros((2, n)), np.zeros((2, n))
     close = (1.0 + excess, TORQUE_FLOOR, NARROWEST * float(ends.t1[-1]))
@@ -137,7 +137,7 @@ def _of_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int
     return TorqueRatios(ratio, largest, time, above)
 
 
-def resting(ends: Ends) -> float:
+def rest_velocity(ends: Ends) -> float:
     """Velocity below which a joint is at rest at an instant."""
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
@@ -164,13 +164,13 @@ def _nothing(like: Array) -> Array:
 def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
     """Return a motion in the middle of every piece."""
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
-    _later(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
+    _advance(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
     torques_at(model, joints, values)
     return joints, values
 
 
 @compiled
-def _later(joints: Array, t: Array, out: Array) -> None:
+def _advance(joints: Array, t: Array, out: Array) -> None:
     """Derivatives of quintics (k, 6, n) later by t (k,), from those at instants."""
     for k in range(joints.shape[0]):
         for i in range(joints.shape[2]):
@@ -181,13 +181,13 @@ def _later(joints: Array, t: Array, out: Array) -> None:
                 out[k, order, i] = value
 
 
-What = tuple[Array, Array, bool, float]
+RatioTerms = tuple[Array, Array, bool, float]
 """What is bounded: Coulomb friction (n,) that counts, weights (2, n) of the lower and the upper side, which are 1 over the
 sizes of the limits, whether of the rates, and the velocity of a joint at rest."""
 
 
 def _divide(
-    model: Model, ends: Ends, what: What, most: int, close: tuple[float, float, float],
+    model: Model, ends: Ends, what: RatioTerms, most: int, close: tuple[float, float, float],
     results: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
     """Bound all pieces: into results, proved, found and when (2, n).
@@ -199,20 +199,20 @@ def _divide(
     t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
     proved, found, when = results
     fourths = ends.fourths
-    _note(t, joints, left, what, found, when)
-    _note(ends.t1, ends.last, right, what, found, when)
+    _update_largest(t, joints, left, what, found, when)
+    _update_largest(ends.t1, ends.last, right, what, found, when)
     while True:
         bound = np.empty((t.size, 2, found.shape[1]))
         _between(what, h, joints, fourths, (left, right), bound)
-        loose = _loose(bound, h, found, close, most, proved)
+        loose = _find_loose(bound, h, found, close, most, proved)
         if not loose.any():
             break
         t, h, joints, left, right = t[loose], 0.5 * h[loose], joints[loose], left[loose], right[loose]
         most -= t.size
         later, middle = np.empty_like(joints), np.empty_like(left)
-        _later(joints, h, later)
+        _advance(joints, h, later)
         torques_at(model, later, middle)
-        _note(t + h, later, middle, what, found, when)
+        _update_largest(t + h, later, middle, what, found, when)
         t, h, joints = np.concatenate([t, t + h]), np.concatenate([h, h]), np.concatenate([joints, later])
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
         fourths = np.empty(joints[:, 0].shape)
@@ -221,7 +221,7 @@ def _divide(
 
 
 @compiled
-def _note(t: Array, joints: Array, values: Array, what: What, found: Array, when: Array) -> None:
+def _update_largest(t: Array, joints: Array, values: Array, what: RatioTerms, found: Array, when: Array) -> None:
     """Keep the largest ratios (2, n) at instants, and their times."""
     coulomb, weights, rate, rest = what
     for k in range(t.shape[0]):
@@ -238,7 +238,9 @@ def _note(t: Array, joints: Array, values: Array, what: What, found: Array, when
 
 
 @compiled
-def _loose(bound: Array, h: Array, found: Array, close: tuple[float, float, float], room: int, proved: Array) -> Flags:
+def _find_loose(
+    bound: Array, h: Array, found: Array, close: tuple[float, float, float], room: int, proved: Array
+) -> Flags:
     """Intervals (k,) that are divided: their bounds (k, 2, n) are not close to the largest values; those of others count.
 
     Returns (k,).
@@ -269,7 +271,9 @@ def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> No
 
 
 @compiled
-def _between(what: What, h: Array, joints: Array, fourths: Array, values: tuple[Array, Array], bound: Array) -> None:
+def _between(
+    what: RatioTerms, h: Array, joints: Array, fourths: Array, values: tuple[Array, Array], bound: Array
+) -> None:
     """Bounds (k, 2, n) on the ratios to both sides in intervals, from the joints' derivatives at their starts (k, 6, n).
 
     fourths: bounds (k, n) on the fourth derivatives; values: torques and rates (k, 2, n) at the starts and at the ends.

@@ -12,7 +12,7 @@ import numpy as np
 
 from optik.compiled import compiled
 from optik.types import Array
-from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, resting, torques_at
+from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, rest_velocity, torques_at
 
 MOST_HASTENED = 1e6
 """Greatest factor of speed that is tried: a motion that keeps its limits there too is not limited by them."""
@@ -27,13 +27,13 @@ class _Parts(NamedTuple):
     friction: Array
 
 
-def slowing(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
+def stretch_factor(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     """Least factor by which a motion is stretched in time so that it keeps the limits at the ends of its pieces.
 
     What the proved bound of each joint has over its largest value there is added to the values, as a part that goes with the
     highest power of the speed: so the motion that results nearly has the proof that it needs.
     """
-    proved = torques.proved(bound, rate=rate).ratio
+    proved = torques.bound_ratios(bound, rate=rate).ratio
     parts = [_parts(model, ends, rate) for model, ends in zip(torques.models, torques.ends, strict=True)]
     powers, friction = (np.concatenate(part) for part in zip(*parts, strict=True))
     limited = np.isfinite(bound[1])
@@ -58,20 +58,20 @@ def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
     powers[:, first] = values[:, first] - viscous - kinetic[:, first]
     friction = np.zeros((len(joints), 2, joints.shape[2]))
     if not rate:
-        still = np.abs(joints[:, 1]) <= resting(ends)
+        still = np.abs(joints[:, 1]) <= rest_velocity(ends)
         sign = np.sign(joints[:, 1])
         friction[:, 0] = load.coulomb * np.where(still, -1.0, sign)
         friction[:, 1] = load.coulomb * np.where(still, 1.0, sign)
     return _Parts(powers, friction)
 
 
-_Kept = tuple[Array, Array, Array, Array, int]
+_RatioTerms = tuple[Array, Array, Array, Array, int]
 """What the ratios are made from: powers, friction, weights (2, n) of both sides, which are 1 over the limits, what the bounds
 have over the largest ratios (n,), and the power of the speed that it goes with."""
 
 
 @compiled
-def _worst(kept: _Kept, x: float, out: Array) -> float:
+def _worst(kept: _RatioTerms, x: float, out: Array) -> float:
     """Largest ratio of each joint (n,), into out, at x times the speed; and of all.
 
     Returns [1].
@@ -90,7 +90,7 @@ def _worst(kept: _Kept, x: float, out: Array) -> float:
 
 
 @compiled
-def _least(kept: _Kept) -> float:
+def _least(kept: _RatioTerms) -> float:
     """The factor, from the fastest speed near 1 at which the largest ratio is 1: regula falsi (Illinois)."""
     spare = np.empty(kept[3].shape[0])
     low, high = 0.0, 1.0

@@ -15,7 +15,7 @@ from planners.limits._known import (
 from planners.limits._motion import LimitedMotion
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._points import PathPoints
-from planners.limits._sides import inner, over, sides
+from planners.limits._sides import ratio_to_limit, sides, symmetric_bound
 from planners.limits._tool import ToolSpeedLimit
 from planners.limits.base import Limit, scale_of
 
@@ -38,10 +38,10 @@ __all__ = [
     "ToolExtreme",
     "ToolSpeedLimit",
     "check_names",
-    "inner",
     "kind_of",
-    "over",
+    "ratio_to_limit",
     "register",
     "scale_of",
     "sides",
+    "symmetric_bound",
 ]

@@ -9,7 +9,7 @@ from planners.curve import chain_rows
 from planners.limits._extreme import Extreme
 from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
-from planners.limits._sides import centred, inner, over, sides
+from planners.limits._sides import center_rows, ratio_to_limit, sides, symmetric_bound
 from planners.limits.base import Limit, scale_of
 from planners.trajectory import Extrema
 
@@ -25,7 +25,7 @@ class DerivativeLimit(Limit):
         if self.order == 1:  # ṡ is never negative: the sign of q' tells the side, and the value keeps its sign
             lower, upper = sides(bound)
             return np.asarray(rows / np.where(rows < 0.0, -lower[:, None], upper[:, None]))
-        return centred(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
+        return center_rows(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
         """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`."""
@@ -44,10 +44,10 @@ class DerivativeLimit(Limit):
         """Exact worst values of each piece over the bound; see `Limit.piece_ratios`."""
         if bound.ndim == 1:
             return motion.trajectory.piece_worst(self.order) / bound
-        return np.maximum(*(over(value, bound) for value in motion.trajectory.piece_range(self.order)))
+        return np.maximum(*(ratio_to_limit(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
-    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
-        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.slowing`."""
+    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.stretch_factor`."""
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 
@@ -66,7 +66,7 @@ def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jump
     size = np.where(jumps, np.abs(motion.steps(order)), 0.0)
     jumping = jumps.any(axis=0)
     when = motion.trajectory.knots[size.argmax(axis=0)]
-    infinite = np.where(np.isfinite(inner(bound)), np.inf, np.nan)
+    infinite = np.where(np.isfinite(symmetric_bound(bound)), np.inf, np.nan)
     return Extreme(
         np.where(jumping, np.inf, extreme.value),
         np.where(jumping, infinite, extreme.ratio),

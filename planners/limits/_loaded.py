@@ -62,8 +62,8 @@ class LoadedLimit(Limit):
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
         return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
-    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
-        """From the parts of the torques that go with powers of the speed; see `Limit.slowing`."""
+    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+        """From the parts of the torques that go with powers of the speed; see `Limit.stretch_factor`."""
         if not np.isfinite(bound).any():
             return 0.0
-        return motion.torque_slowing(np.stack(sides(bound)), rate=self.rate)
+        return motion.torque_stretch(np.stack(sides(bound)), rate=self.rate)

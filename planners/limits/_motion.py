@@ -68,5 +68,5 @@ class LimitedMotion(Protocol):
     def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
         """Return the larger of the ratios (m, n) at both ends of every piece."""
 
-    def torque_slowing(self, bound: Array, *, rate: bool) -> float:
+    def torque_stretch(self, bound: Array, *, rate: bool) -> float:
         """Return the least factor by which the motion is stretched in time to respect the limits (2, n)."""

@@ -19,8 +19,8 @@ from planners.curve import monomials
 from planners.limits._extreme import plain
 from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, is_known, kind_of
 from planners.limits._points import PathPoints
-from planners.limits._segments import bound_at, inside_ends, on_pieces
-from planners.limits._sides import inner, is_pair, over
+from planners.limits._segments import bound_at, bounds_on_pieces, inside_ends
+from planners.limits._sides import is_pair, ratio_to_limit, symmetric_bound
 from planners.limits.base import Limit
 from planners.paths.base import Path
 
@@ -69,14 +69,14 @@ class MotionLimits:
         for kind in FIELD_LIMITS:
             value = getattr(self, kind.name)
             if value is not None:
-                object.__setattr__(self, kind.name, kind.checked(value))
+                object.__setattr__(self, kind.name, kind.check(value))
         if self.extra is None:
             return
         if not isinstance(self.extra, Mapping) or any(name in ALL_LIMITS for name in self.extra):
             raise InvalidInput(
                 "extra", repr(self.extra)[:120], "a mapping from names of further limits to their bounds"
             )
-        kept = {name: kind_of(name).checked(value) for name, value in self.extra.items() if value is not None}
+        kept = {name: kind_of(name).check(value) for name, value in self.extra.items() if value is not None}
         object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
 
     def __eq__(self, other: object) -> bool:
@@ -189,7 +189,7 @@ class MotionLimits:
             A length other than n.
         """
         bounds = self.bounds(n)
-        return {name: inner(bounds[name]) for name in DERIVATIVES}
+        return {name: symmetric_bound(bounds[name]) for name in DERIVATIVES}
 
     def symmetric(self) -> MotionLimits:
         """Return the limits with the side nearer to zero in place of every pair; what they allow is allowed here too."""
@@ -243,9 +243,9 @@ class MotionLimits:
         rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
         products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
         values = np.einsum("kmi,ik->km", rows, np.stack(products))
-        return over(values, bound) if two_sided else np.asarray(np.abs(values))
+        return ratio_to_limit(values, bound) if two_sided else np.asarray(np.abs(values))
 
-    def only(self, names: tuple[str, ...]) -> MotionLimits:
+    def select(self, names: tuple[str, ...]) -> MotionLimits:
         """Return those limits that have these names; all others are free.
 
         Parameters
@@ -261,12 +261,12 @@ class MotionLimits:
         extra = {name: value for name, value in (self.extra or {}).items() if name in names}
         return replace(self, **dict.fromkeys(name for name in ALL_LIMITS if name not in names), extra=extra)
 
-    def scaled(self, share: float, names: tuple[str, ...] | None = None) -> MotionLimits:
+    def scale(self, factor: float, names: tuple[str, ...] | None = None) -> MotionLimits:
         """Return the limits multiplied by a factor.
 
         Parameters
         ----------
-        share : float
+        factor : float
             Factor of the bounds [1].
         names : tuple of str, optional
             Which limits; by default all.
@@ -278,7 +278,7 @@ class MotionLimits:
         """
         chosen = self.names if names is None else names
         wider: dict[str, Any] = {
-            name: share * np.asarray(v) if np.ndim(v) else share * float(v)
+            name: factor * np.asarray(v) if np.ndim(v) else factor * float(v)
             for name in chosen
             if (v := self.value(name)) is not None
         }
@@ -352,7 +352,7 @@ class MotionLimits:
         for name in TOOL_SPEEDS:
             value = self.value(name)
             if np.ndim(value):
-                on_pieces(path, np.asarray(value), name)
+                bounds_on_pieces(path, np.asarray(value), name)
 
     def tool_at(self, path: Path, s: Array) -> Array:
         """Return the greatest speeds of the tool at places of a path; at a break the lesser of both sides.

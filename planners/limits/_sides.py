@@ -27,7 +27,7 @@ def is_pair(value: Any) -> bool:
     return isinstance(first, Real) and bool(first < 0.0)
 
 
-def checked_pair(value: Any, argument: str) -> Array | float:
+def check_pair(value: Any, argument: str) -> Array | float:
     """Return a pair as `MotionLimits` keeps it."""
     lower, upper = (real_array(x, argument, PAIR) for x in value)
     if max(lower.ndim, upper.ndim) > 1 or (lower.ndim == upper.ndim == 1 and lower.shape != upper.shape):
@@ -48,19 +48,19 @@ def sides(bound: Array) -> tuple[Array, Array]:
     return (-bound, bound) if bound.ndim == 1 else (bound[0], bound[1])
 
 
-def inner(bound: Array) -> Array:
+def symmetric_bound(bound: Array) -> Array:
     """Greatest bound on the absolute value that lies inside both sides."""
     return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])
 
 
-def over(values: Array, bound: Array) -> Array:
+def ratio_to_limit(values: Array, bound: Array) -> Array:
     """Ratio of values to the side of the bound that they go to."""
     if bound.ndim == 1:
         return np.asarray(np.abs(values) / bound)
     return np.asarray(values / np.where(values < 0.0, bound[0], bound[1]))
 
 
-def centred(rows: Array, bound: Array) -> Array:
+def center_rows(rows: Array, bound: Array) -> Array:
     """Rows of values over a bound with two sides, so that the limit is kept where |rows · monomials| ≤ 1."""
     lower, upper = sides(bound)
     free = np.isinf(upper)

@@ -14,7 +14,7 @@ from optik.types import Array
 from planners.limits._extreme import ToolExtreme
 from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
-from planners.limits._segments import bound_at, inside_ends, on_pieces
+from planners.limits._segments import bound_at, bounds_on_pieces, inside_ends
 from planners.limits.base import Limit
 
 
@@ -33,10 +33,10 @@ class ToolSpeedLimit(Limit):
     order: ClassVar[int] = 1
     subject: ClassVar[str | None] = "tool"
 
-    def checked(self, value: Any) -> Any:
+    def check(self, value: Any) -> Any:
         """Return a bound as `MotionLimits` keeps it: one, or one for each segment of the path. See `Limit.checked`."""
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
-            return super().checked(value)
+            return super().check(value)
         each = check_positive(value, len(value), self.name) if len(value) else np.zeros(0)
         if not each.size:
             raise InvalidInput(self.name, "no numbers", "a number above 0, or one for each segment of the path")
@@ -70,7 +70,7 @@ class ToolSpeedLimit(Limit):
             return ToolExtreme(value, float("nan"), time)
         if bound.size == 1:
             return ToolExtreme(value, value / float(bound[0]), time)
-        ratio, time = motion.tool_speed_ratio(on_pieces(motion.path, bound, self.name), self.part)
+        ratio, time = motion.tool_speed_ratio(bounds_on_pieces(motion.path, bound, self.name), self.part)
         return ToolExtreme(value, ratio, time)
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:

@@ -17,7 +17,7 @@ from optik.types import Array
 from planners.limits._extreme import Extreme, ToolExtreme
 from planners.limits._motion import LimitedMotion
 from planners.limits._points import PathPoints
-from planners.limits._sides import checked_pair, is_pair
+from planners.limits._sides import check_pair, is_pair
 
 
 class Limit(ABC):
@@ -52,7 +52,7 @@ class Limit(ABC):
 
     # ------------------------------------------------------------ the bound, as given and in files
 
-    def checked(self, value: Any) -> Any:
+    def check(self, value: Any) -> Any:
         """Return a bound as `MotionLimits` keeps it: a float, or a read-only array.
 
         Parameters
@@ -76,7 +76,7 @@ class Limit(ABC):
             if not self.sided:
                 expected = f"one number above 0, or one for each joint: {self.name} has no two sides"
                 raise InvalidInput(self.name, "a pair (lower, upper)", expected)
-            return checked_pair(value, self.name)
+            return check_pair(value, self.name)
         kept = check_positive(value, np.size(value), self.name)
         return kept if np.ndim(value) else float(kept[0])
 
@@ -223,7 +223,7 @@ class Limit(ABC):
             Ratios [1]; 0 where free.
         """
 
-    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
+    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
         """Least factor by which a motion is stretched in time so that it keeps the limit.
 
         A limit whose value has a part that no slowing changes (the torque against gravity) overrides this, and returns

@@ -135,7 +135,7 @@ def _start_from_rest(request: PlanRequest, joints: JointPath, at: PathState) -> 
     """Return motions to the path's end that may exceed the limits: the law's with wider limits, and a quintic in s."""
     law = choose_law(request)
     for factor in WIDENED:
-        found = run_law(law, request, joints, request.limits.scaled(factor), at)
+        found = run_law(law, request, joints, request.limits.scale(factor), at)
         if found is not None:
             yield found
             break

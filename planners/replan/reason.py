@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import NoSolution
-from planners.limits import DERIVATIVES, TOOL_SPEEDS, over
+from planners.limits import DERIVATIVES, TOOL_SPEEDS, ratio_to_limit
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion
 from planners.replan.state import MovingState
@@ -27,7 +27,7 @@ def explain_infeasible(request: PlanRequest, plan: Plan, start: MovingState, sto
     _, dq, ddq = start.at.joints
     bound = limits.bounds(robot.n)
     twist = robot.jacobian(start.at.joints[0]) @ dq
-    here = [(f, over(x, bound[f]), robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
+    here = [(f, ratio_to_limit(x, bound[f]), robot.joint_names) for f, x in zip(DERIVATIVES, (dq, ddq), strict=False)]
     allowed = limits.tool_at(plan.path, np.array([start.at.s]))[0]
     speeds = (float(np.linalg.norm(part)) / limit for part, limit in zip((twist[:3], twist[3:]), allowed, strict=True))
     here += [(f, np.array([x]), ("tool",)) for f, x in zip(TOOL_SPEEDS, speeds, strict=True)]

@@ -30,7 +30,7 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> To
     pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
     first, last = (bounds.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
     torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
-    found = torques.proved(bound, rate=False, excess=STATIC_EXCESS)
+    found = torques.bound_ratios(bound, rate=False, excess=STATIC_EXCESS)
     for model, ends in zip(torques.models, torques.ends, strict=True):
         resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
         for s, value in resting:

@@ -37,7 +37,7 @@ class Along(NamedTuple):
     most: tuple[float, float]
 
 
-def tops(along: Along, bends: float, twists: float) -> Array:
+def speed_bounds(along: Along, bends: float, twists: float) -> Array:
     """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.sqrt(np.fmin.reduce(bends * along.acceleration / np.abs(along.q2), axis=1))
@@ -101,7 +101,7 @@ def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
 
 
 @compiled
-def passed(s: Array, v: Array, t: Array) -> None:
+def compute_times(s: Array, v: Array, t: Array) -> None:
     """Times at which places are passed: speeds linear in time between, but at both ends, where s̈ starts from 0.
 
     Shapes and units: s (m,) [m, rad], v (m,) [m/s, rad/s], t (m,) [s].
@@ -145,10 +145,10 @@ def _place(s: Array, t: Array, v: Array, x: float) -> float:
 
 
 @compiled
-def _rounded(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Array) -> None:
+def _smooth(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Array) -> None:
     """Mean speeds (m,) over the time around each place."""
     m = v.shape[0]
-    passed(along.s, v, t)
+    compute_times(along.s, v, t)
     _widths(along, v, slow, t, half)
     out[0], out[m - 1] = 0.0, 0.0
     for i in range(1, m - 1):
@@ -196,7 +196,7 @@ def _ratios(along: Along, v: Array, a: Array, t: Array, half: Array, out: Array)
 
 
 @compiled
-def _slower(t: Array, half: Array, ratio: Array, slow: Array) -> None:
+def _slow_down(t: Array, half: Array, ratio: Array, slow: Array) -> None:
     """Slow the motion by what it is too fast within the width of the mean."""
     m = t.shape[0]
     peak, hold = 1.0, 0.0
@@ -217,7 +217,7 @@ def _slower(t: Array, half: Array, ratio: Array, slow: Array) -> None:
 
 
 @compiled
-def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
+def sweep(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
     """A motion that nearly keeps the limits, from rest to rest.
 
     Shapes and units: top (m,) [m/s, rad/s], close [1], out (4, m) [s]. Returns [1].
@@ -231,13 +231,13 @@ def swept(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
             v[i] = top[i] * slow[i]
         _rise(along, top, slow, 1, v)
         _rise(along, top, slow, -1, v)
-        _rounded(along, v, slow, t, half, mean)
-        passed(along.s, mean, t)
+        _smooth(along, v, slow, t, half, mean)
+        compute_times(along.s, mean, t)
         _accelerations(along.s, mean, t, a)
         worst = _ratios(along, mean, a, t, half, ratio)
         if worst <= close or k == rounds - 1:
             break
-        _slower(t, half, ratio, slow)
+        _slow_down(t, half, ratio, slow)
     return worst
 
 
@@ -275,7 +275,7 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 
 
 @compiled
-def spread(
+def count_intervals(
     along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array
 ) -> float:
     """Count the intervals before each place of a swept motion: some in all, and some for each change of q̈ by its limit.
@@ -309,7 +309,7 @@ def spread(
 
 
 @compiled
-def sampled(s: Array, motion: Array, when: Array, out: Array) -> None:
+def sample(s: Array, motion: Array, when: Array, out: Array) -> None:
     """s, ṡ and s̈ of a swept motion at times: ṡ a cubic between two places, from ṡ and s̈ there.
 
     For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s does not decrease.

@@ -256,10 +256,10 @@ def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: Array
     accelerations there), at every knot of the path, and more between until position and jerk agree with the chain rule
     q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. The refit is what is certified and exported.
     """
-    t = _first_knots(joint_path, law)
+    t = _find_knots(joint_path, law)
     scale = np.asarray(jerk_scale, dtype=np.float64)
     for _ in range(REFINEMENT_ROUNDS):
-        trajectory = _through(joint_path, law, t)
+        trajectory = _interpolate(joint_path, law, t)
         middle = t[:-1, None] + np.diff(t)[:, None] * COMPARED_AT
         q, jerk = _exact(joint_path, law, t, middle)
         off = np.abs(trajectory(middle.ravel()) - q).max(axis=1).reshape(middle.shape)
@@ -269,10 +269,10 @@ def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: Array
         if not wrong.any():
             break
         t = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[wrong]]))
-    return _through(joint_path, law, t)
+    return _interpolate(joint_path, law, t)
 
 
-def _first_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
+def _find_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
     """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
     switches = law.x
     passed = find_times(law, joint_path.nodes[1:-1], float(switches[-1]))
@@ -295,7 +295,7 @@ def _piecewise(law: scipy.interpolate.PPoly, t: Array, x: Array, order: int) -> 
     return np.asarray(value)
 
 
-def _through(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) -> Trajectory:
+def _interpolate(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) -> Trajectory:
     """Quintic Hermite pieces in time between knots t, through the exact q, q̇ and q̈ there, one-sided where s̈ jumps."""
     ends = np.stack([t[:-1], t[1:]], axis=1)
     s, v, a = (_piecewise(law, t, ends, order) for order in (0, 1, 2))

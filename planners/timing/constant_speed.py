@@ -18,18 +18,18 @@ from planners.following.follow import JointPath
 from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.timing._optimal.derivatives import derivatives
-from planners.timing._optimal.start import spaced, sweep
+from planners.timing._optimal.start import select_spaced, sweep
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST_PHASE,
     Ramp,
     Table,
     Worst,
+    find_worst,
     law_of,
-    parts,
+    limit_rows,
     phases_of,
     ratio_of,
-    worst,
 )
 from planners.timing.base import AnalysingLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
@@ -92,8 +92,8 @@ class ConstantSpeed(AnalysingLaw):
             if motion is not None:
                 return motion
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
-        widest = _widest(distance.table, self.ramp, shortest)
-        built = _built(joint_path, limits, distance, widest)
+        widest = _find_widest(distance.table, self.ramp, shortest)
+        built = _build(joint_path, limits, distance, widest)
         fastest = fit(MotionAnalysis(joint_path.robot, built, joint_path.path), limits, self.list_enforced(limits))
         greatest = widest[0].v1 * built.duration / fastest.trajectory.duration
         if self.speed is None:
@@ -101,14 +101,14 @@ class ConstantSpeed(AnalysingLaw):
             motion = self._quickest(joint_path, limits, distance, greatest, shortest)
             return fastest if motion is None or motion.trajectory.duration > fastest.trajectory.duration else motion
         if self.speed > greatest:
-            found, in_ramp = _worst(joint_path, limits, distance, widest, self.speed)
+            found, in_ramp = _find_worst(joint_path, limits, distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
             raise NoSolution(
                 f"a tool speed of {self.speed:.6g} is {self.speed / greatest:.6g} times too fast: the limit on {found.limit} "
                 f"is exceeded at s = {found.s:.6g}{f', in a ramp of {self.ramp:.3g} of the distance' if in_ramp else ''}",
                 s=found.s, joint=found.joint,
-                advice=f"a speed of at most {_down(greatest):.6g}; {longer}or timing='optimal' with "
+                advice=f"a speed of at most {_round_down(greatest):.6g}; {longer}or timing='optimal' with "
                 f"{turns}_speed={self.speed:.6g}, which slows at corners only",
             )  # fmt: skip
         return fastest.slowed(greatest / self.speed)
@@ -119,10 +119,10 @@ class ConstantSpeed(AnalysingLaw):
         """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
         enforced, room = self.list_enforced(limits), FIRST_ROOM
         for _ in range(ROOMS):
-            ramps = _shortest(distance.table, speed, self.ramp, room, shortest)
+            ramps = _find_shortest(distance.table, speed, self.ramp, room, shortest)
             if ramps is None:
                 return None
-            motion = MotionAnalysis(joint_path.robot, _built(joint_path, limits, distance, ramps), joint_path.path)
+            motion = MotionAnalysis(joint_path.robot, _build(joint_path, limits, distance, ramps), joint_path.path)
             excess = stretch_factor(motion, limits, enforced)
             if excess <= 1.0:
                 return motion
@@ -139,12 +139,12 @@ def _check_crawl(
     quick, slow = float(sweep(joint_path, limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
     if slow <= CRAWL * quick:
         return
-    found, _ = _worst(joint_path, limits, distance, widest, 2.0 * greatest)
+    found, _ = _find_worst(joint_path, limits, distance, widest, 2.0 * greatest)
     raise NoSolution(
         f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
         f"s = {found.s:.6g}; the motion would take {slow:.3g} s, one that slows at corners only about {quick:.3g} s",
         s=found.s, joint=found.joint,
-        advice=f"a larger blend there, timing='optimal', or speed={_down(greatest):.6g} to accept this duration",
+        advice=f"a larger blend there, timing='optimal', or speed={_round_down(greatest):.6g} to accept this duration",
     )  # fmt: skip
 
 
@@ -167,7 +167,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     With c = dx/ds the tool's speed at ṡ = 1: s' = 1 / c, s'' = −c' / c³, s''' = (3 c'² − c c'') / c⁵.
     """
     path, end = joint_path.path, joint_path.end
-    s, knots = _places(path.breaks, end)
+    s, knots = _make_grid(path.breaks, end)
     turning = bool(path.turns_only or np.linalg.norm(path.twist(s)[:, :3], axis=1).max() <= 1e-9)
     while True:
         c, c1, c2 = _rates(joint_path, s, turning)
@@ -191,12 +191,12 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     bent |= np.append(bent[1:], False) | np.append(False, bent[:-1])
     rates = np.stack([1.0 / c, -c1 / c**3, (3.0 * c1**2 - c * c2) / c**5])
     q, *orders = derivatives(joint_path, s)
-    along = parts(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
+    along = limit_rows(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
     x = np.concatenate([[0.0], np.cumsum(cells)])
     return _Distance(s, rates, bent & knots, Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along), turning)
 
 
-def _places(breaks: Array, end: float) -> tuple[Array, Flags]:
+def _make_grid(breaks: Array, end: float) -> tuple[Array, Flags]:
     """Return points from 0 to the end, equally spaced between breaks, and which are knots; nearly equal breaks are merged."""
     ends = [0.0]
     for place in breaks[breaks < (1.0 - SAME_BREAK) * end]:
@@ -243,13 +243,13 @@ def _factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
     return ratio_of(what, ramp, max(24, inside), most)
 
 
-def _quick(ramp: Ramp, slow: float, shortest: float) -> bool:
+def _is_quick(ramp: Ramp, slow: float, shortest: float) -> bool:
     """Whether the acceleration rises or falls in less than the shortest time, after slowing the motion."""
     duration = 2.0 * (ramp.s1 - ramp.s0) / (ramp.v0 + ramp.v1)
     return min(ramp.rise, ramp.fall) * duration * slow < shortest
 
 
-def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
+def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
     """Ramps to the greatest speed of all: of the lengths and shapes that need the least slowing from speed 1."""
     end = float(what.s[-1])
     cruising = _cruising(what, share * end, (1.0 - share) * end)[1]
@@ -260,7 +260,7 @@ def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
             for shape in RAMP_SHAPES:
                 ramp = _ramp(what, last, length, 1.0, shape)
                 factor = _factor(what, ramp, max(b[0] for b in best.values()) if best else np.inf)
-                quick = _quick(ramp, factor, shortest)
+                quick = _is_quick(ramp, factor, shortest)
                 if quick not in best or max(factor, cruising) < best[quick][0]:
                     best[quick] = max(factor, cruising), ramp
             if best.get(False, (np.inf,))[0] == cruising:
@@ -271,7 +271,7 @@ def _widest(what: Table, share: float, shortest: float) -> list[Ramp]:
     return [first._replace(v1=1.0 / slow), second._replace(v0=1.0 / slow)]
 
 
-def _shortest(what: Table, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
+def _find_shortest(what: Table, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
     """The shortest ramps to a speed that keep that share of the limits; None where the longest ones do not."""
     end, out = float(what.s[-1]), []
     if _cruising(what, share * end, (1.0 - share) * end)[1] * speed > 1.0 + 1e-3:
@@ -280,11 +280,11 @@ def _shortest(what: Table, speed: float, share: float, room: float, shortest: fl
         best: Ramp | None = None
         for shape in RAMP_SHAPES:
             low, high = 0.0, share * end if best is None else (best.s1 - best.s0) * (1.0 - 1e-4)
-            if not _good(what, _ramp(what, last, high, speed, shape), room, shortest):
+            if not _is_allowed(what, _ramp(what, last, high, speed, shape), room, shortest):
                 continue
             for _ in range(12):
                 middle = 0.5 * (low + high)
-                if _good(what, _ramp(what, last, middle, speed, shape), room, shortest):
+                if _is_allowed(what, _ramp(what, last, middle, speed, shape), room, shortest):
                     high = middle
                 else:
                     low = middle
@@ -295,8 +295,8 @@ def _shortest(what: Table, speed: float, share: float, room: float, shortest: fl
     return out if _cruising(what, out[0].s1, out[1].s0)[1] * speed <= 1.0 + 1e-3 else None
 
 
-def _good(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
-    return not _quick(ramp, 1.0, shortest) and _factor(what, ramp, room) <= room
+def _is_allowed(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
+    return not _is_quick(ramp, 1.0, shortest) and _factor(what, ramp, room) <= room
 
 
 def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
@@ -312,7 +312,7 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     after = np.clip(np.searchsorted(switches, t), 1, switches.size - 1)
     kept = np.minimum(t - switches[after - 1], switches[after] - t) > apart
     inner, t = inner[kept], t[kept]
-    kept = spaced(t, end, apart)
+    kept = select_spaced(t, end, apart)
     inner, t = inner[kept], np.concatenate([switches, t[kept]])
     s_of_x = quintic_through(places, *(y[:, None] for y in (distance.s, *distance.rates[:2])))
     at_switches = (s_of_x(x_law(switches), order)[:, 0] for order in range(3))
@@ -326,37 +326,37 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     return scipy.interpolate.PPoly(quintic_through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
 
 
-def _built(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:
+def _build(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:
     return refit(joint_path, _law(distance, ramps), limits.arrays(joint_path.robot.n)["jerk"])
 
 
-def _worst(
+def _find_worst(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp], speed: float
 ) -> tuple[Worst, bool]:
     """Return the most exceeded limit of the motion with these ramps at this speed, and whether it is in a ramp."""
     what, (first, second) = distance.table, ramps
     k = np.array([_cruising(what, first.s1, second.s0)[0]])
-    found = _judged(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
+    found = _judge(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
     in_ramp = False
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
         law = law_of([ramp], [phases_of(ramp)])
         near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
         t = find_times(law, what.s[near], float(law.x[-1]))
         rates = [law(t, order) for order in (1, 2, 3)]
-        other = _judged(joint_path, limits, distance, near, rates)
+        other = _judge(joint_path, limits, distance, near, rates)
         if other.factor > found.factor:
             found, in_ramp = other, True
     return found, in_ramp
 
 
-def _judged(
+def _judge(
     joint_path: JointPath, limits: MotionLimits, distance: _Distance, at: Indices, rates: Sequence[Array]
 ) -> Worst:
     """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
-    return worst(joint_path, limits, distance.s[at], *apply_chain_rule(list(distance.rates[:, at]), list(rates)))
+    return find_worst(joint_path, limits, distance.s[at], *apply_chain_rule(list(distance.rates[:, at]), list(rates)))
 
 
-def _down(x: float) -> float:
+def _round_down(x: float) -> float:
     """Round down to six digits."""
     unit = 10.0 ** (np.floor(np.log10(x)) - 5.0)
     return float(np.floor(x / unit * (1.0 - 1e-9)) * unit)

@@ -17,13 +17,13 @@ from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within
 from planners.following.follow import JointPath
 from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
-from planners.limits._sides import over
+from planners.limits._sides import ratio_to_limit
 from planners.splice import match_start
 from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances
 from planners.timing._optimal.limited import dynamic_excess, torque_excess
 from planners.timing._optimal.newton import Problem
-from planners.timing._optimal.programme import Programme, divided, gentle, programme
+from planners.timing._optimal.programme import Programme, halve_intervals, moving_programme, quintic_programme
 from planners.timing._optimal.start import briefest, start
 from planners.timing.base import AnalysingLaw, PathState
 from planners.trajectory import Trajectory
@@ -96,10 +96,10 @@ class Optimal(AnalysingLaw):
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         self.need(limits, joint_path.robot)
         enforced = self.list_enforced(limits)
-        inside = limits if _unloaded(limits) else limits.scaled(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
+        inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals):
             loaded = problem.rows.loaded
-            found = _solved(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
+            found = _solve(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
             if found is None:
                 continue
             motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
@@ -108,7 +108,7 @@ class Optimal(AnalysingLaw):
                 if is_within(slowed, limits, enforced):
                     return slowed
             return fit(motion, limits, enforced)
-        limit, joint, place, ratio = _most_violated(joint_path, start(joint_path, limits, self.intervals))
+        limit, joint, place, ratio = _find_worst_violation(joint_path, start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
             f"s = {place:.6g}",
@@ -119,8 +119,8 @@ class Optimal(AnalysingLaw):
         """Time the remaining joint path from a moving state; a motion that starts at rest is slowed as in `run`."""
         self.need(limits, joint_path.robot)
         at_rest = state.speed == 0.0 and state.acceleration == 0.0
-        problem = programme(joint_path, limits, self.intervals, state, joint_path.end)
-        found = None if problem is None else _solved(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
+        problem = moving_programme(joint_path, limits, self.intervals, state, joint_path.end)
+        found = None if problem is None else _solve(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
             return fit_to_limits(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
         if found is not None:
@@ -151,8 +151,8 @@ class Optimal(AnalysingLaw):
             The motion; None if none is found.
         """
         try:
-            problem = programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
-            found = None if problem is None else _solved(joint_path, problem, limits, 0.0, most=STOP_ITERATIONS)
+            problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
+            found = None if problem is None else _solve(joint_path, problem, limits, 0.0, most=STOP_ITERATIONS)
         except NoSolution:
             return None
         return None if found is None else found.motion
@@ -166,12 +166,12 @@ def _unloaded(limits: MotionLimits) -> bool:
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
     """Programmes with their starts and barrier weights, the likeliest first."""
     for weight, more in START_ATTEMPTS:
-        yield _finer(joint_path, limits, start(joint_path, limits, intervals, more)), weight
+        yield _refine(joint_path, limits, start(joint_path, limits, intervals, more)), weight
     for weight in GENTLE:
-        yield gentle(joint_path, limits, intervals), weight
+        yield quintic_programme(joint_path, limits, intervals), weight
 
 
-def _most_violated(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
+def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
     """Limit, joint, place and ratio of what an initial guess violates most: the likeliest reason of a failure."""
     K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _values(given.problem, given.start)
@@ -195,29 +195,29 @@ def _values(problem: Problem, z: Array) -> Array:
     return c
 
 
-class _Found(NamedTuple):
+class _Solution(NamedTuple):
     """A motion, and by how much it is to be slowed as a whole."""
 
     motion: Trajectory
     slower: float
 
 
-def _solved(
+def _solve(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0,
     most: int = MOST_ITERATIONS,
-) -> _Found | None:  # fmt: skip
+) -> _Solution | None:  # fmt: skip
     """The motion whose exact extrema exceed the limits by a share `close` at most, or by more if it is slowed afterwards."""
-    z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.9, SLOWER)
+    z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
     weight, halvings, again = weight * FIRST_BARRIER, 0, 0
-    found: _Found | None = None
+    found: _Solution | None = None
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS) < 0:
             break
         motion = _motion(joint_path, given, z)
-        coarse = _off(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
+        coarse = _find_departures(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
             motion = match_start(motion, given.moving.joints, limits)
         excess = _excess(joint_path, given, motion, limits, z)
@@ -227,40 +227,40 @@ def _solved(
         coarse |= (excess.worst > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST_INTERVALS:
-            given, halvings = divided(joint_path, limits, given, z, coarse), halvings + 1
-            z = given.start if given.moving is not None else _inside(given.problem, given.start, 0.98)
+            given, halvings = halve_intervals(joint_path, limits, given, z, coarse), halvings + 1
+            z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.98)
             weight, found = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
         tool = _tool_ratios(joint_path, given.s, motion, limits) * (1.0 if close else BETWEEN_SAMPLES)
-        found, again = _Found(motion, excess.slower(tool)), again + 1
+        found, again = _Solution(motion, excess.slower(tool)), again + 1
         if found.slower <= 1.0 + max(close, LIMIT_ROUNDING):
             return found
         _tighten(problem, excess, tool, 0.0 if close else 1e-6)
         if given.moving is None:
-            z = _inside(problem, z, 0.995)
+            z = _slow_down(problem, z, 0.995)
         weight = WARM_BARRIER if given.moving is None else 4.0 * WARM_BARRIER  # which is not moved inside the limits
     return found if close else None
 
 
-def _finer(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
+def _refine(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
     """The programme with those intervals halved in which its start would leave the joint path between the places."""
     for _ in range(INTERVAL_HALVINGS):
         z = given.start
-        coarse = _off(joint_path, given, z)
+        coarse = _find_departures(joint_path, given, z)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
         if not coarse.any():
             break
-        given = divided(joint_path, limits, given, z, coarse)
+        given = halve_intervals(joint_path, limits, given, z, coarse)
     return given
 
 
-def _off(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
+def _find_departures(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
     """Intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH` between the places."""
     state, tau = _states(given, z)
     return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF_JOINT_PATH
 
 
-def _inside(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
+def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
     """The motion z, slowed by at most `most` until it uses at most a share of every limit."""
     m, c = problem.node.shape[1], _values(problem, z)
     factor = max(
@@ -328,7 +328,7 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     """By what factors a motion exceeds the limits in the intervals."""
     bounds = limits.bounds(joint_path.robot.n)
     speed, acceleration, jerk = (
-        _pieces_over(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
+        _piece_ratios(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
     )
     if not given.rows.loaded:
         return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
@@ -339,11 +339,11 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
 
 
-def _pieces_over(motion: Trajectory, order: int, bound: Array) -> Array:
+def _piece_ratios(motion: Trajectory, order: int, bound: Array) -> Array:
     """Exact extrema of a derivative on every piece (K, n), over the side of the bound that they go to."""
     if bound.ndim == 1:
         return motion.piece_worst(order) / bound
-    return np.maximum(*(over(extrema, bound) for extrema in motion.piece_range(order)))
+    return np.maximum(*(ratio_to_limit(extrema, bound) for extrema in motion.piece_range(order)))
 
 
 def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:

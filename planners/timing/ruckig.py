@@ -13,8 +13,8 @@ from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
 from planners.timing._ruckig import velocity_control
-from planners.timing._sectional.ramps import Ramp, adapted, law_of, phases_of, profile
-from planners.timing._sectional.sections import sections
+from planners.timing._sectional.ramps import Ramp, law_of, make_table, phases_of, profile
+from planners.timing._sectional.sections import find_sections
 from planners.timing.base import AnalysingLaw, refit
 from planners.timing.smooth import least_duration
 
@@ -38,13 +38,13 @@ class RuckigLaw(AnalysingLaw):
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         bound = self.need(limits, joint_path.robot)
         duration = least_duration(joint_path, limits)
-        ramps = sections(adapted(joint_path, limits), joint_path.path.breaks, duration)
-        law = law_of(ramps, [_solved(ramp) for ramp in ramps])
+        ramps = find_sections(make_table(joint_path, limits), joint_path.path.breaks, duration)
+        law = law_of(ramps, [_solve(ramp) for ramp in ramps])
         motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
         return fit(motion, limits, self.list_enforced(limits))
 
 
-def _solved(ramp: Ramp) -> Array:
+def _solve(ramp: Ramp) -> Array:
     """Phases (·, 2) of a ramp: durations and jerks that Ruckig finds for its two sections.
 
     Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are

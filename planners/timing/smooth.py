@@ -50,7 +50,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     bound = limits.arrays(joint_path.robot.n)
     free: dict[str, Any] = {field: np.where(moving, of, np.inf) for field, of in bound.items()}
     limits = replace(limits, **free)
-    u = np.union1d(np.linspace(0.0, 1.0, instants), _when(joint_path.nodes / joint_path.end))
+    u = np.union1d(np.linspace(0.0, 1.0, instants), _sample_times(joint_path.nodes / joint_path.end))
     s, *rates = (np.asarray(joint_path.end * np.polyval(np.polyder(QUINTIC, k), u)) for k in range(4))
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
     ratios = [
@@ -63,7 +63,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     return duration
 
 
-def _when(part: Array) -> Array:
+def _sample_times(part: Array) -> Array:
     """Shares u (k,) of the duration at which the quintic reaches given parts of the way, and thirds between them."""
     low = find_times(lambda u: np.polyval(QUINTIC, u), part, 1.0)
     return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])

@@ -71,14 +71,14 @@ class Toppra(TimeLaw):
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path."""
         self.need(limits, joint_path.robot)
-        bounded = limits.only(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
+        bounded = limits.select(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
         most = least_duration(joint_path, bounded) / BRIEFEST_PIECE
         sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
         for self.retries, size in enumerate(sizes):
             s = _grid(joint_path, size)
-            speed = _settled(joint_path, bounded, s)
+            speed = _solve_with_friction(joint_path, bounded, s)
             if speed is not None:
-                return refit(joint_path, constant_acceleration(*_finer(joint_path, bounded, s, speed)))
+                return refit(joint_path, constant_acceleration(*_refine(joint_path, bounded, s, speed)))
         raise NoSolution(
             f"TOPP-RA found no motion from rest to rest on grids of {', '.join(map(str, sizes))} intervals",
             s=0.0, advice="another grid=, or the law 'ruckig' or 'smooth'",
@@ -94,14 +94,14 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
     return np.concatenate([[0.0], s, [end]])
 
 
-def _settled(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
+def _solve_with_friction(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
     """ṡ at the grid points, solved again around themselves where friction goes with them; None where there is no motion."""
-    speed = _speeds(joint_path, limits, s)
+    speed = _solve(joint_path, limits, s)
     if limits.torque is None or not any(load.viscous.any() for load in joint_path.robot.loads):
         return speed
     around = speed
     for _ in range(VISCOUS_ROUNDS):
-        after = None if around is None else _speeds(joint_path, limits, s, around)
+        after = None if around is None else _solve(joint_path, limits, s, around)
         if around is None:
             break
         if after is None:  # around far too high speeds friction alone passes a limit
@@ -113,7 +113,7 @@ def _settled(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | N
     return speed
 
 
-def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
+def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
     """ṡ at the grid points, or None where TOPP-RA finds no motion; viscous friction is that around given ṡ, or none."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
     acceleration = np.stack(sides(limits.bounds(joint_path.robot.n)["acceleration"]), axis=1)
@@ -135,22 +135,24 @@ def _speeds(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array
     return None if (speed[:-1] + speed[1:] <= 0.0).any() else speed
 
 
-def _finer(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
+def _refine(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
     """Grid and speeds after bisecting the intervals inside of which a limit is passed; the best that TOPP-RA solved."""
     for _ in range(REFINEMENTS):
-        wrong = (_inside(joint_path, limits, s, speed) > 1.0 + GRID_EXCESS) & (np.diff(s) > 2.0 * GRID_APART * s[-1])
+        wrong = (_peak_ratios(joint_path, limits, s, speed) > 1.0 + GRID_EXCESS) & (
+            np.diff(s) > 2.0 * GRID_APART * s[-1]
+        )
         if not wrong.any():
             break
         wrong |= np.roll(wrong, 1) | np.roll(wrong, -1)  # its neighbours decide what happens at its ends
         finer = np.sort(np.concatenate([s, (0.5 * (s[:-1] + s[1:]))[wrong & (np.diff(s) > 2.0 * GRID_APART * s[-1])]]))
-        found = _speeds(joint_path, limits, finer, np.interp(finer, s, speed))
+        found = _solve(joint_path, limits, finer, np.interp(finer, s, speed))
         if found is None:
             break
         s, speed = finer, found
     return s, speed
 
 
-def _inside(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> Array:
+def _peak_ratios(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> Array:
     """Largest ratio to a limit within each interval, at three places: ṡ² is linear in s where s̈ is constant."""
     u = np.array([0.25, 0.5, 0.75])
     at = (s[:-1, None] + np.diff(s)[:, None] * u).ravel()

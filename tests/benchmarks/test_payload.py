@@ -73,7 +73,9 @@ def test_motions_are_drawn_until_the_arm_can_stand_everywhere_on_them() -> None:
 
 def test_limits_of_the_robot_itself_are_those_of_its_file() -> None:
     panda = optik.load("panda")
-    assert block_of().limits[0].of(panda) == MotionLimits.of(panda).only(("velocity", "acceleration", "jerk", "torque"))
+    assert block_of().limits[0].of(panda) == MotionLimits.of(panda).select(
+        ("velocity", "acceleration", "jerk", "torque")
+    )
 
 
 @pytest.mark.parametrize(

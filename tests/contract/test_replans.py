@@ -410,7 +410,7 @@ class Unaware(Optimal):
 
 def test_a_law_that_starts_on_the_path_is_begun_at_the_state_too(running: Plan) -> None:
     t = 0.3 * running.trajectory.end
-    again = replan(running, t, limits=LIMITS.scaled(1.3), timing=Unaware())
+    again = replan(running, t, limits=LIMITS.scale(1.3), timing=Unaware())
     assert again.certificate.is_valid
     for order in range(3):
         np.testing.assert_array_equal(again.trajectory(0.0, order), running.trajectory(t, order))
@@ -443,7 +443,7 @@ def test_flags_that_cannot_be_meant_are_refused(running: Plan, flag: str) -> Non
 
 
 def test_the_tool_stays_on_the_path_after_an_interruption(running: Plan) -> None:
-    again = replan(running, 0.25, limits=LIMITS.scaled(1.5))
+    again = replan(running, 0.25, limits=LIMITS.scale(1.5))
     t = np.linspace(0.0, again.trajectory.end, 500)
     T = oracles.fk(again.robot, oracles.Joints(again.trajectory)(t))
     off = [oracles.off_line(running.path.start, running.path.goal, x)[0] for x in T]

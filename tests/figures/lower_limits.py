@@ -21,7 +21,7 @@ def measure(case: int) -> Row:
     rng = np.random.default_rng([9, case])
     factor, t = float(rng.uniform(0.3, 0.9)), float(rng.uniform(0.02, 0.98)) * made.trajectory.duration
     names = [n for n in ("velocity", "acceleration", "jerk", "tool_speed") if n in made.certificate.enforced]
-    lower = made.limits.scaled(factor, tuple(names))
+    lower = made.limits.scale(factor, tuple(names))
     try:
         again = replan(made, t, limits=lower)
     except OptikError as error:

@@ -149,8 +149,8 @@ def test_which_limits_were_given() -> None:
     assert OWN.given_names == ()
     assert GIVEN.given_names == ("velocity", "acceleration", "jerk"), "also where the numbers are those of the robot"
     assert replace(OWN, jerk=5.0).given_names == ("jerk",)
-    assert OWN.scaled(0.5, ("velocity",)).given_names == ("velocity",)
-    assert replace(OWN, tool_speed=0.1).only(("velocity", "tool_speed")).given_names == ("tool_speed",)
+    assert OWN.scale(0.5, ("velocity",)).given_names == ("velocity",)
+    assert replace(OWN, tool_speed=0.1).select(("velocity", "tool_speed")).given_names == ("tool_speed",)
     assert GIVEN.__class__(*(np.full(6, x) for x in (2.0, 10.0, 100.0)), torque=OWN.torque) == OWN
 
 

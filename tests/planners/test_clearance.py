@@ -20,7 +20,7 @@ from optik.scene.contact import SELF, find_contact, find_nearest_pairs, find_pai
 from optik.types import Array
 from planners import MotionLimits, PlanStatus, Trajectory
 from planners.certificate import clearance as module
-from planners.certificate._clearance import _level
+from planners.certificate._clearance import _judge_level
 from planners.certificate.clearance import Clearance, clearance
 from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, instants, panda, pose, table
 
@@ -107,11 +107,11 @@ def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot 
     assert robot.shapes is not None
     pairs = find_pairs(robot, scene).bodies
     count = len(pairs)
-    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
+    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
     rest = np.empty(count, np.int64), np.empty(count)
     bodies, wanted = (robot.shapes.capsules, scene.arrays, pairs), (0.0, 0.0, 0.0, 1.0, 1)
-    left = _level(
+    left = _judge_level(
         robot.chain, bodies, polynomials, wanted, nodes, (np.arange(count), np.full(count, -np.inf)), rest, least
     )
     for k in range(left[0, 1]):

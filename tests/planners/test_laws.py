@@ -468,13 +468,13 @@ def test_toppra_exceeds_its_limits_by_next_to_nothing_between_grid_points() -> N
 
 
 def test_toppra_tries_other_grids_and_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    real, sizes = toppra_law._speeds, []
+    real, sizes = toppra_law._solve, []
 
     def fragile(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
         sizes.append(s.size)
         return None if len(sizes) < 3 else real(joint_path, limits, s, around)
 
-    monkeypatch.setattr(toppra_law, "_speeds", fragile)
+    monkeypatch.setattr(toppra_law, "_solve", fragile)
     law = make_law("toppra")
     assert isinstance(law, Toppra)
     trajectory = law.run(default_joint_path(), LIMITS)
@@ -483,7 +483,7 @@ def test_toppra_tries_other_grids_and_counts_them(monkeypatch: pytest.MonkeyPatc
     monkeypatch.undo()
     assert trajectory.duration == pytest.approx(law.run(default_joint_path(), LIMITS).duration, rel=1e-2)
     assert law.retries == 0
-    monkeypatch.setattr(toppra_law, "_speeds", lambda *_: None)
+    monkeypatch.setattr(toppra_law, "_solve", lambda *_: None)
     with pytest.raises(NoSolution, match="grids of"):
         law.run(default_joint_path(), LIMITS)
 

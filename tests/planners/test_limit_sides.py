@@ -57,9 +57,9 @@ def test_a_pair_is_what_its_two_sides_say_in_every_form(case: tuple[int, Any, An
         assert (limits.arrays(n)[name] == np.minimum(-lower, upper)).all()
         assert (limits.symmetric().bounds(n)[name] == np.minimum(-lower, upper)).all()
     assert limits == MotionLimits.from_plain(limits.to_plain(), n) == pickle.loads(pickle.dumps(limits))
-    assert hash(limits) == hash(limits.scaled(1.0))
-    assert (limits.scaled(3.0).arrays(n)["velocity"] == 3.0 * np.minimum(-lower, upper)).all()
-    assert limits.scaled(3.0, ("jerk",)).only(("velocity",)) == MotionLimits(given_pair)
+    assert hash(limits) == hash(limits.scale(1.0))
+    assert (limits.scale(3.0).arrays(n)["velocity"] == 3.0 * np.minimum(-lower, upper)).all()
+    assert limits.scale(3.0, ("jerk",)).select(("velocity",)) == MotionLimits(given_pair)
 
 
 def test_two_joints_are_told_from_two_sides_by_the_first_sign() -> None:

@@ -65,7 +65,7 @@ class Loaded(DerivativeLimit):
         found = motion.trajectory.extrema(2)
         return Extreme(found.worst + 1.0, (found.worst + 1.0) / bound, found.t_worst)
 
-    def slowing(self, motion: LimitedMotion, bound: Array) -> float:
+    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
         if (bound <= 1.0).any():
             return np.inf
         return scale_of(float((motion.trajectory.extrema(2).worst / (bound - 1.0)).max()), 2)
@@ -161,12 +161,12 @@ def test_fit_scales_by_what_the_limit_says() -> None:
 
 def test_limits_with_extra_ones_are_values() -> None:
     limits = MotionLimits(2.0, tool_speed=0.5, extra={"weighted_speed": 7.5, "loaded_acceleration": [2.0] * 6})
-    assert limits == pickle.loads(pickle.dumps(limits)) == limits.scaled(1.0)
-    assert hash(limits) == hash(limits.scaled(1.0))
-    assert limits != limits.scaled(2.0) != MotionLimits(2.0, tool_speed=0.5)
-    assert limits.scaled(2.0).value("weighted_speed") == 15.0
-    assert limits.scaled(2.0, ("tool_speed",)).value("weighted_speed") == 7.5
-    assert limits.only(("velocity",)) == MotionLimits(2.0)
+    assert limits == pickle.loads(pickle.dumps(limits)) == limits.scale(1.0)
+    assert hash(limits) == hash(limits.scale(1.0))
+    assert limits != limits.scale(2.0) != MotionLimits(2.0, tool_speed=0.5)
+    assert limits.scale(2.0).value("weighted_speed") == 15.0
+    assert limits.scale(2.0, ("tool_speed",)).value("weighted_speed") == 7.5
+    assert limits.select(("velocity",)) == MotionLimits(2.0)
     assert limits.names == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
     assert limits.to_dict(6)["weighted_speed"] == 7.5
     assert set(MotionLimits(2.0).to_dict(6)) == set(ALL_LIMITS)

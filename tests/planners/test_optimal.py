@@ -146,7 +146,7 @@ def moving(
     joint_path: JointPath, limits: MotionLimits, share: float, part: float = 0.8
 ) -> tuple[PathState, Trajectory]:
     """A state of the optimum under a share of the limits, at a part of its path, and that optimum."""
-    trajectory = Optimal().run(joint_path, limits.scaled(share))
+    trajectory = Optimal().run(joint_path, limits.scale(share))
     t = part * trajectory.end
     q, dq, ddq = (trajectory(t, order) for order in range(3))
     grid = np.linspace(0.0, joint_path.end, 20001)
@@ -192,7 +192,7 @@ def test_a_state_too_fast_to_stop_has_no_motion() -> None:
     joint_path = default_joint_path()
     state, _ = moving(joint_path, LIMITS, 1.0, 0.8)
     with pytest.raises(NoSolution) as info:
-        Optimal().run_from(joint_path, LIMITS.scaled(0.3), state)
+        Optimal().run_from(joint_path, LIMITS.scale(0.3), state)
     assert info.value.s == state.s
     assert info.value.advice
 

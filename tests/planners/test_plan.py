@@ -446,7 +446,7 @@ def test_replan_goes_on_from_the_very_state(stop: bool) -> None:
 
 def test_limits_that_the_state_exceeds_hold_from_an_instant_on() -> None:
     first = plan(ROBOT, default_line(), START, limits=LIMITS)
-    again = replan(first, 0.8 * first.trajectory.end, limits=LIMITS.scaled(0.2))
+    again = replan(first, 0.8 * first.trajectory.end, limits=LIMITS.scale(0.2))
     assert again
     assert 0.0 < again.within_limits_from <= again.trajectory.end
 

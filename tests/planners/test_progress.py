@@ -15,7 +15,7 @@ from optik.types import Array
 from planners import Arc, Line, Polyline
 from planners.certificate.bounds import Instants
 from planners.certificate.nearest import Nearest
-from planners.certificate.progress import places_along
+from planners.certificate.progress import positions_along
 from planners.paths.base import Path
 
 quick = settings(
@@ -59,7 +59,7 @@ def gaps(path: Path, s: Array, poses: Array) -> Array:
 def test_a_motion_along_a_polyline_is_put_where_it_is(seed: int) -> None:
     path = drawn_polyline(seed)
     s = moments(path, seed, 200)
-    found = places_along(path, path.pose(s))
+    found = positions_along(path, path.pose(s))
     assert gaps(path, found, path.pose(s)).max() <= 3e-5, "the chords bend away by 1e-5 at most"
     assert (np.diff(found) >= -3e-4 * max(path.end, 1.0)).all(), "forwards, but for what a chord may bend"
     assert np.abs(found - s).max() <= 0.02 * path.end + 1e-3, "no leg is taken for another"
@@ -72,7 +72,7 @@ def test_a_tool_beside_its_path_stays_in_its_order(seed: int, size: float) -> No
     s = moments(path, seed, 200)
     tool = path.pose(s)
     tool[:, :3, 3] += 10.0**size * rng.normal(size=(s.size, 3))
-    found = places_along(path, tool)
+    found = positions_along(path, tool)
     assert gaps(path, found, tool).max() <= 4.0 * 10.0**size + 3e-5
 
 
@@ -86,14 +86,14 @@ def square(back: float) -> Polyline:
 def test_three_legs_side_by_side_are_run_through_one_after_the_other(back: float) -> None:
     path = square(back)
     s = path.places(400, 4)
-    np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=2e-3)
+    np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=2e-3)
 
 
 def test_a_crossing_is_passed_straight_on() -> None:
     points = [[-0.1, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0], [0, -0.1, 0]]
     path = Polyline([se3.pose(np.eye(3), np.array(p, float)) for p in points], blend=1e-3)
     s = path.places(300, 4)
-    np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-4)
+    np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-4)
 
 
 def circle() -> Arc:
@@ -103,15 +103,15 @@ def circle() -> Arc:
 def test_a_closed_path_begins_at_its_beginning_and_ends_at_its_end() -> None:
     path = circle()
     s = np.linspace(0.0, path.end, 181)
-    np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-4)
-    still = places_along(path, np.tile(path.pose(0.0), (20, 1, 1)))
+    np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-4)
+    still = positions_along(path, np.tile(path.pose(0.0), (20, 1, 1)))
     assert np.ptp(still) == 0.0, "who stands still runs through nothing"
 
 
 @pytest.mark.parametrize("path", [circle(), square(0.01)])
 def test_a_motion_backwards_goes_back(path: Path) -> None:
     s = path.places(300, 4)[::-1]
-    np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -131,7 +131,7 @@ def test_a_motion_nowhere_near_its_path_gets_the_nearest_places() -> None:
     rng = np.random.default_rng(1)
     path = Line(np.eye(4), se3.pose(np.eye(3), np.array([0.2, 0.0, 0.0])))
     far = np.array([se3.pose(np.eye(3), rng.uniform(-2.0, 2.0, 3)) for _ in range(50)])
-    found = places_along(path, far)
+    found = positions_along(path, far)
     assert ((found >= 0.0) & (found <= path.end)).all()
 
 
@@ -147,4 +147,4 @@ def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: An
     path = Polyline([se3.pose(np.eye(3), p) for p in points], blend=1e-3)
     s = path.places(4 * count, 3)
     monkeypatch.setattr(progress, "MOST_PAIRS", 60 * s.size)
-    np.testing.assert_allclose(places_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)

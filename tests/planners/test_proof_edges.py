@@ -23,7 +23,7 @@ from optik.types import Array
 from planners import Trajectory
 from planners.certificate import clearance as module
 from planners.certificate import continuity, position, sampled_jerk
-from planners.certificate._clearance import _around, _level
+from planners.certificate._clearance import _judge_level, _sphere_distance
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
 from planners.certificate.effort import energy
@@ -55,11 +55,11 @@ def bound_of(robot: Robot, motion: Trajectory, scene: Scene) -> float:
     """The bound of a whole motion as one interval, whose ends are not looked at."""
     pairs = find_pairs(robot, scene).bodies
     count, least, pieces = len(pairs), np.full((2, 4), np.inf), motion.knots.size - 1
-    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._continuous(motion))
+    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
     rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)  # type: ignore[union-attr]
     first = (np.arange(count), np.full(count, -np.inf))
-    left = _level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
+    left = _judge_level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
     return float(min(least[0, 2], *rest[1][: left[0, 1]], np.inf))
 
 
@@ -120,7 +120,7 @@ def test_a_step_just_above_rounding_is_none_of_a_smooth_motion(order: int, least
     for share, smooth in ((0.98, True), (1.02, False)):
         step = share * least
         pieces = [(0.5, [[0.0], [0.0]]), (0.5, [[step if order else 0.0], [0.0 if order else step]])]
-        assert module._continuous(polynomial(*pieces)).tolist() == [True, smooth, True]
+        assert module._is_continuous(polynomial(*pieces)).tolist() == [True, smooth, True]
 
 
 def test_the_sphere_around_an_axis_is_as_far_as_the_exact_formulas_say() -> None:
@@ -139,7 +139,7 @@ def test_the_sphere_around_an_axis_is_as_far_as_the_exact_formulas_say() -> None
             ROUND: np.linalg.norm(middle - 0.5 * (c + d)) - half - 0.5 * np.linalg.norm(d - c),
         }
         for kind, distance in expected.items():
-            found = _around(near, half, kind, 0, scene, spheres)  # type: ignore[arg-type]
+            found = _sphere_distance(near, half, kind, 0, scene, spheres)  # type: ignore[arg-type]
             assert found == pytest.approx(distance, abs=1e-13), kind
 
 
@@ -323,7 +323,7 @@ def test_a_joint_without_a_limit_frees_no_other_joint(name: str) -> None:
     assert (mine.ratio[limited] > 1e-6).all() and np.isnan(mine.ratio[1])
     np.testing.assert_allclose(mine.ratio[limited], theirs.ratio[limited], rtol=1e-4)
     np.testing.assert_allclose(mine.value[limited], theirs.value[limited], rtol=1e-4)
-    for slowing in (kind.slowing, *([partial(Limit.slowing, kind)] if kind.homogeneous else [])):
+    for slowing in (kind.stretch_factor, *([partial(Limit.stretch_factor, kind)] if kind.homogeneous else [])):
         one, other = (slowing(MotionAnalysis(robot, motion), x) for x in (free, far))
         assert one > 0.0 and one == pytest.approx(other, rel=1e-4)
     one, other = (kind.piece_ratios(MotionAnalysis(robot, motion), x) for x in (free, far))

@@ -429,7 +429,7 @@ def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
     s = np.linspace(0.0, made.joint_path.end, 50)
     np.testing.assert_allclose(found.joint_path(s), made.joint_path(s), atol=1e-6)
     assert planners.replan(found, 0.5 * found.trajectory.end, stop=True)
-    hasty = replace(made.motion, limits=made.limits.scaled(0.05), enforced=("velocity",))
+    hasty = replace(made.motion, limits=made.limits.scale(0.05), enforced=("velocity",))
     with pytest.raises(NoSolution, match="certificate of this motion is not valid"):
         restore_plan(hasty)
 

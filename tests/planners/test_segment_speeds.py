@@ -255,7 +255,7 @@ def test_limits_of_segments_are_values(tmp_path: Path) -> None:
     assert one == pickle.loads(pickle.dumps(one)) == MotionLimits.from_plain(one.to_plain(), 6)
     assert hash(one) == hash(limits((0.1, 0.3, 0.05))) and one != limits((0.1, 0.3, 0.06))
     assert limits((0.2,)) == limits(0.2)
-    assert one.scaled(2.0).value("tool_speed").tolist() == [0.2, 0.6, 0.1]
+    assert one.scale(2.0).value("tool_speed").tolist() == [0.2, 0.6, 0.1]
     assert one.to_dict(6)["tool_speed"] == list(SPEEDS)
     assert one.tool == (0.3, np.inf)
     assert one.tool_at(bent(), np.array([0.05, 0.15]))[:, 0].tolist() == [0.1, 0.3]

@@ -17,7 +17,7 @@ from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.effort import energy, friction_steps
 from planners.certificate.torque_bounds import cubic_range, direction, fourth_bounds, sizes, slope_range
-from planners.certificate.torque_slowing import slowing
+from planners.certificate.torque_slowing import stretch_factor
 from planners.hermite import quintic_through
 from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values
@@ -285,7 +285,7 @@ def test_each_side_is_judged_by_its_own_limit() -> None:
     robot, motion = loaded(), swing(np.random.default_rng(8), 6, 8, 0.8)
     torque = values(robot, motion, np.linspace(0.0, motion.end, 20001), robot.loads[0])[:, 0]
     lower, upper = -np.full(6, 3.0), np.full(6, 11.0)
-    found = MotionAnalysis(robot, motion).torques.proved(np.stack([lower, upper]), rate=False)
+    found = MotionAnalysis(robot, motion).torques.bound_ratios(np.stack([lower, upper]), rate=False)
     expected = np.maximum(torque.min(axis=0) / lower, torque.max(axis=0) / upper)
     assert found.ratio == pytest.approx(expected, rel=1e-3)
     assert (found.upper == (torque.max(axis=0) / upper >= torque.min(axis=0) / lower)).all()
@@ -297,20 +297,20 @@ def test_the_slowing_just_keeps_the_limit(rate: bool, share: float) -> None:
     robot, motion = loaded(coulomb=0.3), swing(np.random.default_rng(9), 6, 40, 0.8)
     standing = MotionAnalysis(robot, motion.slowed(1e3)).torques
     one = np.stack([-np.ones(6), np.ones(6)])
-    still = 0.0 if rate else standing.proved(one, rate=rate).ratio
+    still = 0.0 if rate else standing.bound_ratios(one, rate=rate).ratio
     size = still + share * (proved(robot, motion, rate=rate).ratio - still)
     bound = np.stack([-size, size])
-    factor = slowing(MotionAnalysis(robot, motion).torques, bound, rate=rate)
+    factor = stretch_factor(MotionAnalysis(robot, motion).torques, bound, rate=rate)
     assert (factor > 1.0) == (share < 1.0)
-    slowed = MotionAnalysis(robot, motion.slowed(factor)).torques.proved(bound, rate=rate).ratio.max()
+    slowed = MotionAnalysis(robot, motion.slowed(factor)).torques.bound_ratios(bound, rate=rate).ratio.max()
     assert slowed == pytest.approx(1.0, rel=1e-2)
 
 
 def test_no_slowing_helps_against_gravity_and_none_is_needed_without_limits() -> None:
     robot, motion = loaded(), swing(np.random.default_rng(9), 6, 8, 0.8)
     torques = MotionAnalysis(robot, motion).torques
-    assert slowing(torques, np.full((2, 6), 1e-3) * [[-1.0], [1.0]], rate=False) == np.inf
-    assert slowing(torques, np.full((2, 6), np.inf) * [[-1.0], [1.0]], rate=False) == 0.0
+    assert stretch_factor(torques, np.full((2, 6), 1e-3) * [[-1.0], [1.0]], rate=False) == np.inf
+    assert stretch_factor(torques, np.full((2, 6), np.inf) * [[-1.0], [1.0]], rate=False) == 0.0
 
 
 def test_the_energy_is_what_goes_into_motion_and_height() -> None:

@@ -83,12 +83,12 @@ def test_laws_keep_torque_and_its_rate(law: str, payload: float | tuple[float, f
         assert proof.is_valid and "torque" in proof.enforced
         for name, bound in (("torque", limits.torque), ("torque_rate", limits.torque_rate)):
             if bound is None:
-                assert np.isnan(proof.judged(name).ratio).all()
+                assert np.isnan(proof.extreme(name).ratio).all()
                 continue
             most = needed(found, rate=name == "torque_rate") / bound
-            assert (most <= proof.judged(name).ratio * (1.0 + 1e-9)).all()
-            assert proof.judged(name).ratio.max() <= 1.0
-            assert proof.judged(name).value == pytest.approx(proof.judged(name).ratio * bound)
+            assert (most <= proof.extreme(name).ratio * (1.0 + 1e-9)).all()
+            assert proof.extreme(name).ratio.max() <= 1.0
+            assert proof.extreme(name).value == pytest.approx(proof.extreme(name).ratio * bound)
         binding = max(
             proof.worst(name)[0]
             for name in ("torque", "torque_rate", "velocity", "acceleration", "jerk")
@@ -113,7 +113,7 @@ class Own(TimeLaw):
     enforced = DERIVATIVES
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        only = limits.only(DERIVATIVES)
+        only = limits.select(DERIVATIVES)
         return make_law("smooth").run(joint_path, only)
 
 

@@ -66,4 +66,4 @@ def values(robot: Robot, trajectory: Trajectory, t: Array, load: Any) -> Array:
 def proved(robot: Robot, trajectory: Trajectory, *, rate: bool, **options: Any) -> TorqueRatios:
     """The proof with limits of 1: its ratios are torques."""
     bound = np.stack([-np.ones(robot.n), np.ones(robot.n)])
-    return MotionAnalysis(robot, trajectory).torques.proved(bound, rate=rate, **options)
+    return MotionAnalysis(robot, trajectory).torques.bound_ratios(bound, rate=rate, **options)

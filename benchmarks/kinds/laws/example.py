@@ -19,7 +19,7 @@ from optik.types import Array
 from planners.certificate.certificate import Certificate, certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import JointPath, follow
-from planners.limits import DERIVATIVES, LOADED, MotionLimits, over, sides
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, ratio_to_limit, sides
 from planners.plan import Plan, make_law, plan
 from planners.timing.base import speed_bound
 from planners.trajectory import Trajectory
@@ -74,7 +74,8 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
     speed = np.einsum("ki,ki->k", tool[:, part], twist[:, part]) / np.einsum("ki,ki->k", twist[:, part], twist[:, part])
     bound = limits.bounds(robot.n)
     ratios = {
-        field: over(motion(t, order), bound[field]).max(axis=1) for order, field in enumerate(DERIVATIVES, start=1)
+        field: ratio_to_limit(motion(t, order), bound[field]).max(axis=1)
+        for order, field in enumerate(DERIVATIVES, start=1)
     }
     return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios, **torque_ratios(robot, motion, limits, t)})
 
@@ -86,7 +87,7 @@ def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Arr
     if not given:
         return {}
     values = dict(zip(("torque", "torque_rate"), torques_at(robot, motion, t), strict=True))
-    return {name: over(values[name], bound[name]).max(axis=(0, 2)) for name in given}
+    return {name: ratio_to_limit(values[name], bound[name]).max(axis=(0, 2)) for name in given}
 
 
 def binding_frame(proof: Certificate) -> pl.DataFrame:
@@ -101,7 +102,7 @@ def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
     """The greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈."""
     s = np.linspace(0.0, joints.end, CURVE_PLACES)
     bound, names = limits.bounds(joints.robot.n), joints.robot.joint_names
-    by_joint = over(joints(s, 1), bound["velocity"])
+    by_joint = ratio_to_limit(joints(s, 1), bound["velocity"])
     acceleration = maximum_velocity(joints(s, 1), joints(s, 2), bound["acceleration"])
     return pl.DataFrame(
         {
@@ -141,5 +142,5 @@ def _some_acceleration(q1: Array, q2: Array, limit: Array, x: Array) -> NDArray[
         ends = (np.stack([lower, upper])[:, None] - q2 * x[:, None]) / q1
     least = np.where(moves, ends.min(axis=0), -np.inf).max(axis=1)
     most = np.where(moves, ends.max(axis=0), np.inf).min(axis=1)
-    stands = np.where(moves, True, over(q2 * x[:, None], limit) <= 1.0).all(axis=1)
+    stands = np.where(moves, True, ratio_to_limit(q2 * x[:, None], limit) <= 1.0).all(axis=1)
     return np.asarray((least <= most) & stands)

@@ -100,7 +100,7 @@ class LimitSet:
 
 def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
     """Limits that a law is told: all but those that its entry leaves out."""
-    return limits.only(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
+    return limits.select(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
 
 
 def read_lines(data: Any, where: str) -> LineSet:

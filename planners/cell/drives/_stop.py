@@ -43,7 +43,7 @@ def plan_stop(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) ->
     """Return the stop of a plan from a time of its motion, for the first jerk limit that gives a valid certificate."""
     stops, plan = [], relax(running, allow)
     for limits in find_stop_limits(plan):
-        limits = limits if share == 1.0 else limits.scaled(share)
+        limits = limits if share == 1.0 else limits.scale(share)
         found = replan(plan, t, stop=True, limits=limits, timing="optimal")
         if found:
             return replace(found, scene=running.scene)

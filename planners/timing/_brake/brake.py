@@ -22,7 +22,7 @@ from planners.limits import MotionLimits
 from planners.limits._loaded import LoadedLimit
 from planners.limits.base import Limit
 from planners.timing._brake.rows import Cells, Course, cells_of, derivatives_at, piece_at
-from planners.timing._brake.sweep import AT_GOAL, MOST_SWEEP_STEPS, RAMP_STEPS, TOO_SHORT, swept
+from planners.timing._brake.sweep import AT_GOAL, MOST_SWEEP_STEPS, RAMP_STEPS, TOO_SHORT, sweep_clock
 from planners.timing._brake.viability import CLOCK_RATES
 from planners.trajectory import Trajectory
 
@@ -71,7 +71,7 @@ def brake(
     out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
     while rounds < ROUNDS:
         least = np.zeros((cells.x.size, CLOCK_RATES + 1))
-        end, count = swept(cells, (w, b, goal), share, jerk, least, out)
+        end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
         if end == TOO_SHORT and length < left:
             length, before = 2.0 * length, cells
             cells = cells_of(Course(robot, running), limits, t, min(length, left), scales)

@@ -99,7 +99,7 @@ def _last_ramp(
 
 
 @compiled
-def swept(
+def sweep_clock(
     cells: Cells, begin: tuple[float, float, float], share: float, jerk: float, least: Array, out: Array
 ) -> tuple[int, int]:
     """Find the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""

@@ -144,7 +144,7 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
 
 
 @compiled
-def _better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
+def _is_better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
     """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
 
     Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
@@ -159,7 +159,7 @@ def _better(passed: Array, count: int, objective: float, off: float, small: floa
 
 
 @compiled
-def _begin(problem: Problem, at: Iterate, mu: float) -> None:
+def _initialise(problem: Problem, at: Iterate, mu: float) -> None:
     """Put the start inside its bounds, and slacks and multipliers on the central path."""
     K, rows = problem.ds.shape[0], at.c.shape[1]
     for k in range(K):
@@ -180,7 +180,7 @@ def _begin(problem: Problem, at: Iterate, mu: float) -> None:
 
 
 @compiled
-def _move(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
+def _step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
     """Put the unknowns and the slacks after a step of length alpha into the trial point."""
     K, rows = at.g.shape[0], at.c.shape[1]
     for k in range(K + 1):
@@ -192,7 +192,7 @@ def _move(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) ->
 
 
 @compiled
-def _take(
+def _accept(
     at: Iterate, trial: Iterate, alpha: float, dual: float, lam: Array, ddual: Array, dbound: Array
 ) -> None:  # fmt: skip
     """Move to a trial point; a slack smaller than what its limit leaves is widened to that."""
@@ -252,7 +252,7 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
     K, rows = problem.ds.shape[0], problem.node.shape[1] + 2 * problem.edge.shape[2]
     at, trial = _iterate(K, rows), _iterate(K, rows)
     copy_matrix(z, at.z)
-    _begin(problem, at, mu)
+    _initialise(problem, at, mu)
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
     models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
@@ -270,13 +270,13 @@ def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int
         passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
         count, off = count + 1, 0.0
         for _ in range(12):
-            _move(at, alpha, d, dslack, trial)
+            _step(at, alpha, d, dslack, trial)
             values(problem, trial.z, trial.g, trial.c)
             objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
-            if _better(passed, count, objective, off, 1e-6 * K):
+            if _is_better(passed, count, objective, off, 1e-6 * K):
                 break
             alpha *= 0.5
-        _take(at, trial, alpha, dual, lam, ddual, dbound)
+        _accept(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
             if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (2 * rows + 3) * least * problem.tau.sum():
                 copy_matrix(at.z, z)

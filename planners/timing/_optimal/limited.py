@@ -61,21 +61,21 @@ def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, ar
     first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
     last = PathPoints(joint_path, s[1:], (*found[:3, 1:], before))
     bounds = limits.bounds(joint_path.robot.n)
-    node = [_padded(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
-    edge = [np.stack([_padded(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
+    node = [_pad(limits.rows("acceleration", at), 4)] if np.isfinite(bounds["acceleration"]).any() else []
+    edge = [np.stack([_pad(limits.rows("jerk", side), 6) for side in (first, last)], axis=1)]
     lower = upper = np.empty((s.size - 1, 0))
     static = np.empty((s.size, 0))
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
         static = row[..., 3]
-        node.append(_centred(row, lower, upper, at))
+        node.append(_center(row, lower, upper, at))
     if np.isfinite(bounds["torque_rate"]).any():
         edge.append(_rates(at, before, bounds["torque_rate"]))
     nodes = np.concatenate(node, axis=1) if node else np.empty((s.size, 0, 4))
     return Rows(nodes, np.concatenate(edge, axis=2), lower, upper, static, joint_path.robot.n)
 
 
-def _padded(given: Array, columns: int) -> Array:
+def _pad(given: Array, columns: int) -> Array:
     """Rows (k, m, ·) with zeros for the monomials that they lack."""
     wide = np.zeros((*given.shape[:2], columns))
     wide[..., : given.shape[2]] = given
@@ -102,7 +102,7 @@ def moves(q1: Array) -> tuple[Flags, Flags]:
     return back[:-1] | back[1:], forth[:-1] | forth[1:]
 
 
-def _centred(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
+def _center(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
     """Rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both intervals at each place."""
     low = np.maximum(np.vstack([lower[:1], lower]), np.vstack([lower, lower[-1:]]))
     high = np.minimum(np.vstack([upper[:1], upper]), np.vstack([upper, upper[-1:]]))
@@ -221,7 +221,7 @@ def swept_rows(
     at = PathPoints(joint_path, s[every], tuple(np.ascontiguousarray(x[every]) for x in found))
     if np.isfinite(bounds["torque"]).any():
         row, lower, upper = _torques(at, bounds["torque"])
-        row = _centred(row, lower, upper, at)
+        row = _center(row, lower, upper, at)
         room = np.maximum(1.0 - np.abs(row[..., 3]), LEAST_ROOM)
         first, second, third = [*first, row[..., 0] / room], [*second, row[..., 1] / room], [*third, 0.0 * room]
         most.append(np.vstack([np.ones(room.shape[1]), np.full(room.shape[1], NO_LIMIT)]))

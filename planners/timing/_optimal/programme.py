@@ -55,7 +55,7 @@ class Programme(NamedTuple):
     rows: limited.Rows
 
 
-def programme(
+def moving_programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
     """The programme from a moving state to rest at a place."""
@@ -71,16 +71,16 @@ def programme(
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not reach.fastest(s, q1, q2, speed, acceleration, first * first, x):
+    if not reach.find_fastest(s, q1, q2, speed, acceleration, first * first, x):
         return None
-    reach.in_time(s, x, t)
+    reach.compute_times(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))
     v, since = np.sqrt(x), 0.0
     if first * width > NO_WAY * (end - begin):  # the filter looks back on a motion that came in at its speed
         t, s, v = np.append(0.0, t + width), np.append(begin - first * width, s), np.append(first, v)
-        since = _when(t, s, v, width, begin)
-    when = _spread(t, s, v, width, since, _count(joint_path, intervals))
-    at, v, a = _filtered(t, s, v, width, when)
+        since = _find_time(t, s, v, width, begin)
+    when = _distribute(t, s, v, width, since, _count(joint_path, intervals))
+    at, v, a = _filter(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
     for place in limits.tool_changes(joint_path.path):  # the nearest place between moves there
@@ -90,10 +90,10 @@ def programme(
     v[-1] = a[-1] = 0.0
     v[0], a[0] = state.speed, state.acceleration
     units = (end - begin) / UNITS, (when[-1] - when[0]) / UNITS
-    return numbers(joint_path, limits, at, v, a, np.diff(when), units, state)
+    return build_programme(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
-def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
+def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
     """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
@@ -102,10 +102,10 @@ def gentle(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -
     motion[:, 0], motion[:, -1] = 0.0, (joint_path.end, 0.0, 0.0)
     s, v, a = motion
     units = joint_path.end / UNITS, duration / UNITS
-    return numbers(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
+    return build_programme(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def within(given: Programme, z: Array, u: float) -> Array:
+def interpolate(given: Programme, z: Array, u: float) -> Array:
     """Places, speeds and accelerations at a share of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
@@ -121,18 +121,18 @@ def within(given: Programme, z: Array, u: float) -> Array:
     return np.stack([given.s[:-1] + given.units[0] * s, v, a])
 
 
-def divided(
+def halve_intervals(
     joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
 ) -> Programme:
     """The programme with some intervals halved in time; its initial guess is a motion of the given one."""
     length, time = given.units
     i = np.flatnonzero(which)
-    middle, width = within(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
+    middle, width = interpolate(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
     middle[0] = np.clip(middle[0], given.s[i] + 0.01 * width, given.s[i + 1] - 0.01 * width)
     middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
     tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, 0.5 * z[i, 2])
-    return numbers(
+    return build_programme(
         joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
     )
 
@@ -141,22 +141,22 @@ def _count(joint_path: JointPath, intervals: int | None) -> int:
     return intervals or min(USUAL_INTERVALS + MORE_PER_BREAK * (joint_path.path.breaks.size - 2), 1000)
 
 
-def _spread(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
+def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
     """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
     end = float(t[-1]) + width
     fine = np.unique(np.concatenate([t, t + width, np.linspace(since, end, 401)]))
     fine = fine[(fine >= since) & (fine <= end)]
     fine[0], fine[-1] = since, end
-    change = np.abs(np.diff(_filtered(t, s, v, width, fine)[2]))
+    change = np.abs(np.diff(_filter(t, s, v, width, fine)[2]))
     weight = np.diff(fine) / (end - since) + change / max(float(change.sum()), 1e-300)
     share = np.append(0.0, np.cumsum(weight))
     return np.asarray(np.interp(np.linspace(0.0, share[-1], count + 1), share, fine))
 
 
-def _filtered(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
+def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
     """s, ṡ and s̈ (3, k) of a motion through a box filter, at times."""
     out = np.empty((3, when.size))
-    reach.filtered(t, s, v, width, when, out)
+    reach.filter_motion(t, s, v, width, when, out)
     return out
 
 
@@ -191,12 +191,12 @@ def _peaks(tau: Array, top: Array) -> Array:
     return row
 
 
-def _when(t: Array, s: Array, v: Array, width: float, place: float) -> float:
+def _find_time(t: Array, s: Array, v: Array, width: float, place: float) -> float:
     """When the filtered motion passes a place."""
-    return float(find_times(lambda x: _filtered(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
+    return float(find_times(lambda x: _filter(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
 
 
-def numbers(
+def build_programme(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
@@ -207,8 +207,8 @@ def numbers(
     found, v1 = derivatives(joint_path, s), length / time
     around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
     if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
-        limits = limits.scaled(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
-        limits = limits.scaled(TORQUE_SPARE, ("torque", "torque_rate"))
+        limits = limits.scale(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
+        limits = limits.scale(TORQUE_SPARE, ("torque", "torque_rate"))
     given = limited.rows(joint_path, limits, s, found, around)
     node = given.node * np.array([v1 / time, v1**2, v1, 1.0])
     edge = given.edge * np.array([v1 / time**2, v1**2 / time, v1**3, v1, v1 / time, v1**2])

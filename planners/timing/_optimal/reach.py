@@ -31,7 +31,7 @@ def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
 
 
 @compiled
-def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
+def find_fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
     """Greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ.
 
     Shapes and units: s (k,) [m, rad], q1, q2 (k, n) [as q over powers of s], speed (k,) [m/s, rad/s], bound (n,)
@@ -66,7 +66,7 @@ def fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: f
 
 
 @compiled
-def in_time(s: Array, x: Array, t: Array) -> None:
+def compute_times(s: Array, x: Array, t: Array) -> None:
     """Times at which places are passed, s̈ constant between them.
 
     Shapes and units: s (k,) [m, rad], x (k,) [m²/s², rad²/s²], t (k,) [s].
@@ -78,7 +78,7 @@ def in_time(s: Array, x: Array, t: Array) -> None:
 
 
 @compiled
-def filtered(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) -> None:
+def filter_motion(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) -> None:
     """A motion through a box filter in time.
 
     The motion stands still before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.

@@ -10,10 +10,10 @@ from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits
 from planners.timing import _sweep
+from planners.timing._grid import make_graded_grid
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.limited import swept_rows
-from planners.timing._optimal.programme import Programme, numbers
-from planners.timing._places import graded
+from planners.timing._optimal.programme import Programme, build_programme
 from planners.timing.base import speed_bound
 from planners.timing.smooth import NO_JOINT_MOTION
 
@@ -58,29 +58,31 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
         bend = joint_path.end * np.abs(along.q2[:, : jerk.size]).max()
         straight = bend < STRAIGHT * np.abs(along.q1[:, : jerk.size]).max()
         even, per_change = STRAIGHT_LOADED if straight else CURVED_LOADED
-    usual = round(_sweep.spread(along, motion, even, per_change, least, share))
+    usual = round(_sweep.count_intervals(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
     changes = limits.tool_changes(joint_path.path)
-    when, k, nodes = _with(when, joint_path, along, motion, least, changes)
+    when, k, nodes = _add_nodes(when, joint_path, along, motion, least, changes)
     found = np.empty((3, when.size))
-    _sweep.sampled(along.s, motion, when, found)
+    _sweep.sample(along.s, motion, when, found)
     found[0, 0], found[0, -1], found[0, k] = 0.0, joint_path.end, nodes
-    kept = _onward(found[0], np.concatenate([[0], k, [when.size - 1]]))
+    kept = _is_increasing(found[0], np.concatenate([[0], k, [when.size - 1]]))
     when, (s, v, a) = when[kept], found[:, kept]
     units = 2.0 * joint_path.end / when.size, 2.0 * float(t[-1]) / when.size  # an interval is about half of either
-    return numbers(joint_path, limits, s, v, a, np.diff(when), units, None)
+    return build_programme(joint_path, limits, s, v, a, np.diff(when), units, None)
 
 
 def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
     """Return the path at path parameters (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
     along = _along(joint_path, limits)
     motion = np.empty((4, along.s.size))
-    _sweep.swept(along, _sweep.tops(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion)
+    _sweep.sweep(
+        along, _sweep.speed_bounds(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion
+    )
     return along, motion
 
 
-def _with(
+def _add_nodes(
     when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float, changes: Array
 ) -> tuple[Array, Indices, Array]:
     """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
@@ -105,13 +107,13 @@ def _with(
     away = np.where(low < high, i - 1, i)[near]
     keep = np.ones(when.size, dtype=bool)
     keep[away[(away > 0) & (away < when.size - 1)]] = False
-    kept = spaced(passed, when[-1], least)
+    kept = select_spaced(passed, when[-1], least)
     nodes, passed = nodes[kept], passed[kept]
     when = np.sort(np.concatenate([when[keep], passed]))
     return when, np.searchsorted(when, passed), nodes
 
 
-def _onward(s: Array, fixed: Indices) -> NDArray[np.bool_]:
+def _is_increasing(s: Array, fixed: Indices) -> NDArray[np.bool_]:
     """Which places (k,) lie behind all before them: the fixed ones do, and others only between those around them."""
     i = np.arange(s.size)
     before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
@@ -126,7 +128,7 @@ def briefest(jerk: Array) -> float:
     return float(np.cbrt(60.0 * Q_ROUNDING / (JERK_ROUNDING * jerk.min())))
 
 
-def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
+def select_spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
     """Choose times, increasing, that stand apart, and apart from 0 and from the end."""
     kept, last = np.zeros(times.size, dtype=bool), 0.0
     for i, t in enumerate(times):
@@ -136,7 +138,9 @@ def spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
 
 
 def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
-    s = graded(joint_path.path.breaks, joint_path.end, max(SWEEP_PLACES, joint_path.knots.size), SWEEP_PER_PIECE)
+    s = make_graded_grid(
+        joint_path.path.breaks, joint_path.end, max(SWEEP_PLACES, joint_path.knots.size), SWEEP_PER_PIECE
+    )
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
     moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))

@@ -12,7 +12,7 @@ from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
 from planners.paths.base import Path
-from planners.timing._places import graded
+from planners.timing._grid import make_graded_grid
 from planners.timing.base import speed_bound
 
 TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
@@ -62,11 +62,13 @@ def table(joint_path: JointPath, limits: MotionLimits) -> Table:
     return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
 
 
-def adapted(joint_path: JointPath, limits: MotionLimits) -> Table:
+def make_table(joint_path: JointPath, limits: MotionLimits) -> Table:
     """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
     breaks = joint_path.path.breaks
     return _table(
-        joint_path, limits, graded(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE)
+        joint_path,
+        limits,
+        make_graded_grid(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE),
     )
 
 
@@ -74,7 +76,7 @@ def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
     slowness = 1.0 / speed_bound(joint_path, limits, s)
     if any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):  # the lesser speed also half a cell beyond its segment
         slowness = np.maximum(slowness, np.maximum(np.append(slowness[1:], 0.0), np.append(0.0, slowness[:-1])))
-    return Table(s, slowness, parts(limits, PathPoints(joint_path, s)))
+    return Table(s, slowness, limit_rows(limits, PathPoints(joint_path, s)))
 
 
 def fine_enough(path: Path) -> int:
@@ -82,7 +84,7 @@ def fine_enough(path: Path) -> int:
     return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
-def parts(limits: MotionLimits, at: PathPoints) -> Array:
+def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
     """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side."""
     nearer = limits.symmetric()
     rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
@@ -196,7 +198,7 @@ class Worst(NamedTuple):
     limit: str
 
 
-def worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
+def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
     """Judge a motion along s by the chain rule."""
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
     kinds = [kind for kind in limits.kinds if kind.homogeneous]

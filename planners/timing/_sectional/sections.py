@@ -29,7 +29,7 @@ SEARCH = ((4, 15), (6, 15))
 """Sharpness (a power of two) and rounds of the local search, in turn."""
 
 
-def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
+def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     """Ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
     fastest = _fastest(what.slowness, what.parts, what.s)
     shortest = min(SHORTEST_PHASE, 0.01 * duration)
@@ -42,8 +42,8 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     while True:
         tried += 1
         if tried == REACHED_TRIAL:  # beside a slow corner few of these speeds can be reached at all
-            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _reached(what)[nodes[1:-1], None]) * SPEED_LEVELS
-        found = _programme(what, what.s[nodes], open_since, speeds, most, shortest)
+            speeds[1:-1] = np.minimum(speeds[1:-1, :1], 1.5 * _sweep_speeds(what)[nodes[1:-1], None]) * SPEED_LEVELS
+        found = _find_chain(what, what.s[nodes], open_since, speeds, most, shortest)
         if found.shape[0] or most > 1e6:
             break
         most *= 1.3  # no candidate speed is low enough: take a motion that is too fast, and let it be slowed
@@ -54,7 +54,7 @@ def sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     return [Ramp(*map(float, row)) for row in found]
 
 
-def _reached(what: Table) -> Array:
+def _sweep_speeds(what: Table) -> Array:
     """Speeds at the places of a motion that nearly keeps all limits; with each joint's acceleration counted in its limit."""
     parts = what.parts
     size = np.abs(parts).max(axis=0)
@@ -67,7 +67,7 @@ def _reached(what: Table) -> Array:
         np.minimum(1.0 / np.maximum(what.slowness, 1e-12), 1e12), (float(most[0]), float(most[1])),
     )  # fmt: skip
     motion = np.empty((4, what.s.size))
-    _sweep.swept(along, _sweep.tops(along, 0.8, 0.6), 6, 1.1, motion)
+    _sweep.sweep(along, _sweep.speed_bounds(along, 0.8, 0.6), 6, 1.1, motion)
     return np.asarray(motion[1])
 
 
@@ -124,7 +124,7 @@ def _nearest(s: Array, x: Array) -> Indices:
 
 
 @compiled
-def _programme(what: Table, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
+def _find_chain(what: Table, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
     """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
 
     A ramp to place i starts at place open_since[i] or later.
@@ -215,7 +215,7 @@ def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> 
     return duration, total
 
 
-class _Measured(NamedTuple):
+class _Measures(NamedTuple):
     """Of ramps (k,): durations, integrals of `_power`, their sums over the ramps from each on (k + 3,), and least lengths."""
 
     time: Array
@@ -241,7 +241,7 @@ def _move(ramps: Array, k: int, number: int, move: float) -> None:
 
 @compiled
 def _cost(
-    what: Table, ramps: Array, k: int, end: int, done: tuple[float, float], at: _Measured, aim: tuple[int, float, float]
+    what: Table, ramps: Array, k: int, end: int, done: tuple[float, float], at: _Measures, aim: tuple[int, float, float]
 ) -> float:
     """Logarithm of the scaled duration after ramps k to end − 1 have changed; infinite where one is too short."""
     sharpness, slow, shortest = aim
@@ -270,7 +270,7 @@ def _search(what: Table, ramps: Array, fixed: Flags, rounds: int, aim: tuple[int
     """
     count, lengths = len(ramps), ramps[:, 2] - ramps[:, 0]
     least = np.minimum(1e-3 * ramps[-1, 2], 0.25 * lengths)
-    at = _Measured(np.empty(count), np.empty(count), np.zeros(count + 3), np.zeros(count + 3), least)
+    at = _Measures(np.empty(count), np.empty(count), np.zeros(count + 3), np.zeros(count + 3), least)
     for k in range(count):
         at.time[k], at.power[k] = _power(what, ramps[k], RAMP_SAMPLES, aim[0], aim[1])
     best = np.log(at.time.sum()) + np.log(at.power.sum() / at.time.sum()) / (3.0 * 2.0 ** aim[0])

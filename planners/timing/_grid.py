@@ -13,17 +13,17 @@ FIRST_CELL = 0.01
 """Length of the first cell and of the last, over that of others: from rest, places go with the cube of time."""
 
 
-def graded(breaks: Array, end: float, count: int, per_piece: int) -> Array:
+def make_graded_grid(breaks: Array, end: float, count: int, per_piece: int) -> Array:
     """Places from 0 to the end, with a least number of cells in the path and in each piece between two breaks.
 
     The first and the last cell are a hundredth of that, and neighbours differ little.
     """
     inner = breaks[(breaks > 0.0) & (breaks < end)]
-    return np.asarray(_graded(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST_CELL))
+    return np.asarray(_make_grid(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST_CELL))
 
 
 @compiled
-def _cells(length: float, left: float, right: float, most: float, out: Array, begin: int) -> int:
+def _add_cells(length: float, left: float, right: float, most: float, out: Array, begin: int) -> int:
     """Cells of a piece into out, from index `begin` on, as long as `left` and `right` at its ends and `most` between."""
     x, y, k, size = 0.0, length, begin, left
     after = 0
@@ -46,7 +46,7 @@ def _cells(length: float, left: float, right: float, most: float, out: Array, be
 
 
 @compiled
-def _graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
+def _make_grid(breaks: Array, count: int, per_piece: int, first: float) -> Array:
     """Places (m,), all breaks among them, with a least number of cells in the path and in each piece.
 
     They begin and end with a share `first` of that, and neighbours differ little.
@@ -68,7 +68,7 @@ def _graded(breaks: Array, count: int, per_piece: int, first: float) -> Array:
     cells = np.empty(2 * (count + k * (per_piece + 200)))
     m = 0
     for i in range(k):
-        m = _cells(pieces[i], size[i], size[i + 1], min(most, pieces[i] / per_piece), cells, m)
+        m = _add_cells(pieces[i], size[i], size[i + 1], min(most, pieces[i] / per_piece), cells, m)
     out = np.empty(m + 1)
     out[0], out[m] = breaks[0], breaks[k]
     i, x = 0, 0.0
