@@ -59,14 +59,14 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
 
 
 def points_of(interpolation: str) -> int:
-    """How many of q, q̇, q̈ an interpolation goes through."""
+    """Return how many of q, q̇, q̈ an interpolation passes through."""
     if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS.index(interpolation) + 1
 
 
 def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """q, q̇, q̈ at instants: the mean of both sides, which differ only at a jump."""
+    """Return q, q̇, q̈ at instants: the mean of both sides, which differ only at a discontinuity."""
     x, c = trajectory.knots, trajectory.coefficients
     sides = []
     for beside in (t - SAME_INSTANT, t + SAME_INSTANT):
@@ -81,7 +81,7 @@ def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def trajectory_through(t: Array, q: Array, v: Array | None = None, a: Array | None = None) -> Trajectory:
-    """Motion through setpoints: positions, and velocities and accelerations where they are given."""
+    """Return the motion through setpoints: positions, and velocities and accelerations if they are given."""
     if v is None:
         return Trajectory(scipy.interpolate.PPoly(np.stack([np.diff(q, axis=0) / np.diff(t)[:, None], q[:-1]]), t))
     if a is None:

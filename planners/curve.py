@@ -1,4 +1,4 @@
-"""Curves, with derivatives, on an interval [0, end]; and the chain rule for a curve f(s) along which s(t) moves."""
+"""Curves with derivatives on an interval [0, end], and the chain rule for f(s(t))."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Curve(ABC):
         """Values (k, ...) of the derivative at x (k,), which lies in the interval."""
 
     def __call__(self, x: float | ArrayLike, order: int = 0) -> Array:
-        """Value or derivative.
+        """Return the value or a derivative at x.
 
         Parameters
         ----------
@@ -108,11 +108,11 @@ def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
             out[i, n] = value
 
 
-# ---------------------------------------------------------------- curves along which s(t) moves
+# ---------------------------------------------------------------- the chain rule for f(s(t))
 
 
 def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...]:
-    """Products of the derivatives of s(t) that the chain rule multiplies with f', f'', f'''."""
+    """Return the products of derivatives of s(t) that the chain rule multiplies with f', f'', f'''."""
     v = rates[0]
     if len(rates) == 1:
         return (v,)
@@ -123,13 +123,13 @@ def monomials(rates: Sequence[Array], *, full: bool = False) -> tuple[Array, ...
 
 
 def chain_rows(derivatives: Sequence[Array]) -> Array:
-    """Coefficients of a derivative of f(s(t)) in time over its `monomials`."""
+    """Return the coefficients of a time derivative of f(s(t)) over its `monomials`."""
     factors = CHAIN[len(derivatives) - 1]
     return np.stack([factor * f for factor, f in zip(factors, derivatives, strict=True)], axis=-1)
 
 
 def apply_chain_rule(derivatives: Sequence[Array], rates: Sequence[Array]) -> list[Array]:
-    """Derivatives of f(s(t)) in time by the chain rule."""
+    """Return the time derivatives of f(s(t)) by the chain rule."""
     found = []
     for order in range(1, len(rates) + 1):
         products = monomials(rates[:order])
@@ -140,19 +140,19 @@ def apply_chain_rule(derivatives: Sequence[Array], rates: Sequence[Array]) -> li
     return found
 
 
-def find_times(moving: Callable[[Array], Array], places: Array, end: float) -> Array:
-    """Times at which an increasing function of time passes given values, by bisection."""
-    low, high = np.zeros(places.size), np.full(places.size, end)
+def find_times(function: Callable[[Array], Array], values: Array, end: float) -> Array:
+    """Return the times at which an increasing function of time reaches given values, by bisection."""
+    low, high = np.zeros(values.size), np.full(values.size, end)
     for _ in range(TIME_BISECTIONS):
         middle = 0.5 * (low + high)
-        before = moving(middle) < places
+        before = function(middle) < values
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     return low
 
 
 @compiled
 def bell(S: Array, B: Array) -> None:
-    """Complete Bell polynomials of S into B: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}, up to the length of B, at most 6.
+    """Write the complete Bell polynomials of S into B: B_k = Σ_i C(k−1, i) B_{k−1−i} S_{i+1}, up to the length of B, at most 6.
 
     Shapes and units: S (m,) [1/s^i], B (m,) [1/s^i].
     """
@@ -165,7 +165,7 @@ def bell(S: Array, B: Array) -> None:
 
 @compiled
 def bells(S: Array, B: Array) -> None:
-    """Complete Bell polynomials of many rows; see `bell`.
+    """Write the complete Bell polynomials of many rows; see `bell`.
 
     Shapes and units: S (k, m) [1/s^i, 1/m^i], B (k, m) [1/s^i, 1/m^i].
     """

@@ -1,4 +1,4 @@
-"""Exact extrema of polynomials of degree 5 and of their derivatives on their pieces, compiled."""
+"""Exact extrema of piecewise quintics and of their derivatives, compiled."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optik.types import Array
 
 @compiled
 def _value(c: Array, degree: int, x: float) -> float:
-    """Horner's rule; coefficients lowest power first."""
+    """Return the value of a polynomial by Horner's rule; coefficients lowest power first."""
     y = float(c[degree])
     for i in range(degree - 1, -1, -1):
         y = y * x + float(c[i])
@@ -19,7 +19,7 @@ def _value(c: Array, degree: int, x: float) -> float:
 
 @compiled
 def _root(c: Array, degree: int, low: float, high: float, f_low: float) -> float:
-    """The root of a polynomial between two places of different sign, by Newton steps kept inside by bisection."""
+    """Return the root of a polynomial between two points of different sign, by Newton steps safeguarded by bisection."""
     x = 0.5 * (low + high)
     for _ in range(80):
         y, slope = c[degree], 0.0
@@ -44,7 +44,7 @@ def _root(c: Array, degree: int, low: float, high: float, f_low: float) -> float
 
 @compiled
 def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
-    """Least and greatest value of pieces and their derivatives of order 0 to 3 on [0, h], and where.
+    """Write the least and greatest values of pieces and of their derivatives up to order 3 on [0, h], and their times.
 
     A polynomial is monotone between the roots of its derivative, so the roots of each derivative are found between those
     of the next one, from the linear fourth derivative of the quintic upwards: none is missed.
@@ -91,7 +91,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
 
 @compiled
 def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
-    """Values of pieces and of their derivatives of order 0 to 3 at both ends.
+    """Write the values of pieces and of their derivatives up to order 3 at both ends.
 
     Shapes and units: c (6, m, n) [rad/s^i, m/s^i], h (m,) [s], first, last (4, m, n) [rad/s^i, m/s^i].
     """

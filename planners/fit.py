@@ -1,4 +1,4 @@
-"""Scale a motion in time until it just keeps its limits: the same path, uniformly slower or faster."""
+"""Scale a motion uniformly in time until it reaches a limit and exceeds none."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 FIRST_MARGIN = 1e-12
-"""By how much more than necessary a motion is slowed that still exceeds a limit after it was scaled; then ten times as much."""
+"""Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""
 
 SPARE = 1e-6
-"""Share of the duration that a scaled motion may be too slow: what gravity is part of does not go with a power of the speed."""
+"""Largest fraction of the duration that a scaled motion may be too slow: gravity does not scale with a power of the speed."""
 
 MOST_SPEED_UPS = 4
-"""Times at most that such a motion is hastened again: each brings it nearer by a few digits."""
+"""Most times that such a motion is sped up again; each adds a few digits."""
 
 
 def stretch_factor(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] | None = None) -> float:

@@ -1,4 +1,4 @@
-"""Quintic Hermite pieces: the polynomials of degree 5 between values, first and second derivatives at knots."""
+"""Quintic Hermite interpolation of values, first and second derivatives at knots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from optik.types import Array
 
 
 def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Array, Array]) -> Any:
-    """Piecewise polynomial of degree 5 (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6)."""
+    """Return the piecewise polynomial of degree 5 with these ends (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6)."""
     h = np.diff(x)[:, None]
     p0, v0, a0 = left
     p1, v1, a1 = right
@@ -29,5 +29,5 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
 
 
 def quintic_through(x: Array, p: Array, v: Array, a: Array) -> Any:
-    """Quintic pieces through shared values at the knots: continuous to the second derivative."""
+    """Return the quintic spline through values at the knots, with continuous second derivatives."""
     return quintic(x, (p[:-1], v[:-1], a[:-1]), (p[1:], v[1:], a[1:]))

@@ -1,4 +1,4 @@
-"""Motion: a trajectory with all that judges it, the arm, the path and the limits; what files hold."""
+"""Motion: a trajectory with its arm, path, limits, tolerance and scene, as files store it."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class PlanStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A timed motion and what it is judged by.
+    """A timed motion, and the data by which it is certified.
 
     Parameters
     ----------
     robot, path, limits
-        The arm, what its tool should follow, and within what.
+        The arm, the path of its tool, and the limits.
     trajectory : Trajectory
         The motion of its joints.
     law : str
@@ -62,7 +62,7 @@ class Motion:
     span : (2,) tuple of float, optional
         The part of the path [s] that it is meant to cover, by default all.
     speed : float, optional
-        The constant tool speed [m/s; rad/s for a pure rotation] that was asked.
+        The constant tool speed [m/s; rad/s for a pure rotation] that the law was given.
     scene : Scene, optional
         Obstacles for an arm with shapes, and the margin to them.
     before : (2,) tuple, optional
@@ -71,7 +71,7 @@ class Motion:
     Raises
     ------
     InvalidInput
-        Things of another kind, another number of joints, a limit that does not exist.
+        An argument of another type, another number of joints, a limit that does not exist.
     """
 
     robot: Robot
@@ -110,7 +110,7 @@ class Motion:
         check_scene(self.robot, self.scene)
 
     def certify(self, **options: Any) -> Certificate:
-        """Certify the motion anew.
+        """Certify the motion again.
 
         Parameters
         ----------
@@ -120,12 +120,12 @@ class Motion:
         Returns
         -------
         Certificate
-            What the motion keeps.
+            Of the motion.
 
         Raises
         ------
         InvalidInput
-            An option that `planners.certify` refuses.
+            An option that `planners.certify` does not accept.
         """
         known: dict[str, Any] = {
             "law": self.law,
@@ -137,7 +137,7 @@ class Motion:
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
     def check_valid(self, allow: Allow = ()) -> None:
-        """Certify the motion anew, and refuse it if it is invalid.
+        """Certify the motion again, and raise `InvalidMotion` if it is invalid.
 
         Parameters
         ----------
@@ -156,11 +156,11 @@ class Motion:
 
 
 class HasMotion(Protocol):
-    """What has a motion: a plan."""
+    """An object with a motion, such as a plan."""
 
     @property
     def motion(self) -> Motion:
-        """The motion; raises `NoSolution` where there is none."""
+        """The motion; raises `NoSolution` if there is none."""
 
 
 def motion_of(thing: Motion | HasMotion) -> Motion:

@@ -1,4 +1,4 @@
-"""plan(): from a path, an arm and a start to a joint path, its timing and a certificate, in one call."""
+"""plan(): follow a path with the joints, time the motion and certify it, in one call."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certific
 """Advice for a motion whose certificate is not valid."""
 
 PATH_FRACTION = 0.95
-"""Share of the tolerance that the joint path may use; the rest is for the law, whose polynomials are in time."""
+"""Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
 
 MOST_SECONDS = 1e9
-"""Longest duration that can be asked [s], 30 years: powers of much longer ones overflow."""
+"""Longest duration that can be requested [s], 30 years: powers of much longer ones overflow."""
 
 
 class PlanSeconds(NamedTuple):
@@ -132,27 +132,27 @@ class Plan:
 
     @property
     def joint_path(self) -> JointPath:
-        """The whole joint path; raises `NoSolution` where there is none."""
+        """The whole joint path; raises `NoSolution` if there is none."""
         self._require_motion()
         assert self.prefix is not None
         return self.prefix
 
     @property
     def trajectory(self) -> Trajectory:
-        """The timed motion; raises `NoSolution` with s, joint, reason and advice where there is none."""
+        """The timed motion; raises `NoSolution` with s, joint, reason and advice if there is none."""
         self._require_motion()
         assert self._trajectory is not None
         return self._trajectory
 
     @property
     def certificate(self) -> Certificate:
-        """What the trajectory keeps; raises `NoSolution` where there is none."""
+        """The certificate of the trajectory; raises `NoSolution` if there is no trajectory."""
         self._require_motion()
         assert self._certificate is not None
         return self._certificate
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files and programs: the trajectory at its knots, the certificate, or why there is none."""
+        """Return plain data for files and programs: the trajectory at its knots and the certificate, or the failure."""
         out: dict[str, Any] = {
             "format": "optik-plan/2",
             "robot": self.robot.name,
@@ -185,7 +185,7 @@ class Plan:
 
     @property
     def motion(self) -> Motion:
-        """The motion with all that judges it, as files hold it; raises `NoSolution` where there is none."""
+        """The motion with its path, limits, tolerance and scene, as files store it; raises `NoSolution` if there is none."""
         proof = self.certificate
         return Motion(
             self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
@@ -196,7 +196,7 @@ class Plan:
         self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
         rate: float | None = None, allow: Allow = (),
     ) -> None:  # fmt: skip
-        """Write the motion, whole or not at all, in the format of the file's suffix: `planners.load_motion` reads it.
+        """Write the motion to a file, atomically, in the format of its suffix; `planners.load_motion` reads it.
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class Plan:
         NoSolution
             The plan failed: there is no motion. `to_dict` says why.
         InvalidInput
-            A suffix of no format.
+            A suffix that is not a format.
         UnknownName
             No format has that name.
         OutputError
@@ -243,7 +243,7 @@ def plan(
     robot : Robot
         The arm.
     path : Path, or (4, 4) array, or (n,) array
-        What the tool follows. For a pose, the straight line from the start; for joints [rad, m], the one in joint space.
+        The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, or IKSolver and TimeLaw
@@ -255,7 +255,7 @@ def plan(
     branch : {"start", "best"}, optional
         Keep the branch of ``q_start``, its default, or choose branch and winding for the whole path (`planners.follow`).
     duration : float, optional
-        Duration [s] to which the law's motion is slowed; a tool speed that the law was asked for must stay the same.
+        Duration [s] to which the law's motion is slowed; a tool speed that is set in the law must stay the same.
     strict : bool
         Refuse a motion that exceeds a limit enforced by its law, instead of slowing it uniformly (`Plan.slowed`).
     tolerance : Tolerance, or (2,) tuple of float
@@ -287,7 +287,7 @@ def plan(
 
 
 def _add_seconds(started: float, followed: float, found: Plan) -> Plan:
-    """The plan with how long its parts took, from the times when following the path began and ended."""
+    """Return the plan with the durations of its parts, from the times at which path following began and ended."""
     proof = found.seconds.certificate
     return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
 
@@ -297,7 +297,7 @@ def _build_request(
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
     judged: tuple[ToleranceLike, float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
-    """Build what was given by name or left out, and check that it belongs together."""
+    """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
     solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
     law = law_for(timing)
     limits = MotionLimits.of(robot) if limits is None else limits
@@ -338,14 +338,14 @@ def judge_certificate(
         status = PlanStatus.LIMITS_EXCEEDED
         advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.violations)!r}"
     first = proof.violations[0]
-    place = float(np.interp(first.t, proof.binding.t, proof.binding.s))
+    s = float(np.interp(first.t, proof.binding.t, proof.binding.s))
     reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
-    return status, PlanFailure(status, place, first.joint, reason, advice)
+    return status, PlanFailure(status, s, first.joint, reason, advice)
 
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What was asked of a plan, and how planning can end."""
+    """The validated arguments of a plan, and the plans that can result."""
 
     robot: Robot
     path: Path
@@ -363,7 +363,7 @@ class PlanRequest:
 
     @property
     def enforced(self) -> tuple[str, ...]:
-        """The limits that the motion must respect: those that its law enforces, and given limits without an ``allow``."""
+        """The limits that the motion must respect: those that its law enforces, and given ones that ``allow`` does not name."""
         enforced = self.law.list_enforced(self.limits)
         given = tuple(name for name in self.limits.given_names if name not in enforced)
         return (*enforced, *required_limits(given, self.allow))
@@ -391,26 +391,26 @@ class PlanRequest:
         return self._fail(status, joints, PlanFailure.from_error(status, error))
 
     def _fail(self, status: PlanStatus, joints: JointPath | None, failure: PlanFailure) -> Plan:
-        """A plan without a motion; the joint path goes as far as it could be followed."""
+        """Return a plan without a motion; its joint path ends where following failed."""
         return Plan(
             self.robot, self.path, self.limits, status, self.solver, self.law.name, joints, failure, None, None,
             scene=self.scene,
         )  # fmt: skip
 
     def _refuse(self, joints: JointPath, proof: Certificate, advice: str) -> Plan:
-        """The plan of a motion that passes a limit, where ``strict=True`` was asked."""
+        """Return the plan of a motion that exceeds a limit, for ``strict=True``."""
         field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
-        place = float(np.interp(t, proof.binding.t, proof.binding.s))
+        s = float(np.interp(t, proof.binding.t, proof.binding.s))
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
         if not ratio > 1.0:
             what = proof.reasons[0]
-        failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, place, joint, f"{what}, and strict was asked", advice)
+        failure = PlanFailure(PlanStatus.LIMITS_EXCEEDED, s, joint, f"{what}, and strict=True", advice)
         return self._fail(PlanStatus.LIMITS_EXCEEDED, joints, failure)
 
 
 def _time_path(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
-    """Time and certify a joint path; or say why there is none."""
+    """Return the plan of a joint path that is timed and certified, or its failure."""
     if followed.failure is not None:
         return request._fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)
     assert followed.joint_path is not None
@@ -433,14 +433,14 @@ def _time_path(request: PlanRequest, followed: Followed, duration: float | None,
 
 
 def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:
-    """Slow a motion to a duration, or hasten it where the law promises no limits; a tool speed that was asked stays."""
+    """Return a motion scaled to a duration: not faster if the law enforces limits, and at its tool speed if it has one."""
     if duration > MOST_SECONDS:
         raise InvalidInput("duration", f"{duration:.3g} s", f"at most {MOST_SECONDS:g} s")
     if law.speed is not None and abs(duration / trajectory.duration - 1.0) > SAME_SPEED:
         raise NoSolution(
             f"a duration of {duration:.6g} s makes the tool speed {law.speed * trajectory.duration / duration:.6g}, and "
-            f"{law.speed:.6g} was asked, which takes {trajectory.duration:.9g} s",
-            advice=f"no duration; or {law.name} without a speed, whose speed then follows from the duration",
+            f"the law's speed is {law.speed:.6g}, which takes {trajectory.duration:.9g} s",
+            advice=f"omit duration, or use {law.name} without a speed, so that the speed follows from the duration",
         )
     if law.enforced and duration < trajectory.duration:
         least = np.ceil(1e4 * trajectory.duration) / 1e4

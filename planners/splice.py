@@ -1,4 +1,4 @@
-"""Motions cut and joined: the rest of one, one after another, one held at its end, one begun at exactly a given state."""
+"""Cut a motion at a time, join two, append a rest, and match the start of one to a given state exactly."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ State = tuple[Array, Array, Array]
 PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
 """Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
 FADE_FRACTION = 1e-3
-"""Share of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
+"""Fraction of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
 SAME_POSITION = 1e-14
-"""Difference of positions [rad or m] that is rounding."""
+"""Largest difference of positions [rad or m] that is rounding."""
 
 
 def _powers(trajectory: Trajectory) -> Array:
-    """Coefficients (6, m, n) of a trajectory, also where its degree is lower."""
+    """Return the coefficients (6, m, n) of a trajectory as quintics."""
     c = trajectory.coefficients
     return np.concatenate([np.zeros((6 - len(c), *c.shape[1:])), c])
 
 
 def _shift(c: Array, u: Array) -> Array:
-    """Coefficients (6, m, n) of the same quintics about u (m,): Horner's scheme, repeated (Taylor's shift)."""
+    """Return the coefficients (6, m, n) of the same quintics about u (m,), by repeated Horner steps (Taylor shift)."""
     c, u = c.copy(), u[:, None]
     for last in range(5, 0, -1):
         for i in range(1, last + 1):
@@ -61,7 +61,7 @@ def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
 
 
 def join(first: Trajectory, second: Trajectory) -> Trajectory:
-    """Return one motion and, from its end on, another."""
+    """Return one motion followed by another."""
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
     a, b = first.places, second.places
     places = None if a is None or b is None else np.append(a, b[1:])
@@ -71,18 +71,18 @@ def join(first: Trajectory, second: Trajectory) -> Trajectory:
 
 
 def append_rest(trajectory: Trajectory, duration: float) -> Trajectory:
-    """Return a motion that ends at rest, and then stands there for a while."""
+    """Return a motion that ends at rest, prolonged by a time at rest [s]."""
     still = np.zeros((6, 1, trajectory.n))
     still[5] = trajectory(trajectory.end)
     return join(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
 
 
 def match_start(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
-    """Return the motion begun at exactly q, q̇, q̈ (n,) each, close to its own.
+    """Return the motion with exactly this start q, q̇, q̈ (n,) each, which is close to its own.
 
-    A path's q(s) meets a measured or refitted state to rounding or noise only. What is missing is added as one quintic
-    that ends, with velocity and acceleration, at 0: at the first knot by which its jerk is `FADE_SHARE`, else at the last. What
-    is rounding only in position stays: on a short way to fade it out would need jerk.
+    q(s) differs from a measured or refitted state by noise or rounding. The difference is added as a quintic that fades to 0
+    at the first knot at which its jerk is at most `FADE_FRACTION` of the limits, else at the last. A difference of position
+    that is rounding is added as a constant: to fade it out over a short time would need jerk.
     """
     off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
     off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0

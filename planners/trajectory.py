@@ -30,7 +30,7 @@ class Extrema(NamedTuple):
 
     @property
     def t_worst(self) -> Array:
-        """When it occurs [s]."""
+        """Time of the largest absolute value [s]."""
         return np.where(np.abs(self.least) > np.abs(self.greatest), self.t_least, self.t_greatest)
 
 
@@ -88,7 +88,7 @@ class Trajectory(PiecewiseCurve):
 
     @cached_property
     def padded(self) -> Array:
-        """Coefficients of quintics (6, m, n), whatever the degree: `coefficients` behind zeros."""
+        """Coefficients of quintics (6, m, n): `coefficients`, with zeros for missing powers."""
         p = self._c
         c = np.zeros((6, *p.shape[1:]))
         c[6 - len(p) :] = p
@@ -100,7 +100,7 @@ class Trajectory(PiecewiseCurve):
         return int(self._c.shape[2])
 
     def sample(self, rate: float) -> tuple[Array, Array]:
-        """Sample the motion at a rate, the end always included.
+        """Return the motion at a rate and at its end.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class Trajectory(PiecewiseCurve):
         return t, self(t)
 
     def ends(self, order: int) -> tuple[Array, Array]:
-        """One-sided values of a derivative at the first and the last instant of every piece.
+        """Return one-sided values of a derivative at both ends of every piece.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Trajectory(PiecewiseCurve):
         return first, last
 
     def jumps(self, order: int) -> Array:
-        """How much a derivative jumps at the inner knots.
+        """Return the discontinuities of a derivative at the inner knots.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Trajectory(PiecewiseCurve):
         return first[1:] - last[:-1]
 
     def extrema(self, order: int) -> Extrema:
-        """Exact extrema of a derivative (0 to 3) of each joint, from the roots of the next one; found once, then kept.
+        """Return the exact extrema of a derivative of each joint, from the roots of the next one; computed once.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ class Trajectory(PiecewiseCurve):
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
-        """Extrema of all pieces, and when since their first knots: orders, pieces, joints, least and greatest."""
+        """Extrema of all pieces, and their times since the first knot: (order, piece, joint, least and greatest)."""
         c = self.padded
         value, when = np.empty((2, 4, *c.shape[1:], 2))
         piece_extrema(c, np.diff(self.knots), value, when)
@@ -210,7 +210,7 @@ class Trajectory(PiecewiseCurve):
         return self._pieces[0]
 
     def piece_worst(self, order: int) -> Array:
-        """Largest absolute value of a derivative on every piece, exact.
+        """Return the exact largest absolute value of a derivative on every piece.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class Trajectory(PiecewiseCurve):
         return worst
 
     def piece_range(self, order: int) -> tuple[Array, Array]:
-        """Least and greatest value of a derivative on every piece, exact.
+        """Return the exact least and greatest value of a derivative on every piece.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Motions in files: one module a format, found by the suffix of a file or by its name; and messages for ROS 2."""
+"""Motion files: one module for each format, found by the file's suffix or by its name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Format", "formats", "load_motion", "save"]
 
 
 def formats() -> tuple[str, ...]:
-    """Names of all formats, which are the suffixes of their files."""
+    """Return the names of all formats, which are the suffixes of their files."""
     return names("planners.files")
 
 
@@ -28,7 +28,7 @@ def save(
     rate: float | None = None,
     allow: Allow = (),
 ) -> None:
-    """Write a valid motion, whole or not at all, in the format of the file's suffix or in one that is named.
+    """Write a valid motion to a file, atomically, in the format of its suffix or in a named one.
 
     Every format holds the arm, the path, the limits, the law's name, the limits that the motion must respect, and the exact
     polynomials. The motion is certified before it is written.
@@ -53,7 +53,7 @@ def save(
     InvalidMotion
         The motion has a violation that ``allow`` does not permit. The error states its size, where it is, and the word.
     InvalidInput
-        A suffix of no format, or a rate for a format without a table.
+        A suffix that is not a format, or a rate for a format without a table.
     UnknownName
         No format has that name.
     MissingDependency
@@ -70,7 +70,7 @@ def save(
 
 
 def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> Motion:
-    """Read a motion that `save` wrote, equal to the last bit; `Motion.certify` finds the same certificate.
+    """Read a motion that `save` wrote, equal to the last bit; `Motion.certify` returns the same certificate.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
     Raises
     ------
     InvalidInput
-        No such file, a suffix of no format, or damage; the message names what is wrong. No code is ever run from the file.
+        No such file, a suffix that is not a format, or damaged content. No code is run from the file.
     UnknownName
         No format has that name.
     MissingDependency
@@ -104,7 +104,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
 
 
 def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None, **options: float) -> Format:
-    """Build the format that is named, or that of the file's suffix."""
+    """Return the named format, or that of the file's suffix."""
     if name is None:
         name = check_suffix(file, tuple(f".{known}" for known in formats()))[1:]
     elif not isinstance(file, str | os.PathLike):

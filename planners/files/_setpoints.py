@@ -1,4 +1,4 @@
-"""Joint trajectories of others: setpoints from CSV, JSON or ROS messages, as the motion that a controller makes of them."""
+"""Joint trajectories of other programs: setpoints from CSV, JSON or ROS messages, and the trajectory through them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 WRAPPED = ("joint_trajectory", "trajectory")
 """Keys under which messages hold a JointTrajectory: moveit_msgs/RobotTrajectory, and actions and services around one."""
 COLUMN_KINDS = (("", "q_", "position_", "positions_"), ("dq_", "velocity_", "v_"), ("ddq_", "acceleration_", "a_"))
-"""What a column's name may have before the joint's, by order of derivative."""
+"""Prefixes of a joint's name in a column, by order of derivative."""
 TIME_COLUMNS = ("t", "time", "times", "time_from_start")
 """Names of the column of times [s]."""
 
@@ -36,7 +36,7 @@ def load_trajectory(
     joint_names: Mapping[str, str] | None = None,
     interpolation: str | None = None,
 ) -> Trajectory:
-    """Read setpoints that another program wrote, without path and limits: what `planners.certify` judges with ``path=None``.
+    """Read setpoints that another program wrote, without path and limits; `planners.certify` takes them with ``path=None``.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def load_trajectory(
     joint_names : mapping, optional
         From the robot's joint names to the file's.
     interpolation : {"linear", "cubic", "quintic"}, optional
-        What the controller makes of the points: lines through positions, cubics through velocities too, or quintics through
-        accelerations too. By default as ROS 2's joint_trajectory_controller chooses: by what the points carry.
+        Controller interpolation: lines through positions, cubics through velocities too, or quintics through accelerations
+        too. By default the highest that the points have data for, like joint_trajectory_controller of ROS 2.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def load_trajectory(
     Raises
     ------
     InvalidInput
-        No such file, other joints, times that do not increase, NaN, an interpolation of what the points do not carry.
+        No such file, other joints, times that do not increase, NaN, an interpolation that the points have no data for.
     MissingDependency
         YAML without PyYAML.
     """
@@ -84,7 +84,7 @@ def load_trajectory(
 
 
 def _check_names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[str]:
-    """The file's names of the joints, in the robot's order."""
+    """Return the file's joint names in the robot's order."""
     if joint_names is None:
         return list(robot.joint_names)
     if not isinstance(joint_names, Mapping) or set(joint_names) != set(robot.joint_names):
@@ -93,7 +93,7 @@ def _check_names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[st
 
 
 def _unwrap(data: Any) -> Any:
-    """The JointTrajectory inside a message, or the data themselves."""
+    """Return the JointTrajectory inside a message, or the data themselves."""
     while isinstance(data, dict) and "points" not in data and "times" not in data:
         inner = [data[key] for key in WRAPPED if isinstance(data.get(key), dict)]
         if not inner:
@@ -103,7 +103,7 @@ def _unwrap(data: Any) -> Any:
 
 
 def _build_trajectory(t: Array, orders: list[Array], interpolation: str | None) -> Trajectory:
-    """The motion through setpoints at t (k,): positions, and perhaps velocities and accelerations, (k, n) each."""
+    """Return the trajectory through setpoints at t (k,): positions, and optional velocities and accelerations, (k, n) each."""
     if t.size < 2 or t[0] != 0.0 or not (np.diff(t) > 0.0).all():
         raise InvalidInput(
             "times", f"{t.size} from {t[0] if t.size else 'none'}", "at least two, that increase from 0 s"
@@ -118,7 +118,7 @@ def _build_trajectory(t: Array, orders: list[Array], interpolation: str | None) 
 
 
 def _read_columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]]:
-    """Times, and values by order of derivative, of columns in JSON."""
+    """Return times, and values by order of derivative, of columns in JSON."""
     found = data.get("joint_names")
     if not isinstance(found, list) or sorted(map(str, found)) != sorted(names):
         raise InvalidInput("joint_names", repr(found)[:120], f"{', '.join(names)} in any order")
@@ -149,7 +149,7 @@ def _read_numbers(value: Any, key: str, dimensions: int) -> Array:
 
 
 def _read_table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
-    """Times, and values by order of derivative, of a table in CSV; lines that begin with # are comments."""
+    """Return times, and values by order of derivative, of a CSV table; lines that begin with # are comments."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     try:
         rows = list(csv.reader(io.StringIO("\n".join(lines)), skipinitialspace=True))
@@ -178,7 +178,7 @@ def _read_table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
 
 
 def _find_columns(header: list[str], prefixes: tuple[str, ...], names: list[str]) -> list[int] | None:
-    """Columns of the joints under one of the prefixes; None where there are none."""
+    """Return the columns of the joints with one of the prefixes; None if there are none."""
     for prefix in prefixes:
         if all(prefix + name in header for name in names):
             return [header.index(prefix + name) for name in names]

@@ -1,4 +1,4 @@
-"""Base class of the file formats, and the plain data that a motion file of any format holds."""
+"""Base class of the file formats, and the plain data of a motion file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CONTENT = "optik-motion/2"
 HEADER = ("format", "robot", "path", "limits", "law", "enforced", "tolerance")
 """Keys that every motion file has, beside the knots and coefficients."""
 OPTIONAL = ("span", "speed", "scene", "before")
-"""Keys that a file has only where the motion has them, so that files without them stay as they were."""
+"""Keys that a file has only if the motion has them."""
 HIGHEST_DEGREE = 5
 """Trajectories are piecewise polynomials of at most this degree."""
 
@@ -99,7 +99,7 @@ class Format(ABC):
 
 
 class Parts(NamedTuple):
-    """What every format holds: the header as plain data, knots (m + 1,) and coefficients (d, m, n), highest power first."""
+    """Content of every format: the header as plain data, knots (m + 1,) and coefficients (d, m, n), highest power first."""
 
     header: dict[str, Any]
     knots: Array
@@ -107,7 +107,7 @@ class Parts(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of header and arrays: a file with a changed digit is still a motion, but not the one that was written."""
+        """SHA-256 of header and arrays, which detects changed digits."""
         digest = hashlib.sha256(json.dumps(self.header, sort_keys=True).encode())
         for array in (self.knots, self.coefficients):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
@@ -164,7 +164,7 @@ def from_parts(parts: Parts, digest: Any) -> Motion:
     """Return the motion of a header and arrays that were read from a file, after checking them."""
     check_header(parts.header)
     if digest is not None and digest != parts.digest:
-        raise InvalidInput("sha256", "content that is not what was written", "a file that nobody changed")
+        raise InvalidInput("sha256", "a digest that differs from the content", "an unchanged file")
     header = parts.header
     robot = Robot.from_dict(header["robot"])
     return Motion(
@@ -192,7 +192,7 @@ def _before(data: Any, n: int) -> tuple[MotionLimits, float] | None:
 
 
 def check_header(header: Mapping[str, Any]) -> None:
-    """Check the keys of a header, before anything is made of its values."""
+    """Raise InvalidInput unless a header has the keys of a motion."""
     found = header.get("format")
     if found != CONTENT:
         raise InvalidInput("format", repr(found)[:60], repr(CONTENT))
@@ -221,4 +221,4 @@ def _trajectory(knots: Array, coefficients: Array, n: int) -> Trajectory:
 
 
 METHOD_BASE = Format
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module here and of every plug-in."""

@@ -1,4 +1,4 @@
-"""The format JSON: one key a line, numbers with as many digits as they need to be read back exactly."""
+"""The format JSON: one key per line, numbers with the digits that reproduce them exactly."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ from planners.files.base import Format, Parts, from_parts, to_parts
 from planners.motion import Motion
 
 UNPACKED = 2**29
-"""Most bytes of the arrays of an NPZ file: ten times a motion of 7 joints through as many points as a controller is sent.
-A zip archive of some megabytes can hold gigabytes of zeros."""
+"""Most bytes of the unpacked arrays of an NPZ file: ten times those of the longest setpoint list of 7 joints.
+A zip archive of some megabytes can unpack to gigabytes of zeros."""
 
 
 class Npz(Format):
@@ -36,7 +36,7 @@ class Npz(Format):
             header, knots, coefficients = _arrays(content, ("header", "knots", "coefficients"))
         except InvalidInput:
             raise
-        except Exception as error:  # zipfile and NumPy raise a dozen types on bytes that are not theirs
+        except Exception as error:  # zipfile and NumPy raise a dozen types on invalid bytes
             raise InvalidInput(
                 "content", f"{type(error).__name__}: {str(error)[:120]}", "a complete NPZ file"
             ) from None
@@ -51,9 +51,7 @@ class Npz(Format):
 
 
 def _arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
-    """Arrays of an NPZ file."""
-    # An array is refused before it is unpacked where it has more than `UNPACKED` bytes, or a shape of more than it
-    # holds.
+    """Return arrays of an NPZ file, after checking their sizes before they are unpacked."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]
         size = sum(member.file_size for member in members)

@@ -1,1 +1,1 @@
-"""From a Cartesian path to a joint path: one branch of configurations tracked and proved, with exact derivatives."""
+"""Path following: from a Cartesian path to a joint path of one branch, with exact derivatives and proved deviation."""

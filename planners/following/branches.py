@@ -1,4 +1,4 @@
-"""Choose branch and winding for a whole path: every configuration at its start is tracked, and the best one chosen."""
+"""Choose branch and winding for a whole path: track every configuration at its start, and compare."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 
 BRANCH_STATIONS = 31
-"""Equally spaced places on which branches are compared: each step stays below 0.25 rad on most paths; tracking adds more."""
+"""Equally spaced samples at which branches are compared: steps are below 0.25 rad on most paths; tracking adds more."""
 
 SAME_CONFIGURATION = 1e-4
-"""Configurations nearer than this on every joint [rad or m], apart from whole turns, are the same."""
+"""Configurations nearer than this on every joint [rad or m], modulo whole turns, are the same."""
 
 MOTION_WEIGHT = 1.0
-"""Weight in a branch's cost of its length in joint space [rad or m]: the unit of the others."""
+"""Weight in a branch's cost of its length in joint space [rad or m]: the unit of the other weights."""
 LIMITS_WEIGHT = 0.5
 """Weight of the mean over the path of Σ ((q − middle) / half)²: half a radian for a joint that stays at its limit."""
 SINGULAR_WEIGHT = 0.2
 """Weight of −ln of the smallest singular value along the path: half a radian for one that is ten times as small."""
 START_WEIGHT = 1.0
-"""Weight of the distance from the start where one was given [rad or m]: counted like motion."""
+"""Weight of the distance from a given start [rad or m]: counted like motion."""
 
 
 class Branch(NamedTuple):
@@ -41,11 +41,11 @@ class Branch(NamedTuple):
     q : (n,) array
         Configuration at the path's start [rad, m], with the winding that goes farthest, and of those the cheapest.
     cost : float
-        Weighted sum as the weights of this module describe it [rad]; lower is better.
+        Sum with the weights of this module [rad]; lower is better.
     s : float
-        Where it ends [m, or rad].
+        Path parameter at its end [m, or rad].
     ended : Ended or None
-        Why it ends before the path does; None where it does not.
+        Its end before the end of the path, or None.
     """
 
     q: Array
@@ -55,11 +55,11 @@ class Branch(NamedTuple):
 
 
 def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
-    """Track every configuration at the path's start to its end; the best first, then those that end early.
+    """Return the branches of all configurations at the path's start: the best first, then those that end early.
 
-    For an arm of up to six joints a configuration that is not singular has exactly one continuation, so the branches at the
-    start are all there are. A winding of a joint fits if the joint, shifted by these whole turns, stays inside its limits all
-    along the path; windings are chosen joint by joint, since neither motion nor cost couples them.
+    For an arm of up to six joints a configuration that is not singular has exactly one continuation, so these are
+    all branches. A winding of a joint is possible if the joint, shifted by these whole turns, stays inside its limits on the
+    whole path. Windings are chosen joint by joint, since neither motion nor cost couples them.
     """
     tolerance, course = Tolerance(1e-5, 1e-5), Course(path, make_empty_guide(robot.n))
     nodes = course.nodes(course.spread(np.linspace(0.0, path.end, BRANCH_STATIONS), tolerance))
@@ -75,14 +75,13 @@ def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch
 
 
 def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:
-    """Configurations (k, n) inside the limits at the path's start, each with one winding."""
-    # All regular ones; of singular ones, which meet the pose along whole curves, those from which a smooth motion
-    # starts.
+    """Return configurations (k, n) inside the limits at the path's start, each with one winding."""
+    # All regular ones; and of singular ones, which are curves of solutions, those from which a smooth motion starts.
     start = near if near is not None and robot.limits.contains(near) else None
     found, singular = find_regular_roots(robot, pose, march.REGULAR, start)
     if singular:
-        goes_on = [left.q for left, _ in find_departures(robot, course)]
-        found = np.concatenate([found, np.array(goes_on).reshape(-1, robot.n)])
+        singular_starts = [left.q for left, _ in find_departures(robot, course)]
+        found = np.concatenate([found, np.array(singular_starts).reshape(-1, robot.n)])
     kept: list[Array] = []
     turn = 2.0 * np.pi * ~robot.prismatic
     for q in found:
@@ -93,7 +92,7 @@ def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) 
 
 
 def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
-    """The branch with the winding of every joint that goes farthest, and of those the cheapest."""
+    """Return the branch with the winding of every joint that goes farthest, and of those the cheapest."""
     turns, ends, joint, posture = np.zeros(robot.n), np.inf, -1, 0.0
     for i in range(robot.n):
         leaves, _, cost, k = min(_list_windings(robot, way, i, near), key=lambda w: (-w[0], w[1]))
@@ -117,8 +116,8 @@ def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) ->
 
 
 def _list_windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
-    """Windings of joint i that start inside its limits: where it leaves them, two costs, and the number of turns."""
-    # It leaves them at infinity where it stays inside. The first cost includes the distance from a given start.
+    """Return the windings of joint i that start inside its limits: s at which it leaves them, two costs, number of turns."""
+    # s is infinite if it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]
     q, turn = way.q[0, i], 2.0 * np.pi
     if robot.prismatic[i] or low == high:

@@ -1,4 +1,4 @@
-"""A path sampled for marching: poses, twists, the free motion of a redundant arm, and bounds, at places s."""
+"""A path sampled for marching: poses, twists, null-space guide of a redundant arm, and bounds."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from planners.following.joint_path import LEAST_SPACING, fourth_bounds
 from planners.paths.base import Path
 
 FOURTH_FRACTION = 0.2
-"""Share of the tolerance that the path's fourth derivative may take in a step; the bound of the joints is wider."""
+"""Fraction of the tolerance that the path's fourth derivative may use in a step; the bound of the joints is wider."""
 
-MOST_PLACES = 100_000
-"""Most places that are inserted beforehand where the path bends; more are inserted only where a step is refused."""
+MOST_INSERTED = 100_000
+"""Most samples that are inserted beforehand where the path bends; more are inserted only where a step is rejected."""
 
 Guide = Callable[[Array], tuple[Array, Array]]
-"""The free motion of a redundant arm: rows (k, 4, d, n) and values (k, 4, d) at s (k,), as `derivatives_at` takes them."""
+"""Constraint on the motion of a redundant arm: rows (k, 4, d, n) and values (k, 4, d) at s (k,), for `derivatives_at`."""
 
 
 class Nodes(NamedTuple):
-    """A path at places s (k,): poses, twists (k, 3, 6), the rows and values of the free motion, fourth bounds (k, 2)."""
+    """A path at s (k,): poses, twists (k, 3, 6), rows and values of the guide, bounds (k, 2) on fourth derivatives."""
 
     s: Array
     poses: Array
@@ -35,24 +35,24 @@ class Nodes(NamedTuple):
 
 
 class Course:
-    """A path with its free motion, to be sampled for marching."""
+    """A path with its null-space guide, to be sampled for marching."""
 
     def __init__(self, path: Path, guide: Guide) -> None:
         self.path, self.guide = path, guide
         self.pieces = path.piece_bounds()
 
     def nodes(self, s: Array) -> Nodes:
-        """Evaluate the path and its free motion."""
+        """Return the path and its guide at s (k,)."""
         twists = np.empty((s.size, 3, 6))
         for order in (1, 2, 3):
             twists[:, order - 1] = self.path.twist(s, order)
         return Nodes(s, self.path.pose(s), twists, *self.guide(s), fourth_bounds(self.path, s, self.pieces))
 
     def spread(self, s: Array, tolerance: Tolerance) -> Array:
-        """Return the places to march through: those given, the path's breaks, and more where the path bends.
+        """Return the values of s to march through: those given, the path's breaks, and more where the path bends.
 
-        The path's part of the deviation in a step is h⁴/384 · |d⁴/ds⁴|. Breaks and samples nearer than `LEAST_SPACING`, in
-        whose third derivatives rounding would show, are left out unless this part needs a shorter step.
+        The path's contribution to the deviation in a step is h⁴/384 · |d⁴/ds⁴|. Breaks and samples nearer than `LEAST_SPACING`,
+        in whose third derivatives rounding would show, are left out unless this contribution needs a shorter step.
         """
         breaks, fourth = self.path.breaks, self.pieces[:, :, 3]
         with np.errstate(divide="ignore"):
@@ -64,7 +64,7 @@ class Course:
         step = step[np.clip(np.searchsorted(breaks, s[:-1] + 0.5 * gap, side="right") - 1, 0, len(step) - 1)]
         parts = np.maximum(np.ceil(gap / step), 1.0).astype(np.int64)
         if parts.max() > 1:
-            if parts.sum() > MOST_PLACES:
+            if parts.sum() > MOST_INSERTED:
                 parts = np.minimum(parts, 16)
             u = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
             s, step = (
@@ -81,9 +81,9 @@ class Course:
 
 @compiled
 def thin(s: Array, step: Array, preferred: Flags, kept: Flags) -> None:
-    """Leave out places that are nearer than `LEAST_SPACING` to the one before, where the step may be that long.
+    """Leave out values of s nearer than `LEAST_SPACING` to the previous one, where the step may be that long.
 
-    Of two near places the preferred one stays; both ends always do.
+    Of two near ones the preferred one is kept; both ends are always kept.
 
     Shapes and units: s (k,) [m, or rad], step (k - 1,) [m, or rad], preferred (k,), kept (k,).
     """
@@ -106,5 +106,5 @@ def slice_nodes(nodes: Nodes, first: int, last: int | None = None) -> Nodes:
 
 
 def make_empty_guide(n: int) -> Guide:
-    """Return the guide of an arm without free motion."""
+    """Return the guide of an arm without null-space motion."""
     return lambda s: (np.empty((s.size, 4, 0, n)), np.empty((s.size, 4, 0)))

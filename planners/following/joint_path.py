@@ -20,14 +20,14 @@ LEAST_SPACING = 2e-4
 """Least spacing of spline nodes [m or rad]: rounding of 1e-16 in q becomes 60e-16 / (2e-4)³ = 1e-3 in the third derivative."""
 
 SMALL_DEVIATION = 1e-6
-"""A proved deviation [m, rad] below this is not bounded more closely: controllers keep 1e-5 at best."""
+"""A proved deviation [m, rad] below this is not bounded more closely: controllers achieve 1e-5 at best."""
 
 PROOF_PARTS = 16
 """Parts in which a piece with a larger deviation is proved: the remainder of fourth order is 16⁴ = 65,536 times as small."""
 
 
 class IKRecord(NamedTuple):
-    """Results of the IK method at each sample (k,) before polishing: errors [m, rad], iterations, and places s."""
+    """Results of the IK method at samples s (k,) before polishing: errors [m, rad] and iterations."""
 
     position_error: Array
     rotation_error: Array
@@ -45,7 +45,7 @@ class JointPath(PiecewiseCurve):
     path : Path
         The Cartesian path; s has its unit.
     knots : (k,) array
-        The samples in s, the path's breaks, and places that were inserted between them [m, or rad].
+        Samples in s, the path's breaks, and inserted values between them [m, or rad].
     nodes : (m,) array
         The knots that the spline passes through: of samples only those at least `LEAST_SPACING` from each other, so that
         rounding in q does not show in q'''.
@@ -115,7 +115,7 @@ def smallest_singular_values(robot: Robot, q: Array) -> Array:
 
 
 def thin_knots(knots: Array, keep: ArrayLike = ()) -> Indices:
-    """Choose knots that are at least `LEAST_SPACING` from each other."""
+    """Return the indices of knots that are at least `LEAST_SPACING` from each other."""
     if len(knots) < 2 or np.diff(knots).min() >= LEAST_SPACING:
         return np.arange(len(knots))
     kept = np.isin(knots, keep)
@@ -131,7 +131,7 @@ def thin_knots(knots: Array, keep: ArrayLike = ()) -> Indices:
 
 
 def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pieces: Array | None = None) -> Array:
-    """Prove bounds on distance and angle to the path of the quintics between nodes, everywhere.
+    """Return proved bounds on distance and angle to the path of each quintic between nodes.
 
     A piece whose bound is larger than `SMALL_DEVIATION` is proved again in parts, whose remainder is smaller.
     """
@@ -165,9 +165,9 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
 
 
 def fourth_bounds(path: Path, s: Array, pieces: Array | None = None) -> Array:
-    """Bound the fourth derivatives of position and rotation from each node to the next.
+    """Return bounds on the fourth derivatives of position and rotation from each node to the next.
 
-    By the largest bound of all pieces of the path that the interval touches: derivatives up to the third are continuous, so a
+    Each is the largest bound of all pieces of the path in the interval: derivatives up to the third are continuous, so a
     remainder of fourth order holds across breaks.
     """
     breaks, fourth = path.breaks, np.asarray((path.piece_bounds() if pieces is None else pieces)[:, :, 3])

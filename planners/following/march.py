@@ -15,7 +15,7 @@ from planners.curve import bell
 
 PathNodes = tuple[Array, Array, Array, Array, Array, Array]
 """Nodes s (k,) [m, or rad] of a path, as kernels take them: poses (k, 4, 4) and twists (k, 3, 6) of the path there [1, m,
-rad], rows (k, 4, d, n) and values (k, 4, d) of the free motion, as for `derivatives_at` [1, rad, m], and bounds (k, 2) on
+rad], rows (k, 4, d, n) and values (k, 4, d) of the guide, as for `derivatives_at` [1, rad, m], and bounds (k, 2) on
 the fourth derivatives of position and rotation from each node to the next [1/m³, 1/m⁴]."""
 
 LARGEST_STEP = 0.25
@@ -35,8 +35,8 @@ ON_PATH = 1e-12
 """Largest error that the corrector may leave [m and rad] in an arm of a metre; rounding leaves about 1e-15."""
 
 DONE, SINGULAR, NOT_MET, TOO_LONG, LOOSE, LIMIT = range(6)
-"""How a step from one node to the next ended: accepted; a singular value too small; Newton's method did not converge near the
-prediction; a joint moves too far; the proved deviation is too large; a joint passes its limit."""
+"""Results of a step from one node to the next: accepted; a singular value too small; Newton's method did not converge near the
+prediction; a joint moves too far; the proved deviation is too large; a joint exceeds its limit."""
 
 
 @compiled
@@ -95,9 +95,9 @@ def piece_bound(chain: Chain, h: float, b: Array, fourth: Array) -> tuple[float,
         for k in range(1, 5):
             m[k] += x[k]
         bell(m, B)
-    share = h * h * h * h / 384.0
+    factor = h * h * h * h / 384.0
     # between rotations by θ, ‖R₁ − R₂‖₂ = 2 sin(θ/2)
-    return share * (p4 + fourth[0]), 2.0 * asin(min(1.0, 0.5 * share * (B[4] + fourth[1])))
+    return factor * (p4 + fourth[0]), 2.0 * asin(min(1.0, 0.5 * factor * (B[4] + fourth[1])))
 
 
 @compiled
@@ -163,7 +163,7 @@ def pieces_bound(
 
 @compiled
 def find_exit(points: Array, low: float, high: float) -> float:
-    """Find the first place where a quintic leaves an interval.
+    """Return the fraction of a quintic at which it first leaves an interval; 2 if it does not.
 
     By bisection: a part whose Bézier points are all inside is inside; other parts shorter than 1e-9 count as outside.
 
@@ -206,7 +206,7 @@ def find_exit(points: Array, low: float, high: float) -> float:
 
 @compiled
 def _predict(h: float, q: Array, dq: Array, ahead: Array, b: Array) -> float:
-    """Configuration a step h ahead of q (n,), into ahead (n,) and the first column of b; returns the largest motion."""
+    """Write the configuration a step h ahead of q (n,) into ahead (n,) and the first column of b; return the largest motion."""
     largest = 0.0
     for i in range(q.shape[0]):
         step = h * (dq[0, i] + 0.5 * h * (dq[1, i] + h * dq[2, i] / 3.0))
@@ -218,7 +218,7 @@ def _predict(h: float, q: Array, dq: Array, ahead: Array, b: Array) -> float:
 
 @compiled
 def _find_first_limit(b: Array, limits: Range) -> tuple[float, int]:
-    """Share of a step up to the first limit that the quintics b (n, 6) pass, and the joint; −1 where none does."""
+    """Return the fraction of a step at which the quintics b (n, 6) first exceed a limit, and the joint; −1 if none does."""
     lower, upper = limits
     first, joint = 2.0, -1
     for i in range(b.shape[0]):
@@ -230,7 +230,7 @@ def _find_first_limit(b: Array, limits: Range) -> tuple[float, int]:
 
 @compiled
 def _check_correction(q: Array, ahead: Array, worst: float, pose: Array, b: Array) -> tuple[int, int]:
-    """Code of a correction from the prediction b to ahead (n,), and the joint: DONE, NOT_MET or TOO_LONG."""
+    """Return the code of a correction from the prediction b to ahead (n,), DONE, NOT_MET or TOO_LONG, and the joint."""
     reach, largest = 1.0, 0.0
     for r in range(3):
         reach = max(reach, abs(pose[r, 3]))
@@ -248,9 +248,9 @@ def _check_correction(q: Array, ahead: Array, worst: float, pose: Array, b: Arra
 def march(
     chain: Chain, limits: Range, nodes: PathNodes, tolerance: Array, least: float, q: Array, dq: Array, singular: Array
 ) -> tuple[int, int, float, int]:  # fmt: skip
-    """March from q[0], dq[0] at the first node to every next node until a step is refused.
+    """March from q[0], dq[0] at the first node from node to node until a step is rejected.
 
-    A step is accepted where the corrected configuration is on the path, near the predicted one and without a large joint
+    A step is accepted if the corrected configuration is on the path, near the predicted one and without a large joint
     motion, its smallest singular value is at least the least, and the quintic between is proved to stay on the path within
     the tolerance and inside the limits.
 
@@ -295,7 +295,7 @@ def largest_motion(q: Array, other: Array) -> float:
 
 @compiled
 def find_limit_exit(s: Array, q: Array, dq: Array, lower: Array, upper: Array, joint: int) -> float:
-    """Find the first place where a joint of the quintics through nodes leaves its limits.
+    """Return s at which a joint of the quintics through nodes first leaves its limits; infinite if it does not.
 
     Shapes and units: s (k,) [m, or rad], q (k, n) [rad, m], dq (k, 3, n) [rad/m, rad/m², rad/m³], lower, upper (n,) [rad, m].
     Returns [m, or rad].

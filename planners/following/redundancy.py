@@ -1,4 +1,4 @@
-"""Redundancy resolution for arms of more than six joints: null-space motion chosen along the path, then kept exactly."""
+"""Redundancy resolution for arms of more than six joints: null-space motion chosen along the path, then tracked exactly."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from planners.following.smoothing import BARRIER_WEIGHT, LARGEST_EDGE, LOG_EDGE,
 from planners.paths.base import Path
 
 GUIDE_STATIONS = 25
-"""Places along the path at which the free motion is chosen: 24 pieces of a spline describe it."""
+"""Stations along the path at which the null-space motion is chosen: a spline of 24 pieces."""
 
 STATION_DRAWS = 40
 """Random initial guesses at every station, among whose solutions the programme chooses."""
 
 CHOICES = 3
-"""Free motions that are tried, the best first: the first can be followed on most paths."""
+"""Null-space motions that are tried, the best first: the first can be followed on most paths."""
 
 SHORTEST_FRACTION = 1e-3
-"""Shortest step [share of the path] towards the end of the reach: so accurately that end is found."""
+"""Shortest step towards the end of the reach, as a fraction of the path: the accuracy of that end."""
 
 KEEP_OFF_FACTOR = 8.0
-"""Factor on the weight of the distance to the limits where the free motion came to one."""
+"""Factor on the weight of the distance to the limits, if the null-space motion reached a limit."""
 
 MOST_REFINEMENTS = 4
-"""Most attempts to follow one free motion; before each new one, stations are inserted where it could not be followed."""
+"""Most attempts to follow one null-space motion; before each new one, stations are inserted where following failed."""
 
 
 def find_null_space_motions(
     robot: Robot, path: Path, q: Array | None, branch: str, free: Callable[[Array], Flags] | None = None
 ) -> Iterator[NullSpaceMotion]:
-    """Choose free motions to try, the best first.
+    """Yield null-space motions to try, the best first.
 
     Configurations q_k are chosen at stations along the path: for ``"start"`` by minimum-norm joint motion from the given one;
-    for ``"best"`` by dynamic programming over configurations drawn at every station and those continued from the station
-    before, at the cost of motion, distance to the limits and singularity. They are then moved along their self-motion
+    for ``"best"`` by dynamic programming over random configurations at every station and those continued from the previous
+    station, at the cost of motion, distance to the limits and singularity. They are then moved along their self-motion
     manifolds until the whole motion is smooth and keeps away from the limits. A spline g through them, and one W through
     the null spaces there, are the guide: q(s) is the configuration on the path with W(s) (q − g(s)) = 0. So q', q'', q''' are
     unique and exact for any splines.
@@ -69,7 +69,7 @@ class NullSpaceMotion:
         self.robot, self.path, self.held = robot, path, held
         self.chain = robot.chain
         self.middle = robot.limits.middle
-        self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no room to keep
+        self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no range
         self.first: Array = np.linalg.svd(robot.jacobian(way[0]))[2][6:].T.copy()
         self.s, self.way, self.keep_off = s[: len(way)], way, BARRIER_WEIGHT
         self._continue(s[len(way) :])
@@ -84,7 +84,7 @@ class NullSpaceMotion:
     def _continue(self, s: Array) -> None:
         """Continue the last configuration to stations s (k,), as far as possible.
 
-        Where one is not reached, a nearer one is tried first, so that the last is near the end of the arm's reach.
+        If one is not reached, a nearer one is tried first, so that the last is near the end of the arm's reach.
         """
         ahead = list(s)
         while ahead:
@@ -101,12 +101,12 @@ class NullSpaceMotion:
 
     def _smooth(self) -> None:
         poses, self.N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
-        shares = self.s / self.path.end
+        fractions = self.s / self.path.end
         self.way = np.ascontiguousarray(self.way)
         smoothing.smooth(
             self.chain,
             (self.middle, self.half),
-            (poses, shares),
+            (poses, fractions),
             self.first,
             self.keep_off,
             self.held,
@@ -115,7 +115,7 @@ class NullSpaceMotion:
         )
 
     def refine(self, s: float, limit: bool) -> bool:
-        """Insert stations around a place where the motion could not be followed, and smooth it again."""
+        """Insert stations around s at which following failed, and smooth the motion again; return whether that is possible."""
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
         k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))
@@ -135,7 +135,7 @@ class NullSpaceMotion:
 
     def guide(self) -> Guide:
         """Return the guide through the configurations; behind the last one it is constant."""
-        return _guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
+        return _build_guide(self.s, self.way, np.swapaxes(self.N, 1, 2))
 
 
 def _project(robot: Robot, poses: Array, q: Array) -> Flags:
@@ -147,16 +147,16 @@ def _project(robot: Robot, poses: Array, q: Array) -> Flags:
 def _search_stations(
     robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None
 ) -> list[Array]:
-    """The cheapest sequences (k, n) over the stations, by dynamic programming; shorter where none reaches the last station."""
+    """Return the cheapest sequences (k, n) over the stations, by dynamic programming; shorter if none reaches the last one."""
     solver, rng = _solver(robot), np.random.default_rng(0)
     starts = robot.limits.sample(rng, STATION_DRAWS * len(poses))
-    drawn = solver.solve_batch(np.repeat(poses, STATION_DRAWS, axis=0), starts, threads=1)
+    solutions = solver.solve_batch(np.repeat(poses, STATION_DRAWS, axis=0), starts, threads=1)
     layers: list[Array] = []
     costs: list[Array] = []
     before: list[Indices] = []
     for k, pose in enumerate(poses):
         part = slice(k * STATION_DRAWS, (k + 1) * STATION_DRAWS)
-        q = drawn.q[part][drawn.solved[part]]
+        q = solutions.q[part][solutions.solved[part]]
         if k:
             on = layers[-1].copy()
             on = on[_project(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
@@ -184,7 +184,7 @@ def _search_stations(
 
 @compiled
 def _find_edges(layer: Array, costs: Array, q: Array, weight: float, total: Array, best: Indices) -> None:
-    """Cheapest edge from a layer (k, n) to each configuration (m, n), no joint moving far; infinite where there is none."""
+    """Write the cheapest edge from a layer (k, n) to each configuration (m, n), no joint moving far; infinite without one."""
     for j in range(q.shape[0]):
         total[j], best[j] = np.inf, 0
         for i in range(layer.shape[0]):
@@ -199,7 +199,7 @@ def _find_edges(layer: Array, costs: Array, q: Array, weight: float, total: Arra
 
 
 def _choose_different(layers: list[Array], costs: list[Array]) -> list[int]:
-    """Last configurations of the cheapest sequences that end apart from each other."""
+    """Return the last configurations of the cheapest sequences that end in different configurations."""
     if not layers:
         return []
     chosen: list[int] = []
@@ -223,7 +223,7 @@ def _solver(robot: Robot) -> IKSolver:
 
 
 def _station_costs(robot: Robot, q: Array) -> Array:
-    """Cost (k,) of configurations (k, n): nearness to limits and to singular configurations."""
+    """Return the costs (k,) of configurations (k, n): nearness to limits and to singular configurations."""
     sigma = smallest_singular_values(robot, q)
     x = np.minimum(np.abs(robot.limits.normalise(q)), LOG_EDGE)
     return np.asarray(
@@ -231,8 +231,8 @@ def _station_costs(robot: Robot, q: Array) -> Array:
     )
 
 
-def _guide(s: Array, way: Array, directions: Array) -> Guide:
-    """The guide through configurations (k, n) and directions of free motion (k, d, n) at stations s (k,)."""
+def _build_guide(s: Array, way: Array, directions: Array) -> Guide:
+    """Return the guide through configurations (k, n) and null-space bases (k, d, n) at stations s (k,)."""
     k, d, n = directions.shape
     W = directions.reshape(k, d * n)
     both = np.concatenate([W, way], axis=1)

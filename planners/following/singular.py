@@ -23,14 +23,14 @@ from planners.following.course import Course
 from planners.following.joint_path import smallest_singular_values
 
 CLEAR = 1e-4
-"""Least smallest singular value of a place ahead of a singular start: derivatives q'' are exact to 1e-3 / m² there."""
+"""Least singular value of the regular configuration ahead of a singular start: q'' is exact to 1e-3 / m² there."""
 
 AHEAD = 2.0 ** np.arange(-10.0, -2.0)
-"""Shares of the path at which a regular configuration ahead of a singular start is searched, the nearest first."""
+"""Fractions of the path at which a regular configuration ahead of a singular start is searched, the nearest first."""
 
 
 class PathPoint(NamedTuple):
-    """A place s of a path, a configuration q (n,) there and its derivatives dq (3, n)."""
+    """A point of a joint path: s, the configuration q (n,) and its derivatives dq (3, n)."""
 
     s: float
     q: Array
@@ -43,7 +43,7 @@ def smallest_singular_value(robot: Robot, q: Array) -> float:
 
 
 def continue_to(robot: Robot, course: Course, near: PathPoint, s: float, away: float) -> PathPoint | None:
-    """Continue a motion from a regular place to a place near it, ahead or behind."""
+    """Return the continuation of a motion from a regular point to s near it, ahead or behind; None if it fails."""
     chain, h = robot.chain, s - near.s
     q = near.q + h * (near.dq[0] + 0.5 * h * (near.dq[1] + h * near.dq[2] / 3.0))
     nodes, predicted, dq = course.nodes(np.array([s])), q.copy(), np.empty((3, robot.n))
@@ -63,7 +63,7 @@ def continue_to(robot: Robot, course: Course, near: PathPoint, s: float, away: f
 
 
 def find_departures(robot: Robot, course: Course, near: Array | None = None) -> Iterator[tuple[PathPoint, PathPoint]]:
-    """Find smooth motions that begin at a singular start of the path.
+    """Yield smooth motions that begin at a singular start of the path.
 
     They are continued backwards to the start from the regular configurations a little ahead.
     """
@@ -91,7 +91,7 @@ def find_departures(robot: Robot, course: Course, near: Array | None = None) -> 
 
 
 def find_regular_roots(robot: Robot, pose: Array, least: float, near: Array | None = None) -> tuple[Array, bool]:
-    """Return the regular configurations that meet a pose inside the limits."""
+    """Return the regular configurations of a pose inside the limits, and whether there are singular ones."""
     found = _closed_form(robot).branches(pose, near)
     singular = found.free.copy()
     for k in range(len(singular)):

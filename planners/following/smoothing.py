@@ -1,4 +1,4 @@
-"""Null-space motion of redundant arms, compiled: continued from station to station, and smoothed as a whole."""
+"""Null-space motion of redundant arms, compiled: continuation from station to station, and smoothing."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from optik.se3 import pose_error
 from optik.types import Array
 
 Ranges = tuple[Array, Array]
-"""Middle (n,) and half (n,) of the joints' ranges [rad, m], infinite where there is no limit to keep off."""
+"""Middle (n,) and half (n,) of the joints' ranges [rad, m], infinite without a limit."""
 
 Stations = tuple[Array, Array]
-"""Poses (k, 4, 4) of the tool at stations of the path [1, m], and the stations (k,) as shares of the path [1]."""
+"""Poses (k, 4, 4) of the tool at stations of the path [1, m], and the stations (k,) as fractions of the path [1]."""
 
 LARGEST_EDGE = 0.7
 """Largest joint motion from one station to the next [rad or m], before smoothing: a larger one may be a jump."""
@@ -26,19 +26,19 @@ LOG_EDGE = 0.98
 """The barrier continues as a parabola beyond this x, so that it has derivatives outside the limits, too."""
 
 SMOOTHING_ROUNDS = 12
-"""Most Newton steps of smoothing, which a motion that does not converge uses up."""
+"""Most Newton steps of smoothing."""
 
 SMOOTHING_CONVERGED = 1e-4
-"""Smoothing has converged where a step moves no joint further than this [rad or m]: the guide need not be exact."""
+"""Smoothing has converged if a step moves no joint further than this [rad or m]: the guide need not be exact."""
 
 LARGEST_MOVE = 0.2
 """Largest joint motion in one step of smoothing [rad or m], so that the null spaces change little."""
 
 MOST_RETREAT = 0.05
-"""Largest null-space motion away from the limits on the way to the next station [rad or m]; smoothing does the rest."""
+"""Largest null-space motion away from the limits from one station to the next [rad or m], before smoothing."""
 
 STATION_REACHED = 1e-9
-"""Largest error of a configuration that meets the pose of its station [m, rad]."""
+"""Largest pose error of a configuration at its station [m, rad]."""
 
 
 @compiled
@@ -131,13 +131,13 @@ def continue_stations(
     middle: Array,
     half: Array,
     poses: Array,
-    shares: Array,
+    fractions: Array,
     N: Array,
     way: Array,
 ) -> int:
     """Continue a configuration from station to station by minimum-norm steps, kept away from the limits.
 
-    Shapes and units: middle, half (n,) [rad, m], poses (k, 4, 4) [m], shares (k,) [1], N (n, d) [1], way (k, n) [rad, m].
+    Shapes and units: middle, half (n,) [rad, m], poses (k, 4, 4) [m], fractions (k,) [1], N (n, d) [1], way (k, n) [rad, m].
     """
     n, d = N.shape
     J, on, other = np.empty((6, n)), np.empty((n, d)), np.empty(n)
@@ -159,7 +159,7 @@ def continue_stations(
             for i in range(n):
                 slope += N[i, c] * barrier_derivatives(middle[i], half[i], way[k, i])[0]
             for i in range(n):
-                other[i] -= BARRIER_WEIGHT * slope * N[i, c] * (shares[k] - shares[k - 1])
+                other[i] -= BARRIER_WEIGHT * slope * N[i, c] * (fractions[k] - fractions[k - 1])
         for i in range(n):
             largest = max(largest, abs(other[i]))
         for i in range(n):
@@ -214,14 +214,14 @@ def solve_blocks(D: Array, C: Array, b: Array) -> None:
 
 @compiled
 def _assemble(
-    ranges: Ranges, shares: Array, keep_off: float, held: bool, way: Array, N: Array, system: tuple[Array, Array, Array]
+    ranges: Ranges, fractions: Array, keep_off: float, held: bool, way: Array, N: Array, system: tuple[Array, Array, Array]
 ) -> None:  # fmt: skip
-    """The Newton system of the cost ½ Σ |Δq|² / Δs + Σ barrier, in null-space coordinates, for `solve_blocks`."""
+    """Write the Newton system of the cost ½ Σ |Δq|² / Δs + Σ barrier, in null-space coordinates, for `solve_blocks`."""
     (k, n, d), (middle, half), (D, C, b) = N.shape, ranges, system
     pull, bend = np.empty(n), np.empty(n)
     for i in range(k):
-        left = shares[i] - shares[i - 1] if i > 0 else 0.0
-        right = shares[i + 1] - shares[i] if i + 1 < k else 0.0
+        left = fractions[i] - fractions[i - 1] if i > 0 else 0.0
+        right = fractions[i + 1] - fractions[i] if i + 1 < k else 0.0
         weight, stiff = 0.5 * keep_off * (left + right), 0.0
         for j in range(n):
             slope, curve = barrier_derivatives(middle[j], half[j], way[i, j])
@@ -259,12 +259,12 @@ def smooth(
 
     Shapes and units: first (n, d) [1], keep_off [1], way (k, n) [rad, m], N (k, n, d) [1]. Returns [1].
     """
-    (k, n, d), (poses, shares) = N.shape, stations
+    (k, n, d), (poses, fractions) = N.shape, stations
     D, C, b = np.empty((k, d, d)), np.empty((k, d, d)), np.empty((k, d))
     move, J = np.empty((k, n)), np.empty((6, n))
     for _ in range(SMOOTHING_ROUNDS):
         find_null_spaces(chain, way, first, N)
-        _assemble(ranges, shares, keep_off, held, way, N, (D, C, b))
+        _assemble(ranges, fractions, keep_off, held, way, N, (D, C, b))
         solve_blocks(D, C, b)
         largest = 1e-12
         for i in range(k):
@@ -273,10 +273,10 @@ def smooth(
                 for r in range(d):
                     move[i, j] += N[i, j, r] * b[i, r]
                 largest = max(largest, abs(move[i, j]))
-        share = min(1.0, LARGEST_MOVE / largest)
+        step = min(1.0, LARGEST_MOVE / largest)
         for i in range(k):
             for j in range(n):
-                move[i, j] = way[i, j] + share * move[i, j]
+                move[i, j] = way[i, j] + step * move[i, j]
             if project_onto(chain, poses[i], move[i], J) < STATION_REACHED:
                 way[i] = move[i]
         if largest < SMOOTHING_CONVERGED:

@@ -1,4 +1,4 @@
-"""Track one branch along a path: march, divide refused steps, step over singular configurations."""
+"""Track one branch along a path: march, divide rejected steps, step over singular configurations."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from planners.following.joint_path import LEAST_SPACING, deviation_bounds, small
 from planners.following.singular import PathPoint, continue_to, find_departures, smallest_singular_value
 
 LEAST_STEP = 1e-6
-"""Shortest step, as a share of the path's length: the accuracy of the end of a branch."""
+"""Shortest step, as a fraction of the path length: the accuracy of the end of a branch."""
 
 FINEST_STEP = 1e-11
-"""Shortest step, as a share of the length, where only the path bends too much for a longer one; rounding in s is 1e-16."""
+"""Shortest step, as a fraction of the path length, where only the path bends too much; rounding in s is 1e-16."""
 
 MOST_NODES = 200_000
-"""Most nodes of one path: a joint path of minutes of computing, where tracking stops."""
+"""Most nodes of one path, at which tracking stops: minutes of computing time."""
 
 BEND_FRACTION = 1e-3
-"""Share of the tolerance below which the path's own bend does not limit a step, only the joints do."""
+"""Fraction of the tolerance below which the path's own bend does not limit a step, only the joints do."""
 
 NODES_AT_ONCE = 1024
-"""Nodes that are marched through at once, so that the work of a refused step does not grow with the path."""
+"""Nodes per march, so that the work of a rejected step does not grow with the path."""
 
 STEP_OVER_FROM = (march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
 """Smallest singular values at the ends of a step over a singular configuration, in the order they are tried. Small ones make
@@ -37,14 +37,14 @@ a short step; at large ones a path that passes a little beside the singularity i
 arms that leave the singularity slowly."""
 
 STEP_OVER_LENGTHS = (1.0, 1.7, 3.0, 5.0)
-"""Lengths of the step behind the singular configuration over that before it, since the speed of the joints changes there."""
+"""Ratios of the step length behind the singular configuration to that before it, where the joint speeds change."""
 
 SAME_START = 1e-4
 """Largest distance of a continuation of a singular start from the given one [rad or m]: `follow` accepts as much."""
 
 
 class TrackEnd(NamedTuple):
-    """How a branch ended at s: a code of `march`, its figure, and the joint that is at its limit, or −1."""
+    """End of a branch at s: a code of `march`, its value, and the joint at its limit, or −1."""
 
     code: int
     s: float
@@ -53,7 +53,7 @@ class TrackEnd(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Nodes s (k,) of a branch with q (k, n), dq (k, 3, n), and how it ended."""
+    """Nodes s (k,) of a branch with q (k, n) and dq (k, 3, n); and its end, or None at the end of the path."""
 
     s: Array
     q: Array
@@ -76,9 +76,9 @@ def track(
 
 
 class _Tracker:
-    """A stack of parts of the path that remain, the next one on top, and the good nodes so far.
+    """A stack of the remaining parts of the path, the next one on top, and the accepted nodes.
 
-    Each part begins with the node at which the one before it ends, so the cost of a refused step does not depend on the rest.
+    Each part begins with the last node of the previous one, so the cost of a rejected step is independent of the path length.
     """
 
     def __init__(self, robot: Robot, course: Course, tolerance: Tolerance, limits: tuple[Array, Array]) -> None:
@@ -90,7 +90,7 @@ class _Tracker:
         self.s, self.q, self.dq = np.empty(256), np.empty((256, n)), np.empty((256, 3, n))
         self.ahead: list[Nodes] = []
         self.least = march.REGULAR  # smallest singular value that a node may have
-        self.at_limit: TrackEnd | None = None  # how it ends, once a limit was found
+        self.at_limit: TrackEnd | None = None  # the end, once a limit was found
 
     def run(self, nodes: Nodes, q_start: Array) -> Track:
         ended = self._begin(nodes, q_start)
@@ -100,7 +100,7 @@ class _Tracker:
         return Track(self.s[:k], self.q[:k], self.dq[:k], ended or self.at_limit)
 
     def _keep(self, s: Array, q: Array, dq: Array) -> None:
-        """Add good nodes (k,)."""
+        """Append accepted nodes (k,)."""
         new = self.count + len(s)
         while new > len(self.s):
             self.s, self.q, self.dq = (np.concatenate([x, np.empty_like(x)]) for x in (self.s, self.q, self.dq))
@@ -109,7 +109,7 @@ class _Tracker:
         self.count = new
 
     def _resume(self, nodes: Nodes) -> None:
-        """Continue from the last good node to the first node of these, or of the parts after them, that is well ahead."""
+        """Continue from the last accepted node to the first node, of these or of the parts after them, that is well ahead."""
         s = float(self.s[self.count - 1])
         self.ahead.append(nodes)
         while self.ahead:
@@ -122,7 +122,7 @@ class _Tracker:
     # ------------------------------------------------------------ the start
 
     def _begin(self, nodes: Nodes, q_start: Array) -> TrackEnd | None:
-        """Correct the start onto the path; at a singular one, begin with a smooth motion that starts there."""
+        """Project the start onto the path; at a singular one, begin with a smooth motion that starts there."""
         q, dq = np.array(q_start), np.empty((3, self.robot.n))
         reach = max(1.0, float(np.abs(nodes.poses[0, :3, 3]).max()))
         error, _ = newton.polish(self.chain, nodes.poses[0], nodes.rows[0, 0], nodes.values[0, 0], 10, q)
@@ -146,7 +146,7 @@ class _Tracker:
         return None
 
     def _depart(self, nodes: Nodes, q_start: Array) -> bool:
-        """Begin at a singular configuration with a smooth motion from it, where there is one."""
+        """Begin at a singular configuration with a smooth motion from it; return whether there is one."""
         if self.robot.n > 6:
             return False
         for left, right in find_departures(self.robot, self.course, q_start):
@@ -157,10 +157,10 @@ class _Tracker:
                 return True
         return False
 
-    # ------------------------------------------------------------ going on
+    # ------------------------------------------------------------ marching
 
     def _advance(self, nodes: Nodes) -> TrackEnd | None:
-        """March through nodes, the first of which is the last good one, and handle what stopped the march."""
+        """March through nodes, the first of which is the last accepted one, and handle the result."""
         most = NODES_AT_ONCE if self.least == march.REGULAR else 2
         if len(nodes.s) > most:
             self.ahead.append(slice_nodes(nodes, most - 1))
@@ -185,8 +185,8 @@ class _Tracker:
             return self._approach_limit(nodes, i, q[i : i + 2], dq[i : i + 2], value, joint)
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         if code == march.SINGULAR:
-            passed, coarse = self._step_over(nodes, i, value)
-            if passed:
+            proved, coarse = self._step_over(nodes, i, value)
+            if proved:
                 return None
             if self.least == march.REGULAR and (not coarse or b - a <= LEAST_SPACING):  # approach it node by node
                 self.least = march.SMALLEST_SINGULAR_VALUE
@@ -201,7 +201,7 @@ class _Tracker:
         return None
 
     def _approach_limit(self, nodes: Nodes, i: int, q: Array, dq: Array, value: float, joint: int) -> TrackEnd | None:
-        """Continue from node i up to the limit that the step to the next node, with ends q and dq, passes."""
+        """Continue from node i up to the limit that the step to the next node, with ends q and dq, exceeds."""
         a, b = float(nodes.s[i]), float(nodes.s[i + 1])
         points = np.empty((self.robot.n, 6))
         march.control_points(b - a, q[0], dq[0], q[1], dq[1], points)
@@ -217,8 +217,10 @@ class _Tracker:
     # ------------------------------------------------------------ singular configurations
 
     def _step_over(self, nodes: Nodes, i: int, value: float) -> tuple[bool, bool]:
-        """Step over the node after node i, with this singular value, between regular nodes or to the path's end."""
-        # Returns whether the step was proved, and if not, whether a shorter one might be.
+        """Step over the node after node i, with this singular value, between regular nodes or to the path's end.
+
+        Return whether the step is proved, and if not, whether a shorter one might be.
+        """
         middle, coarse, back = float(nodes.s[i + 1]), False, min(self.count, 64)
         sigma = smallest_singular_values(self.robot, self.q[self.count - back : self.count])
         for away in STEP_OVER_FROM:
@@ -234,22 +236,22 @@ class _Tracker:
                 right = continue_to(self.robot, self.course, left, s, away)
                 if right is None:
                     continue
-                refused = self._check_step(left, right)
-                if refused == march.LOOSE:
+                code = self._check_step(left, right)
+                if code == march.LOOSE:
                     ends = self._soften(k, left, right)
                 else:
-                    ends = [left, right] if refused == march.DONE else None
+                    ends = [left, right] if code == march.DONE else None
                 if ends is not None:
                     self.count = k
                     for end in ends:
                         self._keep(np.array([end.s]), end.q[None], end.dq[None])
                     self._resume(slice_nodes(nodes, i + 1))
                     return True, False
-                coarse |= refused in (march.LOOSE, march.TOO_LONG)
+                coarse |= code in (march.LOOSE, march.TOO_LONG)
         return False, coarse
 
     def _soften(self, k: int, left: PathPoint, right: PathPoint) -> list[PathPoint] | None:
-        """The same step from node k as a cubic, with a node before it where one is needed; None where neither is accepted."""
+        """Return the step from node k as a cubic, with a node before it if needed; None if neither is accepted."""
         # Near a singular configuration that the path passes a little beside, exact second derivatives describe the
         # detour of the joints around it, not the step over it. The proof needs pose and twist only.
         h, (v0, v1) = right.s - left.s, (left.dq[0], right.dq[0])
@@ -260,7 +262,9 @@ class _Tracker:
         if self._check_step(soft, softer) != march.DONE:
             return None
         before = PathPoint(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
-        if k == 0 or self._check_step(before, soft) == march.DONE:  # the piece before must hold with this end, too
+        if (
+            k == 0 or self._check_step(before, soft) == march.DONE
+        ):  # the piece before must be accepted with this end, too
             return [soft, softer]
         between = continue_to(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
         if between is not None and self._check_step(before, between) == self._check_step(between, soft) == march.DONE:
@@ -268,7 +272,7 @@ class _Tracker:
         return None
 
     def _check_step(self, left: PathPoint, right: PathPoint) -> int:
-        """Why a step outside the march is refused; DONE where it is accepted."""
+        """Return the code of a step outside the march; DONE if it is accepted."""
         h, n = right.s - left.s, self.robot.n
         if np.abs(right.q - left.q).max() > march.LARGEST_STEP:
             return march.TOO_LONG

@@ -1,4 +1,4 @@
-"""Cartesian paths: one file a path; a path knows where the tool is at s, and how it turns."""
+"""Paths of the tool, one module for each: poses and twists over the path parameter s."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Path", "make_path", "path_of", "paths"]
 
 
 def paths() -> tuple[str, ...]:
-    """Names of all paths, ours and those of installed packages.
+    """Return the names of all paths, those of installed packages included.
 
     Returns
     -------
@@ -26,14 +26,14 @@ def paths() -> tuple[str, ...]:
 
 
 def make_path(path: str | os.PathLike[str], robot: Robot | None = None, **data: Any) -> Path:
-    """Build a path by its name, or from a file that is given as a path, out of plain data.
+    """Return a path built from plain data by its name, or by a plug-in file.
 
     Parameters
     ----------
     path : str or path
         A name from `paths`, or a Python file such as ``"./spiral.py"``, which is run.
     robot : Robot, optional
-        The arm; a path that is given in the joints needs it.
+        The arm; a path in joint space needs it.
     **data
         What its `Path.to_dict` returns, without ``path``.
 
@@ -60,19 +60,19 @@ def make_path(path: str | os.PathLike[str], robot: Robot | None = None, **data: 
 
 
 def path_of(data: Mapping[str, Any], robot: Robot | None = None) -> Path:
-    """Rebuild a path from the plain data that its `to_dict` wrote; no file is run that the data name.
+    """Return the path whose `to_dict` wrote this plain data; no file that the data name is run.
 
     Parameters
     ----------
     data : mapping
         With the path's name in ``path``.
     robot : Robot, optional
-        The arm; a path that is given in the joints needs it.
+        The arm; a path in joint space needs it.
 
     Returns
     -------
     Path
-        With the same poses to the last bit.
+        With poses equal to the last bit.
 
     Raises
     ------

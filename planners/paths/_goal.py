@@ -14,7 +14,7 @@ from planners.paths.line import Line
 
 
 def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None) -> Path:
-    """Return the path from a configuration to a goal: a straight line to a pose, or one in joint space to joints."""
+    """Return the path from a configuration to a goal: a straight line to a pose, or a line in joint space to joints."""
     expected = f"a Path, a pose (4, 4) or the {robot.n} joints of a goal"
     try:
         array = np.asarray(goal, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Projection of poses onto any path: a grid whose error is bounded, then Newton's method."""
+"""Projection of poses onto a path, by a grid with a bounded error and then Newton's method."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from optik.types import Array, Indices
 from planners.paths._rotation import vector_of
 
 TURN_WEIGHT = 1e-3
-"""Distance [m] that a rotation by 1 rad counts for: too little to matter beside a distance, but where the tool only turns it
-tells places apart."""
+"""Distance [m] that a rotation by 1 rad counts for: negligible beside distances, but decisive where the tool only turns."""
 MOST_BEND = 1e-4
 """Largest distance of the path from the chords of the grid [m]: small beside arms, and a metre of arc needs few chords."""
 MOST_CELLS = 512
@@ -22,7 +21,7 @@ DISTANCES_AT_ONCE = 1_000_000
 
 
 class PosesAlong(Protocol):
-    """What the search needs of a path; see `planners.paths.base.Path`."""
+    """The members of a path that the search uses; see `planners.paths.base.Path`."""
 
     @property
     def end(self) -> float:
@@ -30,7 +29,7 @@ class PosesAlong(Protocol):
 
     @property
     def breaks(self) -> Array:
-        """Places (k,) between which the path is smooth."""
+        """Values of s (k,) between which the path is smooth."""
 
     def piece_bounds(self) -> Array:
         """Bounds (k − 1, 2, 4) on derivatives between breaks."""
@@ -43,10 +42,10 @@ class PosesAlong(Protocol):
 
 
 def find_nearest(path: PosesAlong, poses: Array) -> Array:
-    """Return the places on a path where |p − x|² + `TURN_WEIGHT`² |R − X|²/2 is least; x and X are a pose's parts.
+    """Return the path parameters at which |p − x|² + `TURN_WEIGHT`² |R − X|²/2 is least, with the pose (x, X).
 
     The distance of the path from the chords of a grid has a known bound. So the chords that may be nearest are known, and
-    each of them is searched. Two places whose distances differ by less than twice that bound may count as one.
+    each of them is searched. Two positions whose distances differ by less than twice that bound may count as one.
     """
     edges, bend = chords(path, TURN_WEIGHT, MOST_BEND)
     rows = max(DISTANCES_AT_ONCE // bend.size, 1)
@@ -80,7 +79,7 @@ def embed_poses(poses: Array, turn: float) -> Array:
 
 
 def _candidates(z: Array, bend: Array, x: Array) -> tuple[Indices, Indices, Array]:
-    """Pairs of a pose and a chord that may be nearest to it, and where on the chord, from 0 to 1."""
+    """Return pairs of a pose and a chord that may be nearest to it, and the position on the chord, from 0 to 1."""
     centre = z.mean(axis=0)
     a, e, x = z[:-1] - centre, np.diff(z, axis=0), x - centre
     length2 = np.einsum("ij,ij->i", e, e)
@@ -95,7 +94,7 @@ def _candidates(z: Array, bend: Array, x: Array) -> tuple[Indices, Indices, Arra
 
 
 def _newton(path: PosesAlong, poses: Array, s: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Places (k,) of least cost within [low, high] by Newton's method inside a shrinking bracket, and the costs."""
+    """Return s (k,) of least cost within [low, high], by Newton's method in a shrinking bracket, and the costs."""
     s, low, high = s.copy(), low.copy(), high.copy()
     active = np.arange(s.size)
     for step in range(60):
@@ -103,7 +102,7 @@ def _newton(path: PosesAlong, poses: Array, s: Array, low: Array, high: Array) -
         low[active] = np.where(slope <= 0.0, s[active], low[active])
         high[active] = np.where(slope >= 0.0, s[active], high[active])
         new = s[active] - np.divide(slope, curvature, out=np.full(slope.shape, np.inf), where=curvature > 0.0)
-        # clamping finds at once a least cost at the end of a cell; any other step out of the bracket is bisected
+        # clipping finds a minimum at the end of a cell at once; any other step out of the bracket is bisected
         kept = np.clip(new, low[active], high[active])
         half = 0.5 * (low[active] + high[active])
         new = np.where((kept == new) | ((step < 2) & (curvature > 0.0)), kept, half)
@@ -124,7 +123,7 @@ def _cost(path: PosesAlong, poses: Array, s: Array) -> Array:
 
 
 def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:
-    """First and second derivative (k,) of half the cost, by R' = ω×R and R'' = (ω'× + ω×ω×) R."""
+    """Return the first and second derivatives (k,) of half the cost, by R' = ω×R and R'' = (ω'× + ω×ω×) R."""
     at, first, second = path.pose(s), path.twist(s), path.twist(s, 2)
     r, v, w = at[:, :3, 3] - poses[:, :3, 3], first[:, :3], first[:, 3:]
     R, X = _rotations_of(at, poses)

@@ -24,9 +24,9 @@ def shortest_turn(start: Array, goal: Array, argument: str) -> Array:
     if angle > pi - HALF_TURN:
         raise InvalidInput(
             argument,
-            f"a turn of {degrees(angle):.6f}°, which is as short the other way round",
-            "a turn of less than 180° from the pose before: say which way round by a pose between the two (Polyline) or "
-            "by the axis (Arc.about), or turn 0.001 rad less",
+            f"a turn of {degrees(angle):.6f}°, which is equally short in both directions",
+            "a turn of less than 180° from the previous pose: add a pose between the two (Polyline), give the axis "
+            "(Arc.about), or turn 0.001 rad less",
         )
     return turn
 

@@ -39,7 +39,7 @@ def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) 
     turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)), ())
     if turned in ((), AXIS_COLUMNS) and orientation is None:
         what = "i,j,k, which leave the rotation about the axis free," if turned else "no columns of an orientation"
-        raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool for a file with {what}")
+        raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because the file has {what}")
     first = _rotation(np.eye(3) if orientation is None else orientation)
     p = POSITION_COLUMNS[position] * numbers[:, [columns.index(c) for c in position]]
     values = numbers[:, [columns.index(c) for c in turned]]
@@ -124,7 +124,7 @@ def _rotations(name: str, lines: list[int], turned: tuple[str, ...], values: Arr
         sine = float(np.linalg.norm(w))
         if cosine < 0.0 and sine < 1e-6:
             at = f"{name}, line {line}, columns i,j,k"
-            raise InvalidInput(at, "an axis opposite to the one before", "one that does not turn the tool by 180°")
+            raise InvalidInput(at, "an axis opposite to the previous one", "a turn of less than 180°")
         turn = w * (np.arctan2(sine, cosine) / sine) if sine > 0.0 else np.zeros(3)
         rotations.append(se3.exp_so3(turn) @ rotations[-1])
     return rotations[1:]

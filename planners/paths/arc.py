@@ -1,4 +1,4 @@
-"""The circular arc: through three points, or about an axis by an angle; the rotation at constant rate."""
+"""The circular arc through three points or about an axis, with rotation at constant rate."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from planners.paths._rotation import make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
 
 SAME_POINT = 1e-9
-"""Points nearer to each other than this [m] are one point, as far as arms of metres can tell, and give no direction."""
+"""Points nearer to each other than this [m] count as equal and give no direction."""
 DEGENERATE = 1e-6
-"""Sides shorter than this share of the longest, and turns by less than this angle [rad], are measuring noise."""
+"""Sides shorter than this fraction of the longest, and angles below this [rad], are measurement noise."""
 MOST_TURNS = 10
-"""Largest angle of an arc, in turns: a larger one was most likely given in degrees."""
+"""Largest angle of an arc, in turns: a larger one was probably given in degrees."""
 
 
 class Circle(NamedTuple):
-    """Part of a circle from the start on: unit vectors (3,) along it and to its centre, radius [m], angle [rad] > 0."""
+    """An arc of a circle from its start: unit vectors (3,) along it and to its centre, radius [m], angle [rad] > 0."""
 
     along: Array
     inward: Array
@@ -38,8 +38,8 @@ class Circle(NamedTuple):
 class Arc(Path):
     """Part of a circle, built by `through` or `about`; s is the length of the arc [m].
 
-    p(s) = p₀ + r sin(s/r) t + 2 r sin²(s/2r) m with t along the arc and m to the centre at the start: exact for the
-    largest radius too, where p = centre + … would cancel. R(s) = exp(s ω) R₀ with constant ω in the base frame.
+    p(s) = p₀ + r sin(s/r) t + 2 r sin²(s/2r) m with t along the arc and m to the centre at the start: exact for large
+    radii too, where p = centre + … would cancel. R(s) = exp(s ω) R₀ with constant ω in the base frame.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Arc(Path):
 
     @classmethod
     def through(cls, start: ArrayLike, via: ArrayLike, goal: ArrayLike) -> Self:
-        """Build the arc from start to goal through a point; the rotation is the shortest one from start to goal.
+        """Return the arc from start to goal through a point; the rotation is the shortest one from start to goal.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Arc(Path):
         Raises
         ------
         InvalidInput
-            No pose or point, two equal points, three points on a straight line, or a half turn.
+            An invalid pose or point, two equal points, three points on a straight line, or a half turn.
         """
         first, last = (se3.nearest_pose(se3.check_pose(T, n)).copy() for T, n in ((start, "start"), (goal, "goal")))
         point = se3.check_pose(via, "via")[:3, 3] if np.shape(via) == (4, 4) else _vector(via, "via", "a point [m]")
@@ -86,7 +86,7 @@ class Arc(Path):
     def about(
         cls, start: ArrayLike, centre: ArrayLike, axis: ArrayLike, angle: float, *, orientation: ArrayLike = "fixed"
     ) -> Self:
-        """Build the arc from start about an axis, by an angle that may be several turns.
+        """Return the arc from start about an axis, by an angle that may be several turns.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class Arc(Path):
         Raises
         ------
         InvalidInput
-            No pose, point or direction, a start on the axis, an angle of 0 or above 10 turns, a half turn to the
+            An invalid pose, point or direction, a start on the axis, an angle of 0 or above 10 turns, a half turn to the
             goal's orientation.
         """
         first = se3.nearest_pose(se3.check_pose(start, "start")).copy()
@@ -158,7 +158,7 @@ class Arc(Path):
         return out
 
     def _nearest(self, poses: Array) -> Array:
-        """Closed form: by position; of places at equal distance the one with the nearest rotation, or the first."""
+        """Return s nearest by position, in closed form; among equally near ones that of the nearest rotation, or the first."""
         along, inward, r, angle = self.circle
         offset = poses[:, :3, 3] - self.start[:3, 3]
         a, b = offset @ along, offset @ inward
@@ -166,13 +166,13 @@ class Arc(Path):
         first[first > 2.0 * pi - 1e-12] = 0.0
         turns = first + 2.0 * pi * np.arange(ceil(angle / (2.0 * pi)))[:, None]
         theta = np.concatenate([np.minimum(turns, angle), np.tile([[0.0], [angle]], len(poses))])
-        # half the squared distance, without the terms that do not depend on the place
+        # half the squared distance, without the terms that do not depend on s
         cost = 2.0 * r * np.sin(0.5 * theta) ** 2 * (r - b) - r * np.sin(theta) * a
         if self._w.any():
             R = rotations_along(self.start[:3, :3], self._w, r * theta.ravel()).reshape(*theta.shape, 3, 3)
             cost -= 0.5 * TURN_WEIGHT**2 * np.einsum("tkij,kij->tk", R, poses[:, :3, :3])
         cost[: len(turns)][turns > angle] = np.inf
-        # the ends come last, so that rounding in the cost does not move a place near an end onto it
+        # the ends come last, so that rounding in the cost does not move an s near an end onto it
         rounding = 1e-14 * ((r * min(angle, 2.0)) ** 2 + np.einsum("ki,ki->k", offset, offset))
         chosen = np.argmax(cost <= cost.min(axis=0) + rounding, axis=0)
         return np.asarray(r * theta[chosen, np.arange(len(poses))])
@@ -183,7 +183,7 @@ class Arc(Path):
         return np.array([self.circle.radius ** (1.0 - k), np.linalg.norm(self._w) ** k])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files: what the arc was built from."""
+        """Return plain data for files: the arguments that the arc was built from."""
         return {"path": self.name} | self._source
 
     @classmethod
@@ -196,14 +196,14 @@ class Arc(Path):
 
 
 def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
-    """By the angle δ between the chords start–via and via–goal: the arc turns by 2δ, and the chord is 2 r sin δ."""
+    """Return the circle by the angle δ between the chords start–via and via–goal: the arc is 2δ, the chord 2 r sin δ."""
     first, second, chord = via - start, goal - via, goal - start
     sides = np.array([np.linalg.norm(v) for v in (first, second, chord)])
     least = max(SAME_POINT, DEGENERATE * sides.max())
     for side, argument, other in zip(sides, ("via", "via", "goal"), ("start", "goal", "start"), strict=True):
         if side <= least:
             full = "; a full circle is Arc.about" if argument == "goal" else ""
-            raise InvalidInput(argument, f"a point {side:.3g} m from {other}", f"three points that stand apart{full}")
+            raise InvalidInput(argument, f"a point {side:.3g} m from {other}", f"three different points{full}")
     normal = _cross(first, second)
     area = float(np.linalg.norm(normal))
     delta = float(np.arctan2(area, first @ second))
@@ -211,7 +211,7 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
         raise InvalidInput(
             "via",
             f"three points on a straight line (within {DEGENERATE:g} rad)",
-            "a point off the line from start to goal; for a straight path take Line",
+            "a point off the line from start to goal; use Line for a straight path",
         )
     normal /= area
     chord /= sides[2]
@@ -220,7 +220,7 @@ def _circle_through(start: Array, via: Array, goal: Array) -> Circle:
 
 
 def _check_orientation(start: Array, orientation: ArrayLike, with_arc: Array) -> tuple[Array, Any]:
-    """Rotation vector (3,) of the whole arc, and the orientation as plain data."""
+    """Return the rotation vector (3,) of the whole arc, and the orientation as plain data."""
     if isinstance(orientation, str):
         if orientation not in ("fixed", "arc"):
             raise InvalidInput("orientation", repr(orientation)[:60], "'fixed', 'arc' or a rotation matrix (3, 3)")

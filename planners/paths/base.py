@@ -28,9 +28,9 @@ class Path(Curve):
 
     - ``name``, the name of the module;
     - ``end``, the length of the path;
-    - ``_evaluate(x, order)`` for places x (k,) in [0, end]: poses (k, 4, 4) for order 0, twists (k, 6) and their first and
+    - ``_evaluate(x, order)`` for x (k,) in [0, end]: poses (k, 4, 4) for order 0, twists (k, 6) and their first and
       second derivatives for orders 1 to 3;
-    - ``derivative_bounds``, which must hold, since certificates rest on them;
+    - ``derivative_bounds``, which must be true bounds, since certificates depend on them;
     - ``to_dict`` and ``from_dict``, plain data for files and back.
 
     ``breaks`` and ``piece_bounds`` are for paths of several pieces, ``turns_only`` and ``unit = "rad"`` for those
@@ -89,7 +89,7 @@ class Path(Curve):
     turns_only : bool
         Whether s counts the tool's rotation [rad], because its point does not move.
     segments : int
-        How many segments have speed limits of their own.
+        Number of segments with their own speed limits.
     """
 
     parameter = "s"
@@ -100,18 +100,18 @@ class Path(Curve):
 
     @property
     def breaks(self) -> Array:
-        """Places (k,) between which the path is smooth, both ends included; ``path(s, 3)`` is continuous there, too."""
+        """Values of s (k,) between which the path is smooth, both ends included; ``path(s, 3)`` is continuous there too."""
         return np.array([0.0, self.end])
 
     @abstractmethod
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4) that hold everywhere: on |dᵏp/dsᵏ| of the position, and on ‖dᵏR/dsᵏ‖₂ of the rotation, k = 1…4.
+        """Return bounds (2, 4) on |dᵏp/dsᵏ| of the position and ‖dᵏR/dsᵏ‖₂ of the rotation, k = 1…4, on the whole path.
 
-        They are proved, not sampled: certificates rest on them. At a break they hold on either side.
+        They must be proved, not sampled: certificates depend on them. At a break they hold on both sides.
         """
 
     def piece_bounds(self) -> Array:
-        """Bounds (k − 1, 2, 4) as `derivative_bounds`, one for each piece between two breaks."""
+        """Return bounds (k − 1, 2, 4) as `derivative_bounds`, for each piece between two breaks."""
         return np.tile(self.derivative_bounds(), (self.breaks.size - 1, 1, 1))
 
     @cached_property
@@ -120,7 +120,7 @@ class Path(Curve):
         return np.ascontiguousarray(self.piece_bounds())
 
     def least_on_pieces(self, values: Array) -> Array:
-        """Values of the pieces between breaks from values of the segments: the least of those that a piece is part of.
+        """Return values of the pieces between breaks: for each the least value of the segments that it is part of.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Path(Curve):
         return np.full(self.breaks.size - 1, values.min())
 
     def places(self, count: int, per_piece: int) -> Array:
-        """Return places along the path: equal intervals of the whole, and of each piece.
+        """Return values of s at equal intervals of the whole path, and of each piece.
 
         Parameters
         ----------
@@ -147,17 +147,17 @@ class Path(Curve):
         Returns
         -------
         (k,) array
-            Increasing places from 0 to the end [m, or rad].
+            Increasing, from 0 to the end [m, or rad].
         """
         breaks, u = self.breaks, np.arange(per_piece) / per_piece
         within = breaks[:-1, None] + np.diff(breaks)[:, None] * u
         s = np.union1d(np.linspace(0.0, self.end, count + 1), within.ravel())
-        return np.asarray(s[np.append(np.diff(s) > 1e-9 * self.end, True)])  # equal but for rounding is equal
+        return np.asarray(s[np.append(np.diff(s) > 1e-9 * self.end, True)])  # values that differ by rounding are one
 
     def nearest(self, poses: ArrayLike) -> Array:
-        """Project poses onto the path.
+        """Return the path parameters of poses projected onto the path.
 
-        By position; where the position does not tell places apart (the tool only turns), by rotation.
+        The projection is by position, and by rotation where the tool only turns.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class Path(Curve):
         Returns
         -------
         (k,) array
-            Places in [0, end] [m, or rad].
+            In [0, end] [m, or rad].
 
         Raises
         ------
@@ -182,18 +182,18 @@ class Path(Curve):
         return self._nearest(T) if self.end and len(T) else np.zeros(len(T))
 
     def _nearest(self, poses: Array) -> Array:
-        """Places (k,) nearest to checked poses on a path with a length; overridden by paths with a closed form."""
+        """Return s (k,) nearest to checked poses on a path of positive length; paths with a closed form override it."""
         return find_nearest(self, poses)
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array | None:
-        """Return configurations at s, or their derivatives, of a path that is given in joint space.
+        """Return configurations at s, or their derivatives, of a path in joint space.
 
         Parameters
         ----------
         robot : Robot
             The arm.
         s : (k,) array
-            Places [m, or rad].
+            Path parameters [m, or rad].
         order : int
             0 for configurations, 1 to 3 for their derivatives.
 
@@ -206,7 +206,7 @@ class Path(Curve):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files: ``path`` is the path's name. Read back, the poses are the same to the last bit."""
+        """Return plain data for files, with the path's name in ``path``; read back, the poses are equal to the last bit."""
 
     @classmethod
     @abstractmethod
@@ -223,7 +223,7 @@ class Path(Curve):
         Returns
         -------
         Path
-            With the same poses to the last bit.
+            With poses equal to the last bit.
 
         Raises
         ------
@@ -237,7 +237,7 @@ class Path(Curve):
         Parameters
         ----------
         s : float or (k,) array
-            Places [m, or rad].
+            Path parameters [m, or rad].
 
         Returns
         -------
@@ -252,7 +252,7 @@ class Path(Curve):
         Parameters
         ----------
         s : float or (k,) array
-            Places [m, or rad].
+            Path parameters [m, or rad].
         order : int
             1 for the twist, 2 and 3 for its first and second derivative.
 
@@ -269,7 +269,7 @@ class Path(Curve):
         Parameters
         ----------
         s : (k,) array
-            Places in [0, end] [m, or rad].
+            In [0, end] [m, or rad].
 
         Returns
         -------
@@ -292,4 +292,4 @@ def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:
 
 
 METHOD_BASE = Path
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module here and of every plug-in."""

@@ -1,4 +1,4 @@
-"""Straight line in joint space: all joints at constant rates, as to the start of a Cartesian path."""
+"""Straight line in joint space: all joints move at constant rates."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class JointLine(Path):
     """Straight line between configurations; s is its length in joint space [rad; m if only sliding joints move].
 
     q(s) = q_start + s q' with a constant q' of length 1, in which a radian counts as much as a metre; `configurations`
-    gives it. The tool goes where the joints take it: poses and twists are exact, by forward kinematics. Equal
-    configurations make a path of length 0, which no motion follows.
+    gives it. Poses and twists are exact, by forward kinematics. Equal configurations make a path of length 0, which no
+    motion follows.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     q_start, q_goal : (n,) array
-        Configurations inside the limits [rad, m]; so all between are inside, too.
+        Configurations inside the limits [rad, m]; all configurations between them are inside too.
 
     Raises
     ------
     InvalidInput
-        No arm, wrong lengths, NaN, a configuration outside the limits.
+        An invalid arm, wrong lengths, NaN, a configuration outside the limits.
     """
 
     name: ClassVar[str] = "joint_line"
@@ -78,7 +78,7 @@ class JointLine(Path):
 
     @classmethod
     def to_pose(cls, robot: Robot, q_start: ArrayLike, pose: ArrayLike, *, solver: str = "lm", **options: Any) -> Self:
-        """Build the line from a configuration to one that meets a pose, found by an IK method from the start.
+        """Return the line from a configuration to one that reaches a pose, found by an IK method from the start.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class JointLine(Path):
         Raises
         ------
         NoSolution
-            The method found no configuration; with its status and error.
+            The method found no configuration; the error has its status and its pose error.
         InvalidInput
             An invalid argument.
         UnknownName
@@ -126,14 +126,14 @@ class JointLine(Path):
 
     @property
     def end(self) -> float:
-        """Length of the way in joint space [rad, or m]."""
+        """Length in joint space [rad, or m]."""
         return self._joints.end
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
         """Return configurations at s, or their derivatives: q' is constant."""
         if robot != self.robot:
             other = f"{robot!r}, which differs in {describe_difference(robot, self.robot)}"
-            raise InvalidInput("robot", other, f"the arm this path was made for, {self.robot!r}")
+            raise InvalidInput("robot", other, f"the arm of this path, {self.robot!r}")
         return self._joints(s, order)
 
     def _evaluate(self, x: Array, order: int) -> Array:
@@ -145,7 +145,7 @@ class JointLine(Path):
         return self._twists(q)[:, order - 1]
 
     def _twists(self, q: Array) -> Array:
-        """Twists and their first two derivatives (k, 3, 6) at configurations (k, n) of the way."""
+        """Return twists and their first two derivatives (k, 3, 6) at configurations (k, n) of the path."""
         robot = self.robot
         derivatives, twists = np.zeros((len(q), 3, robot.n)), np.empty((len(q), 3, 6))
         derivatives[:, 0] = self._joints.rate
@@ -153,7 +153,7 @@ class JointLine(Path):
         return twists
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4): the largest sample, plus what the bound above allows between samples."""
+        """Return bounds (2, 4) on the derivatives of position and rotation."""
         # The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance
         # of the samples times the bound above it.
         return self._bounds.copy()
@@ -175,9 +175,9 @@ class JointLine(Path):
         return bounds
 
     def _by_reach(self) -> Array:
-        """Bounds (2, 4) for any configurations: each link turns at most with the sum of the rates of the joints before it."""
-        # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the turning joints up to i,
-        # since joint i does not move what lies along its own axis; a joint that slides over q gives |q| Wᵏ + k |q'|
+        """Return bounds (2, 4) for any configurations: a link turns at most at the sum of the rates of the joints before it."""
+        # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the revolute joints up to i,
+        # since joint i does not move points on its own axis; a prismatic joint at q gives |q| Wᵏ + k |q'|
         # Wᵏ⁻¹.
         robot, rate = self.robot, np.abs(self._joints.rate)
         W = np.concatenate([[0.0], np.cumsum(np.where(robot.prismatic, 0.0, rate))])  # before joint i
@@ -192,7 +192,7 @@ class JointLine(Path):
         return np.stack([position, W[-1] ** k])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files; of the arm its name and fingerprint."""
+        """Return plain data for files, with the name and fingerprint of the arm."""
         return {
             "path": self.name, "robot": self.robot.name, "fingerprint": self.robot.fingerprint,
             "q_start": self.q_start.tolist(), "q_goal": self.q_goal.tolist(),
@@ -200,10 +200,10 @@ class JointLine(Path):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
-        """Return the path that `to_dict` wrote, for the arm that it was made for."""
+        """Return the path that `to_dict` wrote, for the arm that it belongs to."""
         name, fingerprint, start, goal = fields(data, cls.name, "robot", "fingerprint", "q_start", "q_goal")
         if not isinstance(robot, Robot):
-            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}: the path is given in its joints")
+            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
         if robot.fingerprint != fingerprint:
             raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
         return cls(robot, start, goal)

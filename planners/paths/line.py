@@ -1,4 +1,4 @@
-"""The straight line: position along a chord, rotation the shortest way, both at constant rate (eq. 14, corrected)."""
+"""The straight line with the shortest rotation, both at constant rate (eq. 14, corrected)."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from planners.paths.base import Path, fields
 class Line(Path):
     """Straight line from one pose to another; s is the distance [m], or the angle [rad] where the tool only turns.
 
-    The paper's eq. 14 without its misprints: T(s) = [exp(s ω) R₀, P₀ + s v; 0 1]. The paper's own line keeps its
-    orientation; any other goal is turned to about one fixed axis, the shortest way. Equal poses make a line of length
-    0, which no motion follows.
+    The paper's eq. 14 without its misprints: T(s) = [exp(s ω) R₀, P₀ + s v; 0 1]. The rotation
+    is the shortest one, about a fixed axis; the paper's own line keeps its orientation. Equal poses make a line of
+    length 0, which no motion follows.
 
     Parameters
     ----------
     start, goal : (4, 4) array
-        T_base_tool at both ends; their rotations are taken to the nearest exact ones.
+        T_base_tool at both ends; their rotations are replaced by the nearest orthonormal ones.
 
     Raises
     ------
     InvalidInput
-        An argument that is no pose, or a turn within 1e-6 rad of 180°, whose direction is not determined.
+        An argument that is not a pose, or a turn within 1e-6 rad of 180°, whose direction is not determined.
     """
 
     name: ClassVar[str] = "line"
@@ -49,7 +49,7 @@ class Line(Path):
 
     @property
     def end(self) -> float:
-        """Length [m, or rad for a pure rotation]; 0 only where the poses are equal."""
+        """Length [m, or rad for a pure rotation]; 0 if the poses are equal."""
         return self._end
 
     def _evaluate(self, x: Array, order: int) -> Array:
@@ -61,8 +61,8 @@ class Line(Path):
         return np.zeros((x.size, 6))  # v and ω are constant in the base frame
 
     def _nearest(self, poses: Array) -> Array:
-        """Closed form: by position, or by rotation where it only turns."""
-        # measured from the middle, all angles are below a half turn, where they would change sign
+        """Return s nearest by position, or by rotation if the tool only turns, in closed form."""
+        # from the middle, all angles are below a half turn, at which they change sign
         middle = 0.5 * self._end
         T = self.pose(middle)
         if self.turns_only:
@@ -79,7 +79,7 @@ class Line(Path):
         return np.array([[speed, 0.0, 0.0, 0.0], turning ** np.arange(1, 5)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files."""
+        """Return plain data for files."""
         return {"path": self.name, "start": self.start.tolist(), "goal": self.goal.tolist()}
 
     @classmethod

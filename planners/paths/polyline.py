@@ -1,4 +1,4 @@
-"""Straight segments through many poses, their corners rounded inside a tolerance: C³ in position and rotation."""
+"""Straight segments through poses, with corners rounded within a tolerance: C³ in position and rotation."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
 
 METRES_PER_RADIAN = 0.1
-"""Length [m] that a rotation by 1 rad counts for, where a segment turns more than it moves: that of a gripper."""
+"""Length [m] that a rotation by 1 rad counts for, if a segment turns more than it moves: that of a gripper."""
 SAME_POSE = 1e-9
-"""Waypoints nearer than this [m and rad] to the one before are the same pose for any arm."""
+"""Waypoints nearer than this [m and rad] to the previous one are the same pose."""
 MERGED, SMALLEST = 0.25, np.array([1e-4, 1e-3])
-"""A waypoint is merged with the one before where it is nearer than this share of its tolerance, and nearer than 0.1 mm and
-1 mrad, the repeatability of arms: a corner between them would be far sharper than was asked for and nearly stop the tool."""
+"""A waypoint is merged with the previous one if it is nearer than this fraction of its tolerance, and nearer than 0.1 mm and
+1 mrad, the repeatability of arms: a corner between them would nearly stop the tool."""
 RETURN = 1e-4
-"""Largest sum of the two directions of a corner that returns the way it came: within 0.006° of a reversal."""
+"""Largest norm of the sum of the two directions of a corner that is a reversal, within 0.006°."""
 MIDDLE = 5.0 / 64.0
 """∫f over half a corner: at its middle the path is 2h·5/64·|d₂ − d₁| from the waypoint."""
 
@@ -53,26 +53,24 @@ class Pieces(NamedTuple):
 class Polyline(Path):
     """Straight segments through poses; near each waypoint one segment is blended into the next.
 
-    s counts a segment as long as its chord [m], or as 0.1 m per rad where it turns more than that; in radians where the
-    whole path only turns. Along a segment of length L everything is at constant rate: dp/ds = d, ω = w. Around a
+    s counts a segment by its chord [m], or by 0.1 m per rad if it turns more than that; in radians if the whole path
+    only turns. Along a segment of length L everything is at constant rate: dp/ds = d, ω = w. Around a
     waypoint, over 2h in s, the rate of the one segment goes down from 1 to 0 as 1 − f(u) and that of the next one up as
     f(u) = 10u³ − 15u⁴ + 6u⁵: positions of both motions are added, rotations composed. So the pose has continuous
     derivatives up to the third, and |dp/ds| ≤ 1.
 
     The tolerance bounds the distance from the path to the sharp polyline and from the polyline to the path. At u the path is
-    at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a place of the sharp polyline (F = ∫f), which runs over
-    all places of the sharp corner as u goes from 0 to 1, and is turned against it by at most 2h·5/64·|w₂ − w₁| (the
+    at most min(F(u), F(1 − u))·2h·|d₂ − d₁| ≤ 2h·5/64·|d₂ − d₁| from a point of the sharp polyline (F = ∫f), which covers
+    the whole sharp corner as u goes from 0 to 1, and is rotated against it by at most 2h·5/64·|w₂ − w₁| (the
     exponential map of SO(3) does not stretch). h is the largest that keeps both within the tolerance, and at most half of
-    either segment. Waypoints that nearly repeat one before are merged with it first, well within their tolerance, since a
-    corner between them would nearly stop the tool.
+    either segment. Waypoints that nearly repeat the previous one are first merged with it, well within their tolerance.
 
-    A path that returns the way it came has no smooth corner there at any tolerance, since the tool has to stop: it raises
-    InvalidInput.
+    A path that reverses its direction raises InvalidInput, since the tool has to stop there.
 
     Parameters
     ----------
     waypoints : (k, 4, 4) array
-        T_base_tool, at least two that differ. Turns from one to the next go the shortest way.
+        T_base_tool, at least two different ones. The rotation from one to the next is the shortest one.
     blend : float or (k − 2,) array
         Largest distance of the path from each inner waypoint [m].
     blend_rotation : float or (k − 2,) array
@@ -81,20 +79,20 @@ class Polyline(Path):
     Attributes
     ----------
     waypoints : (m + 1, 4, 4) array
-        Those that the path passes.
+        The waypoints that the path passes.
     dropped : tuple of int
-        Indices of waypoints that were left out since they are nearly one that is kept: within a quarter of their
-        tolerance, at most 0.1 mm and 1 mrad (of the end: within half of it).
+        Indices of merged waypoints: those within a quarter of their tolerance, 0.1 mm and 1 mrad of one that is kept (of
+        the end: within half of the tolerance).
     corners : (m − 1,) array
-        Where in s the inner waypoints are passed.
+        Path parameters of the inner waypoints [m, or rad].
     segments : int
-        Number of segments between the given waypoints, those that are left out included.
+        Number of segments between the given waypoints, merged ones included.
 
     Raises
     ------
     InvalidInput
-        No poses, fewer than two different ones, a turn within 1e-6 rad of 180°, a path that returns the way it came, or a
-        tolerance that is not above 0: a sharp corner needs a stop, so plan each line by itself.
+        Fewer than two different poses, a turn within 1e-6 rad of 180°, a path that reverses its direction, or a tolerance
+        that is not above 0: a sharp corner needs a stop, so plan each line separately.
     """
 
     name: ClassVar[str] = "polyline"
@@ -167,12 +165,12 @@ class Polyline(Path):
 
     @property
     def end(self) -> float:
-        """Length: of the sharp polyline, as counted above [m, or rad]."""
+        """Length of the sharp polyline [m, or rad]."""
         return self._end
 
     @property
     def breaks(self) -> Array:
-        """Where segments and rounded corners meet, both ends included."""
+        """Path parameters at which segments and rounded corners meet, both ends included."""
         return self._breaks
 
     def _evaluate(self, x: Array, order: int) -> Array:
@@ -228,7 +226,7 @@ class Polyline(Path):
         return out
 
     def piece_bounds(self) -> Array:
-        """Bounds (pieces, 2, 4) on the derivatives of position and rotation."""
+        """Return bounds (pieces, 2, 4) on the derivatives of position and rotation."""
         # With |w₂ − exp(w₂ b) w₁| = |w₂ − w₁| and |w₂ × exp(w₂ b) w₁| = |w₂ × w₁| the derivatives of ω are bounded term
         # by term, those of R by the Bell polynomials of the bounds on |ω|, |ω'|, |ω''|, |ω'''|.
         c = self._pieces
@@ -249,17 +247,17 @@ class Polyline(Path):
         return np.stack([position, rotation[:, 1:]], axis=1)
 
     def least_on_pieces(self, values: Array) -> Array:
-        """Values of the pieces: a rounded corner is part of both its segments, whose lesser value it has."""
+        """Return values of the pieces: a rounded corner has the lesser value of its two segments."""
         kept = np.minimum.reduceat(values, self._kept[:-1])
         after = np.cumsum(self._pieces.corner)
         return np.minimum(kept[after], kept[np.where(self._pieces.corner, after - 1, after)])
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4): the greatest of all pieces."""
+        """Return bounds (2, 4): the greatest of all pieces."""
         return np.asarray(self.piece_bounds().max(axis=0))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files."""
+        """Return plain data for files."""
         return {
             "path": self.name, "waypoints": self._given.tolist(),
             "blend": self._blend.tolist(), "blend_rotation": self._blend_rotation.tolist(),
@@ -273,7 +271,7 @@ class Polyline(Path):
 
 
 def _blend_integral(u: Array) -> Array:
-    """F(u) = ∫f from 0 to u: the length that a segment has covered when its rate is f(u), over 2h."""
+    """Return F(u) = ∫f from 0 to u: the length that a segment has covered at u, over 2h."""
     return u * u * u * u * (2.5 + u * (u - 3.0))
 
 
@@ -282,7 +280,7 @@ def _check_waypoints(waypoints: Any) -> Array:
         raise InvalidInput("waypoints", repr(waypoints)[:60], "poses (k, 4, 4)")
     checked = [se3.nearest_pose(se3.check_pose(T, f"waypoints[{i}]")) for i, T in enumerate(waypoints)]
     if len(checked) < 2:
-        raise InvalidInput("waypoints", f"{len(checked)} of them", "at least two poses")
+        raise InvalidInput("waypoints", f"{len(checked)} poses", "at least two")
     return np.stack(checked)
 
 
@@ -296,16 +294,15 @@ def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
         raise InvalidInput(
             argument,
             np.array2string(array, precision=6, threshold=6),
-            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so plan each line by itself",
+            f"finite numbers above 0 [{unit}]; a sharp corner needs a stop, so plan each line separately",
         )
     return np.full(corners, array) if not array.ndim else array.copy()
 
 
 def _merge_waypoints(waypoints: Array, blend: Array, blend_rotation: Array) -> tuple[list[int], Array]:
-    """Indices of the waypoints that are kept, and the tolerances (k, 2) that the corners at each may use."""
-    # An inner waypoint near the last one kept is merged with it; those near the end are merged with the end. So every
-    # waypoint left out is within twice `MERGED` of its tolerance of one that is kept, and the corner there uses the
-    # rest.
+    """Return the indices of the waypoints that are kept, and the tolerance (k, 2) left for the corner at each."""
+    # An inner waypoint near the last one kept is merged with it, one near the end with the end. So every merged waypoint
+    # is within 2 `MERGED` of its tolerance of one that is kept. The corner there uses the remaining tolerance.
     last = len(waypoints) - 1
     room = np.vstack([np.full(2, np.inf), np.stack([blend, blend_rotation], axis=1), np.full(2, np.inf)])
     near = np.clip(MERGED * room, SAME_POSE, SMALLEST)
@@ -324,24 +321,24 @@ def _merge_waypoints(waypoints: Array, blend: Array, blend_rotation: Array) -> t
 
 
 def _within(a: Array, b: Array, near: Array) -> bool:
-    """Whether two poses differ by no more than a distance and an angle (2,)."""
+    """Return whether two poses differ by at most a distance and an angle (2,)."""
     return bool((np.linalg.norm(se3.error(a, b).reshape(2, 3), axis=1) <= near).all())
 
 
 def _check_returns(d: Array, w: Array, kept: list[int]) -> None:
-    """Raise InvalidInput at a corner in whose middle the tool would stop: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
+    """Raise InvalidInput for a corner in whose middle the tool stops: its velocity there is half of d₁ + d₂ and w₁ + w₂."""
     left = [np.linalg.norm(x[1:] + x[:-1], axis=1) for x in (d, METRES_PER_RADIAN * w)]
     back = np.flatnonzero(np.maximum(*left) < RETURN)
     if back.size:
         raise InvalidInput(
             f"waypoints[{kept[back[0] + 1]}]",
-            "a path that returns the way it came",
-            "a corner to round; the tool has to stop here, so end this path here and plan another one back",
+            "a reversal of the path",
+            "a corner without a stop; end this path here and plan another one back",
         )
 
 
 def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:
-    """Half the width h (corners,) of each corner in s."""
+    """Return half the width h (corners,) of each corner in s."""
     room = 0.5 * np.minimum(length[:-1], length[1:])
     for parts, tolerance in ((chords, blend), (turns, blend_rotation)):
         bend = np.linalg.norm(np.diff(parts / length[:, None], axis=0), axis=1)
@@ -351,7 +348,7 @@ def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend
 
 
 def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: Array) -> Pieces:
-    """Segments and corners alternately; a segment that its corners cover wholly has no piece."""
+    """Return the segments and corners; a segment that its corners cover completely has no piece."""
     d, w = chords / length[:, None], turns / length[:, None]
     starts = np.concatenate([[0.0], np.cumsum(length)[:-1]])
     left = _have_straight_part(length, half)
@@ -368,13 +365,13 @@ def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: 
 
 
 def _have_straight_part(length: Array, half: Array) -> Flags:
-    """Which segments (m,) have a straight part between their corners."""
+    """Return which segments (m,) have a straight part between their corners."""
     taken = np.concatenate([[0.0], half]) + np.concatenate([half, [0.0]])
     return np.asarray(length - taken > 1e-12 * length)
 
 
 def _find_begins(pieces: Pieces, length: Array, half: Array) -> Array:
-    """Where in s each piece begins: a straight one at the end of the corner before it."""
+    """Return s at which each piece begins: a straight one at the end of the corner before it."""
     after = np.concatenate([[0.0], np.cumsum(length)[:-1] + half])
     straight = ~pieces.corner
     begin = pieces.begin.copy()

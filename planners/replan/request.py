@@ -1,4 +1,4 @@
-"""The settings by which a motion from a moving state is planned and certified."""
+"""The plan request of a motion from a moving state, and its timing and certification."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def test_a_changed_figure_is_not_the_motion_that_was_written(suffix: str, tmp_pa
     data = content(file)
     digest = "0" * 64
     rewrite(file, data | {"sha256": digest})
-    with pytest.raises(InvalidInput, match="sha256: expected a file that nobody changed"):
+    with pytest.raises(InvalidInput, match="sha256: "):
         load_motion(file)
     for keys in (("coefficients", 3, 1, 2), ("knots", 1), ("robot", "tool", 0, 3), ("limits", "velocity")):
         write(small(), file)

@@ -398,7 +398,7 @@ def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> N
     twice = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=2.0 * free.trajectory.duration)
     assert twice.status is PlanStatus.TIMING_INFEASIBLE
     assert twice.failure is not None
-    assert "makes the tool speed 0.025, and 0.05 was asked" in twice.failure.reason
+    assert all(speed in twice.failure.reason for speed in ("0.025", "0.05"))
     assert "without a speed" in twice.failure.advice
     assert plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=free.trajectory.duration)
     any_speed = plan(ROBOT, default_line(), START, timing="constant_speed", limits=LIMITS, duration=9.0)
