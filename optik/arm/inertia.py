@@ -150,7 +150,6 @@ class Inertia:
         Returns
         -------
         Inertia
-            The masses.
 
         Raises
         ------

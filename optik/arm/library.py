@@ -144,7 +144,6 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     Returns
     -------
     Robot
-        The arm.
 
     Raises
     ------

@@ -216,7 +216,6 @@ class JointLimits:
         Returns
         -------
         JointLimits
-            The limits.
 
         Raises
         ------

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 class Robot(ArmDynamics):
     """A serial arm of revolute and prismatic joints about or along their z axes.
 
-    Use `from_mdh`, `from_dh`, `from_urdf` or `optik.load`; a constructor's name states the convention.
+    Use `from_mdh`, `from_dh`, `from_urdf` or `optik.load`; a constructor's name states the convention. Methods raise
+    InvalidInput for configurations of a wrong length, NaN or infinity.
 
     Parameters
     ----------
@@ -90,7 +91,6 @@ class Robot(ArmDynamics):
         Returns
         -------
         Robot
-            The arm.
 
         Raises
         ------
@@ -111,24 +111,12 @@ class Robot(ArmDynamics):
         ----------
         rows : iterable of DHRow or mapping
             Row i holds a_i, α_i, d_i, θ_i by name [m, rad].
-        limits : JointLimits
-            Of all joints.
-        **options
-            name, joint_names, gravity, source, gravity_magnitude, payload as of `Robot`; base and tool, both (4, 4): the
-            base stands before the table's first transform, the tool after its last; inertia and shapes: in the table's frames,
-            which stand a_i and α_i behind the joints' frames.
+        limits, **options
+            As of `from_mdh`, but inertia and shapes are in the table's frames, a_i and α_i behind the joints' frames.
 
         Returns
         -------
         Robot
-            The arm.
-
-        Raises
-        ------
-        InvalidInput
-            An option that does not exist, a base or tool that is no pose, rows that are none.
-        RobotModelError
-            Not a serial arm.
         """
         table = check_rows(rows)
         before = [np.eye(4), *(screw_x(r.alpha, r.a) for r in table)]
@@ -182,7 +170,6 @@ class Robot(ArmDynamics):
         Returns
         -------
         Robot
-            The arm.
 
         Raises
         ------
@@ -212,7 +199,6 @@ class Robot(ArmDynamics):
         Returns
         -------
         str
-            The text.
 
         Raises
         ------
@@ -242,7 +228,6 @@ class Robot(ArmDynamics):
         Returns
         -------
         Robot
-            The arm.
 
         Raises
         ------
@@ -267,11 +252,6 @@ class Robot(ArmDynamics):
         -------
         (4, 4) or (..., 4, 4) array
             T_base_tool (paper eq. 1–2) [1, m].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 4, 4))
@@ -290,11 +270,6 @@ class Robot(ArmDynamics):
         -------
         (n + 1, 4, 4) or (..., n + 1, 4, 4) array
             Poses [1, m].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], self.n + 1, 4, 4))
@@ -315,11 +290,6 @@ class Robot(ArmDynamics):
         (6, n) or (..., 6, n) array
             J with (v, ω) = J q̇ (paper eq. 3, read as note 5 of the corrections): rows of v [m/rad] for revolute and [1]
             for prismatic joints, rows of ω [1] for revolute joints and 0 for prismatic ones.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
         """
         q = self.configuration(q, batch=True)
         out = np.empty((*q.shape[:-1], 6, self.n))
@@ -342,11 +312,6 @@ class Robot(ArmDynamics):
         -------
         (min(6, n),) or (..., min(6, n)) array
             In descending order, of mixed unit [m/rad or 1].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong length, NaN or infinity.
         """
         return np.asarray(np.linalg.svd(self.jacobian(q), compute_uv=False))
 

@@ -63,7 +63,6 @@ def make_solver(robot: Robot, solver: str | os.PathLike[str] = "lm", **options: 
     Returns
     -------
     IKSolver
-        The solver of this robot.
 
     Raises
     ------

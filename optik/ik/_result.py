@@ -48,7 +48,6 @@ class Tolerance:
         Returns
         -------
         Tolerance
-            The tolerance.
 
         Raises
         ------

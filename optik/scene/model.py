@@ -133,7 +133,6 @@ class Scene:
         Returns
         -------
         Scene
-            The scene.
 
         Raises
         ------

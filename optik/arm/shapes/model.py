@@ -181,7 +181,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
 
         Raises
         ------
@@ -201,7 +200,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
 
         Raises
         ------
@@ -230,7 +228,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
 
         Raises
         ------
@@ -257,7 +254,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
 
         Raises
         ------
@@ -282,7 +278,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
         """
         return self._transform(np.array([other == name for other in self.names]), T)
 
@@ -297,7 +292,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
         """
         shapes = self
         for link, T in enumerate(poses):
@@ -317,7 +311,6 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
         """
         return self._transform(self.capsules[0] == link, T)
 
@@ -337,6 +330,5 @@ class Shapes:
         Returns
         -------
         Shapes
-            The shapes.
         """
         return self if self.names else replace(self, names=tuple(links[i] for i in self.capsules[0].tolist()))
