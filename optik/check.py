@@ -13,27 +13,7 @@ from optik.types import Array
 
 
 def real_array(value: Any, argument: str, expected: str) -> Array:
-    """Check that a value is an array of real numbers; return it as C-contiguous float64.
-
-    Parameters
-    ----------
-    value : array of any shape
-        The value; returned itself if it is such an array.
-    argument : str
-        Name of the argument, for the error.
-    expected : str
-        Expected value, for the error.
-
-    Returns
-    -------
-    array of the same shape
-        The numbers [as value].
-
-    Raises
-    ------
-    InvalidInput
-        Words, complex numbers, ragged lists or objects.
-    """
+    """Check that a value is an array of real numbers; return it as C-contiguous float64, itself if it is one."""
     if type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous:
         return value
     try:

@@ -163,7 +163,8 @@ def pages_objects():
     for page in sorted((REPOSITORY / "docs" / "api").glob("*.md")):
         for name, members in re.findall(r"automodule:: (\S+)\n\s+:members:(.*)", page.read_text(encoding="utf-8")):
             module = importlib.import_module(name)
-            listed = re.findall(r"\w+", members) or getattr(module, "__all__", [n for n in vars(module) if n[0] != "_"])
+            own = [n for n, v in vars(module).items() if n[0] != "_" and getattr(v, "__module__", name) == name]
+            listed = re.findall(r"\w+", members) or getattr(module, "__all__", own)
             yield from (getattr(module, one) for one in listed)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.arm.body import Body, check_body, check_shape, join_bodies, transform_body
-from optik.arm.limits import freeze
+from optik.arm.limits import freeze, replace_fields
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -156,12 +156,7 @@ class Inertia:
         InvalidInput
             A field that does not exist, or values that `Inertia` refuses.
         """
-        known = [field.name for field in fields(self)]
-        unknown = [name for name in values if name not in known]
-        if unknown:
-            raise InvalidInput("inertia", ", ".join(unknown), f"some of {', '.join(known)}")
-        changes: dict[str, Any] = values
-        return replace(self, **changes)
+        return replace_fields(self, "inertia", values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import pi
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,12 @@ from numpy.typing import ArrayLike
 from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+R = TypeVar("R", bound="DataclassInstance")
+"""Type of a dataclass."""
 
 DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
 """Fields of `JointLimits` that may be unknown."""
@@ -30,6 +37,14 @@ def freeze(value: ArrayLike, argument: str) -> Array:
     array = real_array(value, argument, "an array of numbers").copy()
     array.setflags(write=False)
     return array
+
+
+def replace_fields(record: R, argument: str, values: Mapping[str, Any]) -> R:
+    """Return a copy of a dataclass with some fields replaced."""
+    known = [field.name for field in fields(record)]
+    if unknown := [name for name in values if name not in known]:
+        raise InvalidInput(argument, ", ".join(unknown), f"some of {', '.join(known)}")
+    return replace(record, **values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,12 +237,7 @@ class JointLimits:
         InvalidInput
             A limit that does not exist, or values that `JointLimits` refuses.
         """
-        known = [field.name for field in fields(self)]
-        unknown = [name for name in limits if name not in known]
-        if unknown:
-            raise InvalidInput("limits", ", ".join(unknown), f"some of {', '.join(known)}")
-        changes: dict[str, Any] = limits
-        return replace(self, **changes)
+        return replace_fields(self, "limits", limits)
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:

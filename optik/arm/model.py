@@ -65,8 +65,9 @@ class ArmModel:
         _check_masses(self.name, self.inertia, self.payload, n)
         for field, value in checked.items():
             object.__setattr__(self, field, value)
-        if self.shapes is not None:
-            object.__setattr__(self, "shapes", self.shapes.with_link_names(self.link_names))
+        if self.shapes is not None and not self.shapes.names:
+            names = tuple(self.link_names[i] for i in self.shapes.capsules[0].tolist())
+            object.__setattr__(self, "shapes", replace(self.shapes, names=names))
 
     # ------------------------------------------------------------ identity
 
@@ -149,7 +150,7 @@ class ArmModel:
         T = se3.check_pose(base, "base")
         fixed = np.array(self.fixed)
         fixed[0] = T @ fixed[0]
-        shapes = None if self.shapes is None else self.shapes.transform_link(0, T)
+        shapes = None if self.shapes is None else self.shapes.transform_part(0, T)
         return replace(self, fixed=fixed, gravity=T[:3, :3] @ self.gravity, shapes=shapes)
 
     def with_tool(self, tool: ArrayLike, *, add: bool = False) -> Self:

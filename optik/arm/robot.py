@@ -124,7 +124,8 @@ class Robot(ArmDynamics):
         if isinstance(options.get("inertia"), Inertia) and options["inertia"].mass.size == len(table):
             options["inertia"] = options["inertia"].transform(before[1:])
         if isinstance(options.get("shapes"), Shapes):
-            options["shapes"] = options["shapes"].transform_links([np.eye(4), *before[1:]])
+            for link, T in enumerate(before):
+                options["shapes"] = options["shapes"].transform_part(link, T)
         return _assemble(fixed, before[-1], table, limits, options)
 
     @staticmethod

@@ -19,18 +19,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """Compile a function over arrays on its first call.
-
-    Parameters
-    ----------
-    function : callable
-        The Python function.
-
-    Returns
-    -------
-    callable
-        The compiled function, with the signature of the Python function.
-    """
+    """Compile a function over arrays on its first call."""
     return _jit(function, False)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -16,7 +16,7 @@ from optik import se3
 from optik.arm.shapes.check import Capsules, check_capsules, check_excess
 from optik.check import check_count, check_words, format_value
 from optik.errors import InvalidInput
-from optik.types import Array, Flags, Indices
+from optik.types import Array, Indices
 
 NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
@@ -265,13 +265,13 @@ class Shapes:
         apart = tuple(pair for pair in self.apart if name not in pair[:2])
         return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source)  # type: ignore[arg-type]
 
-    def transform_part(self, name: str, T: Array) -> Shapes:
+    def transform_part(self, part: str | int, T: Array) -> Shapes:
         """Return the shapes with a part transformed in its links' frames.
 
         Parameters
         ----------
-        name : str
-            Name of its capsules.
+        part : str or int
+            A name of capsules, or the number of a link.
         T : (4, 4) array
             A point p of the part becomes T p [1, m].
 
@@ -279,56 +279,7 @@ class Shapes:
         -------
         Shapes
         """
-        return self._transform(np.array([other == name for other in self.names]), T)
-
-    def transform_links(self, poses: Sequence[Array]) -> Shapes:
-        """Return the shapes in other frames of the links.
-
-        Parameters
-        ----------
-        poses : sequence of (4, 4) arrays
-            Poses of the present frames in the new ones, of link 0, 1, … [1, m].
-
-        Returns
-        -------
-        Shapes
-        """
-        shapes = self
-        for link, T in enumerate(poses):
-            shapes = shapes.transform_link(link, T)
-        return shapes
-
-    def transform_link(self, link: int, T: Array) -> Shapes:
-        """Return the shapes in another frame of one link.
-
-        Parameters
-        ----------
-        link : int
-            Number of the link.
-        T : (4, 4) array
-            Pose of the present frame in the new one [1, m].
-
-        Returns
-        -------
-        Shapes
-        """
-        return self._transform(self.capsules[0] == link, T)
-
-    def _transform(self, here: Flags, T: Array) -> Shapes:
         links, a, b, radius = self.capsules
-        a, b = (np.where(here[:, None], end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
+        here = np.isin(np.arange(self.m), self.find_capsules(part))[:, None]
+        a, b = (np.where(here, end @ T[:3, :3].T + T[:3, 3], end) for end in (a, b))
         return replace(self, capsules=(links, a, b, radius))
-
-    def with_link_names(self, links: Sequence[str]) -> Shapes:
-        """Return the shapes with the names of the links, unless they have names.
-
-        Parameters
-        ----------
-        links : sequence of str
-            Names of the links 0 to n.
-
-        Returns
-        -------
-        Shapes
-        """
-        return self if self.names else replace(self, names=tuple(links[i] for i in self.capsules[0].tolist()))
