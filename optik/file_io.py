@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 import uuid
 from collections.abc import Callable
 from pathlib import Path
@@ -62,6 +63,14 @@ def parse_json(text: str, argument: str) -> Any:
         return json.loads(text, parse_constant=refuse)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(argument, f"{str(error)[:120]}", "JSON") from None
+
+
+def parse_toml(text: str, argument: str) -> dict[str, Any]:
+    """Parse TOML."""
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InvalidInput(argument, str(error)[:120], "TOML") from None
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:

@@ -63,7 +63,6 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import pi
@@ -76,13 +75,13 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
-from optik.arm.plain import read_record, read_word
+from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
-from optik.arm.shapes.toml import shapes_from_toml
+from optik.arm.shapes import Shapes
 from optik.arm.tables import DHRow
-from optik.check import check_number, check_words
+from optik.check import check_count, check_number, check_words
 from optik.errors import InvalidInput
-from optik.file_io import decode_text, read_bytes
+from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path, split_links
 from optik.plugins.usage import resolve_file
 from optik.registry import data_file, load_method, own_names
@@ -123,6 +122,9 @@ SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
 """Keys of a row; the type of the joint determines the required ones."""
 
+
+CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
+"""Keys of a capsule's row besides its link and radius."""
 
 LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 """Keys of a row of masses."""
@@ -248,12 +250,9 @@ def read_home(name: str | os.PathLike[str]) -> Array | None:
 
 
 def _read_toml(file: Path) -> dict[str, Any]:
-    expected = "a readable TOML file of a robot"
-    content = read_bytes(file, argument="file", expected=expected, most=MOST_TOML_BYTES)
+    content = read_bytes(file, argument="file", expected="a readable TOML file of a robot", most=MOST_TOML_BYTES)
     try:
-        return tomllib.loads(decode_text(content))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InvalidInput(file.name, str(error)[:120], "TOML") from None
+        return parse_toml(decode_text(content), file.name)
     except InvalidInput as error:
         raise InvalidInput(file.name, error.got, error.expected) from None
 
@@ -278,11 +277,11 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
         base=_read_pose(data.get("base", {}), "base"),
         tool=_read_pose(data.get("tool", {}), "tool"),
         joint_names=names,
-        gravity=_numbers(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
+        gravity=read_vector(data.get("gravity", [0.0, 0.0, -1.0]), "gravity", 3),
         gravity_magnitude=data.get("gravity_magnitude", STANDARD_GRAVITY),
         source=source,
         inertia=_inertia(data["inertia"], len(joints), source) if "inertia" in data else None,
-        shapes=shapes_from_toml(data["shapes"], source, names or default) if "shapes" in data else None,
+        shapes=_shapes(data["shapes"], source, names or default) if "shapes" in data else None,
     )
 
 
@@ -291,7 +290,7 @@ def _check_home(data: Mapping[str, Any], joints: Sequence[Mapping[str, Any]], li
     if "home_deg" not in data:
         return
     scale = np.array([1e-3 if joint.get("type") == "prismatic" else RADIANS_PER_DEGREE for joint in joints])
-    home = _numbers(data["home_deg"], "home_deg", len(joints))
+    home = read_vector(data["home_deg"], "home_deg", len(joints))
     if not limits.contains(home * scale):
         raise InvalidInput("home_deg", repr(home.tolist()), "a configuration inside the joint ranges")
 
@@ -324,8 +323,8 @@ def _inertia(table: Any, n: int, source: Any) -> Inertia:
         read_record(link, (), where, optional=LINK_KEYS)
         for key, found in numbers.items():
             found.append(check_number(link.get(key, 0.0), f"{where}.{key}", "a finite number ≥ 0", least=0.0))
-        com[i] = _numbers(link.get("com_mm", [0.0] * 3), f"{where}.com_mm", 3) / 1000.0
-        xx, yy, zz, xy, xz, yz = _numbers(link.get("inertia", [0.0] * 6), f"{where}.inertia", 6)
+        com[i] = read_vector(link.get("com_mm", [0.0] * 3), f"{where}.com_mm") / 1000.0
+        xx, yy, zz, xy, xz, yz = read_vector(link.get("inertia", [0.0] * 6), f"{where}.inertia", 6)
         tensor[i] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     mass, motor, viscous, coulomb = (np.array(found) for found in numbers.values())
     where_from = read_word(table.get("source", source), "inertia.source")
@@ -352,9 +351,7 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
 def _range(joint: Mapping[str, Any], where: str) -> Array:
     """Read the position limits (2,) of a row [rad, m]."""
     key = _find_key(joint, where, RANGES)
-    values = joint[key]
-    if not isinstance(values, list) or len(values) != 2:
-        raise InvalidInput(f"{where}.{key}", repr(values)[:60], "two numbers, lower and upper")
+    values = read_list(joint[key], f"{where}.{key}", "two numbers, lower and upper", 2)
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
             raise InvalidInput(f"{where}.{key}", repr(value)[:60], "numbers (±inf for a joint without limits)")
@@ -385,23 +382,58 @@ def _find_key(joint: Mapping[str, Any], where: str, keys: Mapping[str, float]) -
 def _read_pose(pose: Any, where: str) -> Array:
     """Read the pose (4, 4) of a table with xyz_mm and rpy_deg."""
     read_record(pose, (), where, optional=("xyz_mm", "rpy_deg"))
-    xyz, rpy = (_numbers(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}", 3) for key in ("xyz_mm", "rpy_deg"))
+    xyz, rpy = (read_vector(pose.get(key, [0.0, 0.0, 0.0]), f"{where}.{key}") for key in ("xyz_mm", "rpy_deg"))
     return se3.from_xyz_rpy(xyz / 1000.0, rpy)
 
 
-# ---------------------------------------------------------------- checks of plain data
+def _shapes(table: Any, source: str, joint_names: Sequence[str]) -> Shapes:
+    """Read the capsules of the links, in the frames of the table."""
+    read_record(table, ("capsules",), "shapes", optional=("apart", "source"))
+    links = {"base": 0} | {name: i + 1 for i, name in enumerate(joint_names)}
+    rows = read_list(table["capsules"], "shapes.capsules")
+    for i, row in enumerate(rows):
+        read_record(row, ("link", "radius_mm"), f"shapes.capsules[{i}]", optional=CAPSULE_KEYS)
+    capsules = [_capsule(row, f"shapes.capsules[{i}]", links) for i, row in enumerate(rows)]
+    named = [read_word(row.get("name", ""), f"shapes.capsules[{i}].name") for i, row in enumerate(rows)]
+    of_link = {number: name for name, number in links.items()}
+    names = tuple(name or of_link.get(row[0], str(row[0])) for name, row in zip(named, capsules, strict=True))
+    pairs = read_list(table.get("apart", []), "shapes.apart")
+    apart = tuple(_apart(row, f"shapes.apart[{i}]", links, names) for i, row in enumerate(pairs))
+    excess = [_length(row["excess_mm"], "shapes.capsules: excess_mm") if "excess_mm" in row else np.nan for row in rows]
+    return Shapes(capsules, names, apart, np.array(excess), read_word(table.get("source", source), "shapes.source"))  # type: ignore[arg-type]
+
+
+def _capsule(row: Mapping[str, Any], where: str, links: Mapping[str, int]) -> tuple[int, Array, Array, float]:
+    """Read the link, ends and radius of a row."""
+    ends = ("centre_mm", "centre_mm") if "centre_mm" in row else ("a_mm", "b_mm")
+    if not set(ends) <= set(row) or ("centre_mm" in row and {"a_mm", "b_mm"} & set(row)):
+        raise InvalidInput(where, ", ".join(row), "a_mm and b_mm of a capsule, or centre_mm of a sphere")
+    a, b = (read_vector(row[key], f"{where}.{key}") / 1000.0 for key in ends)
+    link = row["link"]
+    number = links.get(link, link) if isinstance(link, str) else link
+    if isinstance(number, str):
+        raise InvalidInput(f"{where}.link", repr(link)[:60], f"the number of a link, or {', '.join(links)}")
+    check_count(number, f"{where}.link", 0, len(links) - 1)
+    return number, a, b, _length(row["radius_mm"], f"{where}.radius_mm")
+
+
+def _apart(row: Any, where: str, links: Mapping[str, int], names: Sequence[str]) -> tuple[str | int, str | int, str]:
+    """Read two parts that are not checked, and the reason."""
+    read_record(row, ("links", "reason"), where)
+    pair = read_list(row["links"], f"{where}.links", "two links", 2)
+    # A name of capsules means these capsules; else the name of a link means all capsules of the link.
+    one, other = (part if part in names else links.get(part, part) if isinstance(part, str) else part for part in pair)
+    return one, other, read_word(row["reason"], f"{where}.reason")
+
+
+def _length(value: Any, where: str) -> float:
+    return check_number(value, where, "a length ≥ 0 in millimetres", least=0.0) / 1000.0
 
 
 def _check_choice(value: Any, where: str, known: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in known:
         raise InvalidInput(where, repr(value)[:60], " or ".join(f'"{name}"' for name in known))
     return value
-
-
-def _numbers(values: Any, where: str, count: int) -> Array:
-    if not isinstance(values, list) or len(values) != count:
-        raise InvalidInput(where, repr(values)[:60], f"{count} numbers")
-    return np.array([check_number(value, where, f"{count} finite numbers") for value in values])
 
 
 def _check_positive(value: Any, where: str, n: int) -> ArrayLike:

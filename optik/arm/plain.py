@@ -11,6 +11,7 @@ from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Payload
 from optik.arm.limits import JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.shapes.model import Shapes
+from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
 
@@ -101,9 +102,20 @@ def read_word(value: Any, argument: str) -> str:
 
 def read_words(value: Any, argument: str) -> tuple[str, ...]:
     """Check that a value is a list of strings; return it as a tuple."""
-    if not isinstance(value, list):
-        raise InvalidInput(argument, repr(value)[:60], "a list of strings")
-    return tuple(read_word(w, argument) for w in value)
+    return tuple(read_word(w, argument) for w in read_list(value, argument, "a list of strings"))
+
+
+def read_list(value: Any, argument: str, expected: str = "a list of rows", count: int | None = None) -> list[Any]:
+    """Check that a value is a list, of known length if one is given, and return it."""
+    if not isinstance(value, list) or count not in (None, len(value)):
+        raise InvalidInput(argument, repr(value)[:60], expected)
+    return value
+
+
+def read_vector(value: Any, argument: str, count: int = 3) -> Array:
+    """Read a list of finite numbers."""
+    expected = f"{count} finite numbers"
+    return np.array([check_number(x, argument, expected) for x in read_list(value, argument, expected, count)])
 
 
 def arm_to_dict(arm: ArmModel) -> dict[str, Any]:
@@ -184,18 +196,12 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
 def shapes_from_dict(data: Any) -> Shapes:
     """Read shapes from plain data."""
     data = read_record(data, SHAPES_KEYS, "robot.shapes")
-    links = data["link"]
-    if not isinstance(links, list):
-        raise InvalidInput("robot.shapes.link", repr(links)[:60], "a list of numbers of links")
+    links = read_list(data["link"], "robot.shapes.link", "a list of numbers of links")
     m = len(links)
     a, b = (read_numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
     radius = read_numbers(data["radius"], (m,), "robot.shapes.radius")
-    known = data["excess"]
-    stated = (
-        [np.nan if e is None else _number(e, "robot.shapes.excess") for e in known] if isinstance(known, list) else []
-    )
-    if len(stated) != m:
-        raise InvalidInput("robot.shapes.excess", repr(known)[:60], f"{m} numbers or null")
+    known = read_list(data["excess"], "robot.shapes.excess", f"{m} numbers or null", m)
+    stated = [np.nan if e is None else _number(e, "robot.shapes.excess") for e in known]
     capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
     names = read_words(data["names"], "robot.shapes.names")
     return Shapes(capsules, names, data["apart"], np.array(stated), read_word(data["source"], "robot.shapes.source"))

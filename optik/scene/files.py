@@ -29,7 +29,6 @@ A TOML file contains optional tables of objects, in the frame of the arm's base:
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,10 +36,10 @@ from typing import Any
 import numpy as np
 
 from optik import se3
-from optik.arm.plain import read_record, read_word
+from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.file_io import check_suffix, decode_text, parse_json, read_bytes
+from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
 from optik.types import Array
 
 OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
@@ -84,18 +83,12 @@ def load_scene(
 
 def scene_from_toml(text: str) -> dict[str, Any]:
     """Read a scene from TOML, in the format that this module describes."""
-    try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InvalidInput("scene", str(error)[:120], "TOML") from None
+    data = parse_toml(text, "scene")
     read_record(data, (), "scene", optional=(*OBJECT_KINDS, "allow", "margin_mm"))
     objects: dict[str, list[Any]] = {kind: [] for kind in OBJECT_KINDS}
     names = []
     for kind in OBJECT_KINDS:
-        rows = data.get(kind, [])
-        if not isinstance(rows, list):
-            raise InvalidInput(f"scene.{kind}", repr(rows)[:60], f"tables [[{kind}]]")
-        for i, row in enumerate(rows):
+        for i, row in enumerate(read_list(data.get(kind, []), f"scene.{kind}", f"tables [[{kind}]]")):
             where = f"{kind}[{i}]"
             required, optional = ROW_KEYS[kind]
             read_record(row, required, where, optional=optional)
@@ -109,21 +102,15 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
     """Return the arguments of one object of `Scene`, in metres."""
 
     def lengths(key: str) -> Array:
-        return _numbers(row[key], f"{where}.{key}") / 1000.0
+        return read_vector(row[key], f"{where}.{key}") / 1000.0
 
     if kind == "boxes":
-        turn = _numbers(row.get("rpy_deg", [0.0] * 3), f"{where}.rpy_deg")
+        turn = read_vector(row.get("rpy_deg", [0.0] * 3), f"{where}.rpy_deg")
         return se3.from_xyz_rpy(lengths("xyz_mm"), turn), lengths("edges_mm")
     if kind == "planes":
-        return lengths("point_mm"), _numbers(row["normal"], f"{where}.normal")
+        return lengths("point_mm"), read_vector(row["normal"], f"{where}.normal")
     radius = check_number(row["radius_mm"], f"{where}.radius_mm", "a length above 0", above=0.0) / 1000.0
     return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
-
-
-def _numbers(value: Any, where: str) -> Array:
-    if not isinstance(value, list) or len(value) != 3:
-        raise InvalidInput(where, repr(value)[:60], "three numbers")
-    return np.array([check_number(x, where, "three finite numbers") for x in value])
 
 
 def _singular(kind: str) -> str:
@@ -146,8 +133,7 @@ def scene_from_dict(data: Any) -> dict[str, Any]:
     """Read a scene from plain data; see `Scene.from_dict`."""
     data = read_record(data, SCENE_KEYS, "scene")
     for key in SCENE_KEYS[:-1]:
-        if not isinstance(data[key], list):
-            raise InvalidInput(f"scene.{key}", repr(data[key])[:60], "a list")
+        read_list(data[key], f"scene.{key}", "a list")
     known = data["excess"]
     excess = [np.nan if e is None else check_number(e, "scene.excess", "lengths ≥ 0", least=0.0) for e in known]
     return {**data, "excess": np.array(excess)}

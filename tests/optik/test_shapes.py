@@ -199,7 +199,7 @@ def test_a_capsule_is_stated_in_the_tables_frame(tmp_path):
         ("link = 1", "link = 3", "link"),
         ("b_mm", "c_mm", "c_mm unknown"),
         ("b_mm = [0.0, 0.0, 10.0], ", "", "a_mm and b_mm"),
-        ("[0.0, 0.0, 10.0]", "[0.0, 10.0]", "three numbers"),
+        ("[0.0, 0.0, 10.0]", "[0.0, 10.0]", "b_mm"),
         ("radius_mm = 50.0", "radius_mm = 0.0", "radius"),
         ('["base", "joint2"]', '["base", "joint9"]', "joint9"),
         ("capsules =", "balls =", "capsules missing"),
