@@ -22,17 +22,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 class Load(NamedTuple):
-    """Masses and friction of an arm with its payload, as arrays for kernels.
-
-    Attributes
-    ----------
-    bodies : Bodies
-        Masses of the links (the last one with the payload), motors and gravity; see `optik.dynamics`.
-    viscous : (n,) array
-        Viscous friction [N·m·s/rad, N·s/m].
-    coulomb : (n,) array
-        Coulomb friction [N·m, N].
-    """
+    """Masses of an arm with its payload, and viscous [N·m·s/rad, N·s/m] and Coulomb friction [N·m, N], (n,), for kernels."""
 
     bodies: Bodies
     viscous: Array

@@ -32,16 +32,9 @@ PREFERENCES: Mapping[str, str] = {
 
 @dataclass(frozen=True, eq=False)
 class Preference:
-    """Secondary objective in the null space of a task; false if it is empty.
+    """Secondary objective in the null space of a task, with weights above 0 by name; false if it is empty.
 
-    Attributes
-    ----------
-    robot : Robot
-        The arm.
-    weights : mapping of str to float
-        Weights above 0 [1], by the names of `PREFERENCES`.
-    posture : (n,) array or None
-        Desired posture [rad, m]; None for the initial guess of each solve.
+    The posture (n,) [rad, m] is None for the initial guess of each solve.
     """
 
     robot: Robot

@@ -11,19 +11,7 @@ from typing import NamedTuple
 
 
 class RefusedEntryPoint(NamedTuple):
-    """An entry point that cannot be used.
-
-    Attributes
-    ----------
-    group, name : str
-        Group and name of the registration.
-    value : str
-        The object, as module:object.
-    distribution : str
-        The package that registers it.
-    reason : str
-        Why it cannot be used.
-    """
+    """An entry point that cannot be used: its registration, the object (module:object), its package, and the reason."""
 
     group: str
     name: str

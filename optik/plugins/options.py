@@ -19,17 +19,7 @@ _UNIT = re.compile(r"\[((?:rad|m|s|kg|N|deg|degrees|mm|µs|ms|Hz|1|1/s)(?:[/,^·
 
 
 class ParameterDoc(NamedTuple):
-    """The documentation of one parameter or attribute.
-
-    Attributes
-    ----------
-    type : str
-        Its type, as written.
-    meaning : str
-        Its description, on one line.
-    unit : str
-        The first unit in it, or an empty string.
-    """
+    """The documentation of one parameter: its type as written, its description on one line, and the first unit in it or ""."""
 
     type: str
     meaning: str

@@ -15,17 +15,7 @@ from optik.plugins.files import SUFFIXES, digest, split_links
 
 
 class UsedPlugin(NamedTuple):
-    """A plug-in in settings.
-
-    Attributes
-    ----------
-    group : str
-        Dotted name of the group, such as ``"optik.ik"``.
-    name : str
-        Name in reports.
-    source : Path or EntryPoint
-        The file, or the entry point of an installed package.
-    """
+    """A plug-in in settings: its group, its name in reports, and the file or entry point that it comes from."""
 
     group: str
     name: str

@@ -19,20 +19,9 @@ _FLOAT = np.dtype(np.float64)
 
 
 class Answer(NamedTuple):
-    """Output of a solver.
+    """Output of a solver: last iterate (n,) [rad, m], objective there, return code, iterations, and the recorded iterates (n,).
 
-    Attributes
-    ----------
-    q : (n,) array
-        Last iterate [rad, m], clamped to the bounds, which IPOPT relaxes by 1e-8.
-    f : float
-        Objective at the last iterate.
-    code : str
-        Return code.
-    iterations : int
-        Number of iterations as the solver counts them.
-    visited : list of (n,) arrays
-        Iterates 1 to `iterations` [rad, m] if they were recorded.
+    The last iterate is clamped to the bounds, which IPOPT relaxes by 1e-8.
     """
 
     q: Array

@@ -24,18 +24,10 @@ _HALF_TURN = 1e-9
 
 
 class Model(NamedTuple):
-    """Expressions of a robot's tool pose, and symbols of its configuration and target.
+    """Expressions of a robot's tool pose p (3,), R (3, 3) and geometric Jacobian J (6, n), rows (v, ω), in the base frame.
 
-    Attributes
-    ----------
-    q : (n,) symbol
-        Configuration.
-    target : (12,) symbol
-        First three rows of the target pose, row by row; `pose_parameters` fills them.
-    p, R : (3,), (3, 3) expressions
-        Position and rotation of the tool at q in the base frame.
-    J : (6, n) expression
-        Geometric Jacobian (v, ω) at the tool point in the base frame.
+    Their symbols are the configuration q (n,) and the target (12,): the first three rows of its pose, row by row, which
+    `pose_parameters` fills.
     """
 
     q: Any

@@ -32,18 +32,8 @@ class BackendError(Exception):
 class Axes(NamedTuple):
     """Axes and offsets of an arm's moving joints in the base frame, with these joints at zero.
 
-    Attributes
-    ----------
-    H : (m, 3) array
-        Unit axes.
-    P : (m + 1, 3) array
-        Offsets from the base to the first axis, from axis to axis, and from the last axis to the tool [m].
-    R0 : (3, 3) array
-        Rotation of the tool.
-    rest : (n,) array
-        Configuration with the locked joints at their values and the moving joints at zero.
-    moving : (m,) array of int
-        Indices of the moving joints.
+    H (m, 3) holds unit axes; P (m + 1, 3) [m] offsets from the base to the first axis, from axis to axis, and to the tool; R0
+    (3, 3) is the rotation of the tool; `home` (n,) holds the locked joints at their values, and `moving` the others' indices.
     """
 
     H: Array
