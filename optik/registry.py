@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import importlib.metadata
 import importlib.util
 import os
 import re
-from functools import cache
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache, lru_cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from optik.errors import InvalidInput, UnknownName
-from optik.plugins.entry_points import RefusedEntryPoint, describe_distribution, entry_points
 from optik.plugins.files import SUFFIXES, import_file, is_path, split_links
-from optik.plugins.methods import DATA_GROUPS, NamedDependency, check_method, describe_base, find_base
+from optik.plugins.methods import DATA_GROUPS, check_method, describe_base, find_base, name_dependency
 from optik.plugins.options import defaults, find_nearest_name
 from optik.plugins.usage import UsedPlugin, in_finished_run, note, resolve_file, suggest_file
 
@@ -35,6 +37,16 @@ GROUPS = (
 
 _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 """Plug-ins that this process has loaded, by group and name: the source, and the method."""
+
+
+class RefusedEntryPoint(NamedTuple):
+    """An entry point that cannot be used: its registration, the object (module:object), its package, and the reason."""
+
+    group: str
+    name: str
+    value: str
+    distribution: str
+    reason: str
 
 
 # ---------------------------------------------------------------- names
@@ -126,7 +138,7 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
         method = check_method(group, _value(point, kind), str(name), _where(point))
         _loaded[group, str(name)] = _where(point), method
         return method
-    with NamedDependency(kind, str(name)):
+    with name_dependency(kind, str(name)):
         return importlib.import_module(f"{group}.{name}").METHOD
 
 
@@ -173,6 +185,25 @@ def own_names(group: str) -> set[str]:
 # ---------------------------------------------------------------- from outside
 
 
+def entry_points(group: str) -> Mapping[str, Sequence[EntryPoint]]:
+    """Return the entry points of installed packages in a group by name, without importing them."""
+    found: dict[str, list[EntryPoint]] = {}
+    for point in _installed(group, tuple(sys.path)):
+        found.setdefault(point.name, []).append(point)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _installed(group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return the entry points of a group along ``sys.path``; cached, because the search takes milliseconds."""
+    return tuple(importlib.metadata.entry_points(group=group))
+
+
+def describe_distribution(point: EntryPoint) -> str:
+    """Return the name and version of an entry point's package."""
+    return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown package"
+
+
 def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
     """Return the entry point of a name, None for a built-in name."""
     if not isinstance(name, str):
@@ -201,7 +232,7 @@ def _reason(group: str, name: str, count: int) -> str:
 
 def _value(point: EntryPoint, kind: str) -> Any:
     """Import the object of an entry point."""
-    with NamedDependency(kind, point.name):
+    with name_dependency(kind, point.name):
         value: Any = importlib.import_module(point.module)
     for part in filter(None, (point.attr or "").split(".")):
         if not hasattr(value, part):
@@ -236,7 +267,7 @@ def _from_file(group: str, file: Path, kind: str) -> Any:
     _check_stem(group, file, kind)
     if file.suffix.lower() != ".py":
         raise InvalidInput(kind, repr(str(file)), "a Python file (.py)")
-    with NamedDependency(kind, file.stem):
+    with name_dependency(kind, file.stem):
         module = import_file(file)
     if not hasattr(module, "METHOD"):
         raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {describe_base(find_base(group))}")

@@ -23,8 +23,7 @@ from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance
 from optik.compiled.cache import KernelCache
 from optik.kinematics import forward
-from optik.plugins.entry_points import describe_distribution
-from optik.registry import GROUPS, find_installed, find_refused, load_method, own_names
+from optik.registry import GROUPS, describe_distribution, find_installed, find_refused, load_method, own_names
 
 OPTIK = "optik-toolkit"
 """Name of this distribution."""

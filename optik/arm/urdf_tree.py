@@ -1,4 +1,4 @@
-"""Reader of the tree of links and joints in a URDF."""
+"""Readers of XML: the tree of links and joints in a URDF, and the disabled pairs of links in an SRDF."""
 
 from __future__ import annotations
 
@@ -82,6 +82,23 @@ def read_tree(source: str | os.PathLike[str], name: str | None) -> Tree:
 def read_xml(source: str | os.PathLike[str]) -> Any:
     """Read XML without DOCTYPE and entities."""
     return _parse_xml(_read_source(source))
+
+
+def read_disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
+    """Read the pairs of links in the <disable_collisions> elements of an SRDF, with the reasons."""
+    try:
+        root = read_xml(source)
+    except InvalidInput as error:
+        raise InvalidInput("srdf", error.got, error.expected.replace("URDF", "SRDF")) from None
+    if root.tag != "robot":
+        raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
+    pairs = []
+    for element in root.iter("disable_collisions"):
+        one, other = element.get("link1"), element.get("link2")
+        if not one or not other:
+            raise InvalidInput("srdf", "a <disable_collisions> without link1 or link2", "two links")
+        pairs.append((one, other, element.get("reason") or "disabled in the SRDF"))
+    return pairs
 
 
 def _read_source(source: object) -> bytes:

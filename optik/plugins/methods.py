@@ -6,6 +6,8 @@ import importlib
 import importlib.metadata
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from optik.errors import InvalidInput, MissingDependency
@@ -62,20 +64,16 @@ def check_method(group: str, method: Any, name: str, where: str) -> Any:
     return kind
 
 
-class NamedDependency:
-    """Context that raises `MissingDependency` for a package that is missing during the import of a method."""
-
-    def __init__(self, kind: str, name: str) -> None:
-        self._what = f"{kind} {name!r}"
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if isinstance(error, ModuleNotFoundError):
-            package = (error.name or "").partition(".")[0]
-            if package and package not in _OURS:
-                raise MissingDependency(package, self._what, _extra_with(package)) from error
+@contextmanager
+def name_dependency(kind: str, name: str) -> Iterator[None]:
+    """Raise `MissingDependency` for a package that is missing during the import of a method."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if not package or package in _OURS:
+            raise
+        raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
 
 
 def _extra_with(package: str) -> str | None:

@@ -103,14 +103,10 @@ def in_finished_run() -> bool:
     return current is not None and current.folder is None
 
 
-def has_code(plugin: UsedPlugin) -> bool:
-    """Return whether a plug-in is a Python file."""
-    return isinstance(plugin.source, Path) and plugin.source.suffix.lower() == ".py"
-
-
 def check_allowed(used: Iterable[UsedPlugin], allowed: bool) -> None:
     """Raise InvalidInput for Python files in a suite unless they are allowed."""
-    files = sorted({str(u.source) for u in used if has_code(u)})
+    sources = {source for *_, source in used if isinstance(source, Path)}
+    files = sorted(str(source) for source in sources if source.suffix.lower() == ".py")
     if files and not allowed:
         expected = "--allow-plugins (allow_plugins=True): the suite runs Python code from these files"
         raise InvalidInput("suite", f"the plug-ins {', '.join(files)}", expected)

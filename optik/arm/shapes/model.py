@@ -206,7 +206,7 @@ class Shapes:
         InvalidInput
             No such file, no XML, or no SRDF.
         """
-        from optik.arm.shapes.srdf import read_disabled_pairs
+        from optik.arm.urdf_tree import read_disabled_pairs
 
         known = set(self.names)
         return self.with_apart(pair for pair in read_disabled_pairs(source) if {pair[0], pair[1]} <= known)
@@ -234,7 +234,7 @@ class Shapes:
         InvalidInput
             Other objects.
         """
-        from optik.arm.shapes.part import enclose_objects
+        from optik.arm.shapes.enclosure import enclose_objects
 
         found = enclose_objects(objects, name, np.eye(4) if place is None else se3.check_pose(place, "place"))
         kept = self.without_part(name) if name in self.names else self
