@@ -9,7 +9,7 @@ import numpy as np
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.parts import LimitedPart
-from planners.limits._extreme import plain
+from planners.limits._motion import plain
 
 
 class Binding(NamedTuple):

@@ -29,7 +29,7 @@ from planners.certificate.sampled_jerk import sampled_jerk
 from planners.certificate.singularity import smallest_singular_value
 from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
-from planners.limits._extreme import plain
+from planners.limits._motion import plain
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

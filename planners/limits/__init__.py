@@ -1,7 +1,6 @@
-"""Limits of a motion, one file a kind: its bound, its rows for time laws, its judgement and its key in files."""
+"""Limits of a motion, one file for each kind: its bound, its rows in time laws, its judgement and its key in files."""
 
-from planners.limits._derivative import DerivativeLimit
-from planners.limits._extreme import Extreme, ToolExtreme
+from planners.limits._joint import DerivativeLimit
 from planners.limits._known import (
     ALL_LIMITS,
     DERIVATIVES,
@@ -12,15 +11,14 @@ from planners.limits._known import (
     kind_of,
     register,
 )
-from planners.limits._motion import LimitedMotion
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits._motion_limits import MotionLimits
-from planners.limits._points import PathPoints
 from planners.limits._sides import ratio_to_limit, sides, symmetric_bound
 from planners.limits._tool import ToolSpeedLimit
 from planners.limits.base import Limit, scale_of
 
 SAME_SPEED = 1e-6
-"""Largest relative change of a requested tool speed that counts as none: whole nanoseconds and rounding change it."""
+"""Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""
 
 __all__ = [
     "ALL_LIMITS",

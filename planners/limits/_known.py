@@ -1,4 +1,4 @@
-"""The kinds of limits that are known: those of this folder, and those that programs add."""
+"""Registry of the kinds of limits: those of this folder, and those that programs register."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from functools import cache
 
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
-from planners.limits._derivative import DerivativeLimit
-from planners.limits._loaded import LoadedLimit
+from planners.limits._joint import DerivativeLimit
+from planners.limits._torque import LoadedLimit
 from planners.limits.acceleration import Acceleration
 from planners.limits.base import Limit
 from planners.limits.jerk import Jerk
@@ -18,7 +18,7 @@ from planners.limits.torque_rate import TorqueRate
 from planners.limits.velocity import Velocity
 
 FOLDER = "planners.limits"
-"""Where a limit is a file."""
+"""Folder in which each limit is a file."""
 FIELD_LIMITS: tuple[Limit, ...] = (
     Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed(), Torque(), TorqueRate()
 )  # fmt: skip
@@ -26,20 +26,20 @@ FIELD_LIMITS: tuple[Limit, ...] = (
 ALL_LIMITS = tuple(kind.name for kind in FIELD_LIMITS)
 """Names of the limits that are arguments of `MotionLimits`."""
 DERIVATIVES = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, DerivativeLimit))
-"""Names of those on derivatives of every joint, by order."""
+"""Names of the limits on derivatives of every joint, by order."""
 TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool")
-"""Names of those of the tool."""
+"""Names of the limits of the tool."""
 LOADED = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, LoadedLimit))
-"""Names of those that need the arm's masses. Files have them only where they are given."""
+"""Names of the limits that need the arm's masses. Files contain them only if they are given."""
 
 _BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
 """Limits that are fields of `MotionLimits`, by name."""
 _ADDED: dict[str, Limit] = {}
-"""Limits that `register` has added in this process, by name."""
+"""Limits that `register` added in this process, by name."""
 
 
 def register(kind: Limit) -> None:
-    """Make a kind of limit known by its name, in ``MotionLimits(extra=...)`` and in motion files, in this process."""
+    """Register a kind of limit by its name for ``MotionLimits(extra=...)`` and motion files, in this process."""
     if not isinstance(kind, Limit):
         raise InvalidInput("kind", repr(kind)[:60], "a Limit")
     taken = kind.name in names(FOLDER) or type(_ADDED.get(kind.name, kind)) is not type(kind)
@@ -49,7 +49,7 @@ def register(kind: Limit) -> None:
 
 
 def is_known(name: object) -> bool:
-    """Say whether there is a limit of a name."""
+    """Return whether there is a limit of a name."""
     return name in _ADDED or name in names(FOLDER)
 
 

@@ -16,11 +16,10 @@ from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
-from planners.limits._extreme import plain
 from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, is_known, kind_of
-from planners.limits._points import PathPoints
-from planners.limits._segments import bound_at, bounds_on_pieces, inside_ends
+from planners.limits._motion import PathPoints, plain
 from planners.limits._sides import is_pair, ratio_to_limit, symmetric_bound
+from planners.limits._tool import bound_at, bounds_on_pieces, inside_ends
 from planners.limits.base import Limit
 from planners.paths.base import Path
 
@@ -36,13 +35,13 @@ class MotionLimits:
         acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
     tool_speed, rotation_speed : float or (k,) array, optional
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
-        of a polyline. A rounded corner has the lesser one of both its segments.
+        of a polyline. A rounded corner has the lesser of the limits of its two segments.
     extra : mapping, optional
-        Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws keep those of first order as they
-        keep velocities, and the others by a uniform slow-down.
+        Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws enforce those of first order like
+        velocities, and the others by stretching the whole motion.
     torque, torque_rate : scalar or (n,) array, optional
-        Greatest torques [N·m, N] and rates of the torques [N·m/s, N/s], of an arm whose masses are known. Coulomb friction
-        counts in the torque, and not in its rate.
+        Greatest torques [N·m, N] and torque rates [N·m/s, N/s] of an arm whose masses are known. The torque includes Coulomb
+        friction; its rate does not.
     robot_values : mapping, optional
         Bounds of the robot's model by name, set by `MotionLimits.of`. A bound that differs from its entry here was given by the
         caller (`MotionLimits.given_names`).
@@ -52,7 +51,7 @@ class MotionLimits:
     InvalidInput
         Limits that are not above 0, or not numbers.
     UnknownName
-        A name in ``extra`` that no limit has.
+        An unknown limit in ``extra``.
     """
 
     velocity: ArrayLike | None = None
@@ -94,9 +93,9 @@ class MotionLimits:
 
     @staticmethod
     def of(robot: Robot, **given: Any) -> MotionLimits:
-        """Return the robot's own limits, with the given limits in place of its own, as on the command line.
+        """Return the robot's own limits, replaced by the given limits, as on the command line.
 
-        The constructor takes no limits from a robot: a limit that is not given to it is free.
+        The constructor does not read the robot: a limit that is not given to it is free.
 
         Parameters
         ----------
@@ -108,7 +107,7 @@ class MotionLimits:
         Returns
         -------
         MotionLimits
-            Its velocities, accelerations and jerks, where it has them; torques and their rates where it has masses too.
+            Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
         """
         names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
         own = {name: getattr(robot.limits, name) for name in names}
@@ -116,7 +115,7 @@ class MotionLimits:
 
     @property
     def kinds(self) -> tuple[Limit, ...]:
-        """All kinds of limits: those with an argument of their own, given or not, then the extra ones."""
+        """All kinds of limits: those that are arguments, given or not, then the extra ones."""
         return FIELD_LIMITS if self.extra is None else (*FIELD_LIMITS, *map(kind_of, self.extra))
 
     @property
@@ -165,7 +164,7 @@ class MotionLimits:
         InvalidInput
             A length other than n.
         """
-        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # laws read it many times
+        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # time laws read it often
         if n not in kept:
             kept[n] = {kind.name: kind.array(self.value(kind.name), n) for kind in self.kinds}
         return dict(kept[n])
@@ -181,7 +180,7 @@ class MotionLimits:
         Returns
         -------
         dict of (n,) arrays
-            By name [rad/s, rad/s², rad/s³, or m]; infinity where free. Of a pair the side that is nearer to zero.
+            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; for a pair the side nearer to zero.
 
         Raises
         ------
@@ -192,7 +191,7 @@ class MotionLimits:
         return {name: symmetric_bound(bounds[name]) for name in DERIVATIVES}
 
     def symmetric(self) -> MotionLimits:
-        """Return the limits with the side nearer to zero in place of every pair; what they allow is allowed here too."""
+        """Return the limits with the side nearer to zero in place of every pair; they are at least as strict."""
         values = {name: self.value(name) for name in self.names}
         changed: dict[str, Any] = {
             name: np.minimum(-np.asarray(v[0]), v[1])
@@ -236,17 +235,17 @@ class MotionLimits:
         Returns
         -------
         (k, m) array
-            Absolute values over the side that they go to [1]; the limit is kept where they are at most 1.
+            Absolute values over the bound on their side [1]; the limit is respected where they are at most 1.
         """
         kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
-        two_sided = bound.ndim == 2 and kind.homogeneous  # the row would not scale with time, the value does
+        two_sided = bound.ndim == 2 and kind.homogeneous  # the value scales with time, a centered row does not
         rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
         products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
         values = np.einsum("kmi,ik->km", rows, np.stack(products))
         return ratio_to_limit(values, bound) if two_sided else np.asarray(np.abs(values))
 
     def select(self, names: tuple[str, ...]) -> MotionLimits:
-        """Return those limits that have these names; all others are free.
+        """Return the limits with these names; all others are free.
 
         Parameters
         ----------
@@ -310,13 +309,12 @@ class MotionLimits:
 
     @classmethod
     def from_plain(cls, data: Any, n: int) -> MotionLimits:
-        """Return the limits that `to_plain` wrote.
+        """Return the limits from the data of `to_plain`.
 
         Parameters
         ----------
         data : mapping
-            Plain data by name: the limits with an argument of their own, those on torque only where they are given, and any
-            others that are known.
+            Plain data by name: the limits that are arguments, those on torque only if given, and other known limits.
         n : int
             Number of joints.
 
@@ -328,7 +326,7 @@ class MotionLimits:
         Raises
         ------
         InvalidInput
-            Names that are missing or not known here, or data that describe no bound.
+            Missing or unknown names, or data that are not a bound.
         """
         extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
         required = tuple(name for name in ALL_LIMITS if name not in LOADED)
@@ -337,7 +335,7 @@ class MotionLimits:
         return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
     def check_path(self, path: Path) -> None:
-        """Check that limits with one bound for each segment of a path have as many as it has segments.
+        """Check that limits with one bound for each segment have as many bounds as the path has segments.
 
         Parameters
         ----------
@@ -347,7 +345,7 @@ class MotionLimits:
         Raises
         ------
         InvalidInput
-            Another number of bounds.
+            A different number of bounds.
         """
         for name in TOOL_SPEEDS:
             value = self.value(name)
@@ -355,24 +353,24 @@ class MotionLimits:
                 bounds_on_pieces(path, np.asarray(value), name)
 
     def tool_at(self, path: Path, s: Array) -> Array:
-        """Return the greatest speeds of the tool at places of a path; at a break the lesser of both sides.
+        """Return the greatest tool speeds at positions along a path; at a break the lesser of both sides.
 
         Parameters
         ----------
         path : Path
             The path.
         s : (k,) array
-            Places [m, or rad].
+            Positions [m, or rad].
 
         Returns
         -------
         (k, 2) array
-            Of its point [m/s] and of its rotation [rad/s], infinity where free.
+            Tool speed [m/s] and rotation speed [rad/s]; infinity where free.
 
         Raises
         ------
         InvalidInput
-            Another number of bounds than of segments.
+            Different numbers of bounds and segments.
         """
         kept = [np.asarray(np.inf if value is None else value) for value in (self.tool_speed, self.rotation_speed)]
         each = [
@@ -382,24 +380,24 @@ class MotionLimits:
         return np.stack(each, axis=1)
 
     def tool_between(self, path: Path, s: Array) -> Array:
-        """Return the greatest speeds of the tool between places of a path; the lesser where an interval has two of them.
+        """Return the greatest tool speeds between positions along a path; the lesser if an interval has two of them.
 
         Parameters
         ----------
         path : Path
             The path.
         s : (k + 1,) array
-            Places, increasing [m, or rad].
+            Positions, increasing [m, or rad].
 
         Returns
         -------
         (k, 2) array
-            Of its point [m/s] and of its rotation [rad/s], infinity where free.
+            Tool speed [m/s] and rotation speed [rad/s]; infinity where free.
 
         Raises
         ------
         InvalidInput
-            Another number of bounds than of segments.
+            Different numbers of bounds and segments.
         """
         kept = zip(TOOL_SPEEDS, map(self.value, TOOL_SPEEDS), self.tool, strict=True)
         each = [
@@ -409,7 +407,7 @@ class MotionLimits:
         return np.stack(each, axis=1)
 
     def tool_changes(self, path: Path) -> Array:
-        """Return the places of a path at which a greatest speed of the tool changes.
+        """Return the breaks of a path at which a greatest tool speed changes.
 
         Parameters
         ----------
@@ -419,12 +417,12 @@ class MotionLimits:
         Returns
         -------
         (k,) array
-            Some of its breaks [m, or rad].
+            Positions of these breaks [m, or rad].
 
         Raises
         ------
         InvalidInput
-            Another number of bounds than of segments.
+            Different numbers of bounds and segments.
         """
         if not any(np.ndim(self.value(name)) for name in TOOL_SPEEDS):
             return np.empty(0)

@@ -1,4 +1,4 @@
-"""Limits with two sides: a pair (lower, upper) in place of one bound on the absolute value."""
+"""Pairs of limits (lower, upper) in place of one bound on the absolute value."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one for each joint"
-"""What an error asks for in place of a pair that is none; both sides may be infinite where a joint is free."""
+"""Description of a valid pair in error messages; both sides may be infinite where a joint is free."""
 
 
 def is_pair(value: Any) -> bool:
-    """Whether a bound is meant as a pair (lower, upper), and not as one number for each of two joints."""
+    """Return whether a bound is a pair (lower, upper), and not one number for each of two joints."""
     several = (list, tuple, np.ndarray)
     if not isinstance(value, several) or (isinstance(value, np.ndarray) and value.ndim == 0) or len(value) != 2:
         return False
@@ -28,7 +28,7 @@ def is_pair(value: Any) -> bool:
 
 
 def check_pair(value: Any, argument: str) -> Array | float:
-    """Return a pair as `MotionLimits` keeps it."""
+    """Return a pair as `MotionLimits` stores it: a number or (n,) array if its sides are equal, or a (2,) or (2, n) array."""
     lower, upper = (real_array(x, argument, PAIR) for x in value)
     if max(lower.ndim, upper.ndim) > 1 or (lower.ndim == upper.ndim == 1 and lower.shape != upper.shape):
         raise InvalidInput(argument, f"a pair of shapes {lower.shape} and {upper.shape}", PAIR)
@@ -44,24 +44,24 @@ def check_pair(value: Any, argument: str) -> Array | float:
 
 
 def sides(bound: Array) -> tuple[Array, Array]:
-    """Lower and upper side of a bound."""
+    """Return the lower and the upper side of a bound."""
     return (-bound, bound) if bound.ndim == 1 else (bound[0], bound[1])
 
 
 def symmetric_bound(bound: Array) -> Array:
-    """Greatest bound on the absolute value that lies inside both sides."""
+    """Return the greatest bound on the absolute value that is inside both sides."""
     return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])
 
 
 def ratio_to_limit(values: Array, bound: Array) -> Array:
-    """Ratio of values to the side of the bound that they go to."""
+    """Return the ratios of values to the bound on their side."""
     if bound.ndim == 1:
         return np.asarray(np.abs(values) / bound)
     return np.asarray(values / np.where(values < 0.0, bound[0], bound[1]))
 
 
 def center_rows(rows: Array, bound: Array) -> Array:
-    """Rows of values over a bound with two sides, so that the limit is kept where |rows · monomials| ≤ 1."""
+    """Return rows over a bound with two sides; the limit is respected where |rows · monomials| ≤ 1."""
     lower, upper = sides(bound)
     free = np.isinf(upper)
     low, high = np.where(free, 0.0, lower), np.where(free, 0.0, upper)

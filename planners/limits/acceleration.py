@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from planners.limits._derivative import DerivativeLimit
+from planners.limits._joint import DerivativeLimit
 
 
 class Acceleration(DerivativeLimit):

@@ -1,4 +1,4 @@
-"""What a limit is: how its bound is given and filed, the rows that it puts on a time law, and its judgement of a motion."""
+"""Kinds of limits: how a bound is given and filed, the rows that it adds to a time law, and its judgement of a motion."""
 
 from __future__ import annotations
 
@@ -14,17 +14,15 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits._extreme import Extreme, ToolExtreme
-from planners.limits._motion import LimitedMotion
-from planners.limits._points import PathPoints
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits._sides import check_pair, is_pair
 
 
 class Limit(ABC):
-    """One kind of limit. It is the only place that knows what its bound means.
+    """Base of a kind of limit.
 
-    A limit is a subclass in a file of its own in this folder that names itself ``METHOD``, or an object that is made known
-    by `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in ``MotionLimits(extra=...)``,
+    A limit is a subclass in a file of its own in this folder, named by ``METHOD``, or an object that is registered with
+    `planners.limits.register`. The file's stem is its ``name``: its key in motion files, in ``MotionLimits(extra=...)``,
     in `TimeLaw.enforced` and in certificates.
 
     Attributes
@@ -32,15 +30,15 @@ class Limit(ABC):
     name : str
         The key.
     units : tuple of str
-        Unit of the bound for revolute and for sliding joints; a limit of the whole arm repeats its one unit.
+        Unit of the bound for revolute and for prismatic joints; a limit of the whole arm repeats its one unit.
     order : int
-        Power of the time scale: a motion run c times as slowly has 1 / c**order of the value. Also the order of its rows.
+        Power of the time scale: a motion stretched by c has 1 / c**order of the value. Also the order of its rows.
     subject : str or None
-        What the one bound of the whole arm is on, such as ``"tool"``; None for a bound on every joint.
+        Part that the one bound of the whole arm limits, such as ``"tool"``; None for a bound on every joint.
     sided : bool
-        Whether the bound may be a pair (lower, upper). If so, all methods take a bound of shape (2, n) too, lower first.
+        Whether the bound may be a pair (lower, upper). If so, all methods also take a bound of shape (2, n), lower first.
     homogeneous : bool
-        Whether the whole value goes with the time scale; not the torque, of which gravity is a part.
+        Whether the whole value scales with time; False for the torque, which includes gravity.
     """
 
     name: ClassVar[str]
@@ -53,7 +51,7 @@ class Limit(ABC):
     # ------------------------------------------------------------ the bound, as given and in files
 
     def check(self, value: Any) -> Any:
-        """Return a bound as `MotionLimits` keeps it: a float, or a read-only array.
+        """Return a bound as `MotionLimits` stores it: a float, or a read-only array.
 
         Parameters
         ----------
@@ -68,7 +66,7 @@ class Limit(ABC):
         Raises
         ------
         InvalidInput
-            No number, none above 0, or a pair that this limit cannot have or that does not have zero between its sides.
+            A value that is not a number above 0, a pair for a limit without sides, or a pair without 0 between its sides.
         """
         if self.subject is not None:
             return check_number(value, self.name, f"a {self.name.replace('_', ' ')} above 0", above=0.0)
@@ -86,7 +84,7 @@ class Limit(ABC):
         Parameters
         ----------
         value : scalar or (n,) array, or a pair of them, or None
-            What `checked` returned [as `units`]; None where nothing is limited.
+            Result of `check` [as `units`]; None where nothing is limited.
         n : int
             Number of joints.
 
@@ -108,22 +106,22 @@ class Limit(ABC):
         return check_positive(np.inf if value is None else value, 1 if self.subject is not None else n, self.name)
 
     def to_plain(self, value: ArrayLike | None) -> Any:
-        """Return a bound as plain data for files.
+        """Return a bound as plain data for files, which `from_plain` reads back to the last bit.
 
         Parameters
         ----------
         value : scalar or (n,) array, or a pair of them, or None
-            What `checked` returned [as `units`].
+            Result of `check` [as `units`].
 
         Returns
         -------
         float, list or None
-            Read back by `from_plain` to the last bit.
+            Plain data.
         """
         return None if value is None else numbers_to_list(value)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
-        """Return the bound that `to_plain` wrote.
+        """Return the bound from the data of `to_plain`.
 
         Parameters
         ----------
@@ -135,12 +133,12 @@ class Limit(ABC):
         Returns
         -------
         float, (n,), (2,) or (2, n) array, or None
-            The bound [as `units`]; a pair has two lists of numbers, or two numbers of which the first is negative.
+            The bound [as `units`]; a pair is two lists of numbers, or two numbers with the first negative.
 
         Raises
         ------
         InvalidInput
-            Data that describe no bound.
+            Data that are not a bound.
         """
         if data is None:
             return None
@@ -155,27 +153,27 @@ class Limit(ABC):
 
     @abstractmethod
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """Coefficients of the limited value over its bound, at points of a joint path.
+        """Return the coefficients of the limited value over its bound, at points of a joint path.
 
         Parameters
         ----------
         at : PathPoints
             Points of the joint path.
         bound : (m,) or (2, m) array
-            What `array` returned [as `units`].
+            Result of `array` [as `units`].
 
         Returns
         -------
         (k, m, order) array, or of more columns
             [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
             s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
-            kept where |rows · monomials| ≤ 1.
+            respected where |rows · monomials| ≤ 1.
         """
 
     # ------------------------------------------------------------ judgement
 
     def subjects(self, robot: Robot) -> tuple[str, ...]:
-        """Names of what the bounds are on.
+        """Return the names of the limited joints, or of the limited part.
 
         Parameters
         ----------
@@ -191,14 +189,14 @@ class Limit(ABC):
 
     @abstractmethod
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme | ToolExtreme:
-        """Worst value over a whole motion: exact or a proved bound, not the largest of samples.
+        """Return the peak value over a motion: exact or a proved bound, not the largest of samples.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
-            What `array` returned [as `units`].
+            Result of `array` [as `units`].
 
         Returns
         -------
@@ -208,14 +206,14 @@ class Limit(ABC):
 
     @abstractmethod
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
-        """Worst ratio to the bound on each piece of a motion, which tells the active constraint there.
+        """Return the peak ratio to the bound on each piece of a motion, which shows the active constraint there.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
-            What `array` returned [as `units`].
+            Result of `array` [as `units`].
 
         Returns
         -------
@@ -224,22 +222,22 @@ class Limit(ABC):
         """
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
-        """Least factor by which a motion is stretched in time so that it keeps the limit.
+        """Return the least factor by which a motion is stretched in time to respect the limit.
 
-        A limit whose value has a part that no slowing changes (the torque against gravity) overrides this, and returns
-        infinity where no factor suffices.
+        A limit with a part that stretching does not change (the torque of gravity) overrides this method, and returns
+        infinity if no factor suffices.
 
         Parameters
         ----------
         motion : LimitedMotion
             The motion.
         bound : (m,) or (2, m) array
-            What `array` returned [as `units`].
+            Result of `array` [as `units`].
 
         Returns
         -------
         float
-            Below 1 where the motion may be run faster; 0 where nothing limits it.
+            Below 1 if the motion can be faster; 0 if nothing limits it.
         """
         if not np.isfinite(bound).any():
             return 0.0
@@ -248,5 +246,5 @@ class Limit(ABC):
 
 
 def scale_of(ratio: float, order: int) -> float:
-    """Time scale at which a value that goes with 1 / scale**order is at its bound."""
+    """Return the time scale at which a value proportional to 1 / scale**order is at its bound."""
     return float(max(ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0))

@@ -8,19 +8,18 @@ import numpy as np
 
 from optik.arm.inertia import Load
 from optik.types import Array
-from planners.limits._loaded import LoadedLimit
-from planners.limits._points import PathPoints
+from planners.limits._motion import PathPoints
 from planners.limits._sides import sides
-from planners.limits._torque_rows import torque_rows
+from planners.limits._torque import LoadedLimit, torque_rows
 
 STANDING_SHARE = 1e-9
-"""Share of the largest |q'| of an arm below which a joint does not move along the path there: rounding of the path is near."""
+"""Fraction of the largest |q'| of all joints below which a joint is at rest: it is rounding error of the path."""
 
 
 class Torque(LoadedLimit):
     """Greatest torque of every joint, friction included.
 
-    Coulomb friction counts as +f sign(q̇), and as the whole set [−f, f] where a joint rests or reverses: the worst of it.
+    Coulomb friction is f sign(q̇). Where a joint rests or reverses, it is the least favourable value in [−f, f].
     """
 
     name: ClassVar[str] = "torque"
@@ -38,15 +37,17 @@ class Torque(LoadedLimit):
         rows = torque_rows(at, load).copy()
         rows[:, :, 3] += load.coulomb * sign - 0.5 * (lower + upper)
         half = 0.5 * (upper - lower) - load.coulomb * still
-        with np.errstate(divide="ignore", invalid="ignore"):  # friction alone may pass the limit: then nothing keeps it
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # friction alone may exceed the limit: then no motion respects it
             return np.where(free[:, None], 0.0, rows / np.maximum(half, 0.0)[:, :, None])
 
 
 def _senses(at: PathPoints) -> tuple[Array, Array]:
-    """Sign (k, n) of each joint's motion along the path, 0 where it rests or reverses; and 1 there, else 0.
+    """Return the sign (k, n) of each joint's motion along the path, 0 where it rests or reverses; and 1 there, else 0.
 
-    All joints rest at both ends of the path. A joint reverses between two neighbouring places where its sign changes, so at
-    both of them.
+    All joints rest at both ends of the path. A joint counts as reversing at both of two adjacent points if its sign changes
+    between them.
     """
     q1 = at.q(1)
     sign = np.where(np.abs(q1) > STANDING_SHARE * np.abs(q1).max(initial=0.0), np.sign(q1), 0.0)
@@ -60,4 +61,3 @@ def _senses(at: PathPoints) -> tuple[Array, Array]:
 
 
 METHOD = Torque
-"""What the registry builds."""

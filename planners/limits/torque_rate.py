@@ -6,9 +6,8 @@ from typing import ClassVar
 
 from optik.arm.inertia import Load
 from optik.types import Array
-from planners.limits._loaded import LoadedLimit
-from planners.limits._points import PathPoints
-from planners.limits._torque_rows import torque_rate_rows
+from planners.limits._motion import PathPoints
+from planners.limits._torque import LoadedLimit, torque_rate_rows
 
 
 class TorqueRate(LoadedLimit):
@@ -25,4 +24,3 @@ class TorqueRate(LoadedLimit):
 
 
 METHOD = TorqueRate
-"""What the registry builds."""

@@ -17,6 +17,7 @@ from optik import DHRow, JointLimits, Robot, Scene, Shapes
 from optik.arm.inertia import Inertia
 from optik.distance import DISTANCE_ROUNDING
 from optik.errors import InvalidInput
+from optik.ik.base import Tolerance
 from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
@@ -437,7 +438,7 @@ def test_a_tool_off_its_path_is_named_just_beyond_the_tolerance(
 ) -> None:
     sizes_ = distance * tolerance[0], angle * tolerance[1]
     off = PathError(*sizes_, *sizes_, 0.3, 0.7)
-    found = [(x.t, "turned" in x.words) for x in off.find_violations(tolerance)]
+    found = [(x.t, "turned" in x.words) for x in off.find_violations(Tolerance(*tolerance))]
     assert found == [(0.3, False)] * (distance > 1.0) + [(0.7, True)] * (angle > 1.0)
     assert off.find_violations(None) == []
 

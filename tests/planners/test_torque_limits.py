@@ -18,7 +18,7 @@ from planners.certificate.bounds import MotionBounds
 from planners.curve import apply_chain_rule
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
-from planners.limits._torque_rows import torque_rows
+from planners.limits._torque import torque_rows
 from planners.timing._statics import static_torque
 from planners.timing.smooth import Smooth
 from tests.planners.cases import START, default_line, paper6r

@@ -19,7 +19,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule
 from planners.hermite import quintic
 from planners.limits import MotionLimits
-from planners.limits._loaded import LoadedLimit
+from planners.limits._torque import LoadedLimit
 from planners.limits.base import Limit
 from planners.timing._brake.rows import Cells, Course, cells_of, derivatives_at, piece_at
 from planners.timing._brake.sweep import AT_GOAL, MOST_SWEEP_STEPS, RAMP_STEPS, TOO_SHORT, sweep_clock

@@ -1,4 +1,4 @@
-"""What the limits on torque and on its rate share: they are on the loads of an arm whose masses are known."""
+"""Limits on the torques of the joints and on their rates, of an arm whose masses are known."""
 
 from __future__ import annotations
 
@@ -7,30 +7,28 @@ from typing import ClassVar
 
 import numpy as np
 
+from optik import dynamics
 from optik.arm.inertia import Load
 from optik.types import Array
-from planners.limits._extreme import Extreme
-from planners.limits._motion import LimitedMotion
-from planners.limits._points import PathPoints
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints
 from planners.limits._sides import sides
 from planners.limits.base import Limit
 
 
 class LoadedLimit(Limit):
-    """A limit on a value of every joint that its masses make. It costs nothing where it is free.
+    """A limit on the torques of the joints, or on their rates. It is not evaluated where it is free.
 
-    A payload given as an interval is two loads, the lightest and the heaviest: the value is affine in the payload's mass, so
-    one of the two is the worst.
+    A payload given as an interval is two loads, the lightest and the heaviest. The torque is affine in the payload's mass, so
+    one of the two has the peak value.
     """
 
     homogeneous: ClassVar[bool] = False
     rate: ClassVar[bool]
     """Whether the limit is on the rates of the torques, and not on the torques."""
     columns: ClassVar[int]
-    """Columns of the rows: the full set of monomials of the limit's order."""
+    """Number of columns of the rows: the full set of monomials of the limit's order."""
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """Coefficients of the value over its bound, those of the second load behind those of the first; see `Limit.rows`."""
         if not np.isfinite(bound).any():
             return np.zeros((at.s.size, 1, self.columns))
         found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
@@ -38,10 +36,9 @@ class LoadedLimit(Limit):
 
     @abstractmethod
     def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
-        """The rows (k, n, columns) of one load."""
+        """Return the rows (k, n, columns) of one load."""
 
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
-        """The proved bound; NaN where the limit is free. See `Limit.judge`."""
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
         lower, upper = sides(bound)
@@ -57,13 +54,41 @@ class LoadedLimit(Limit):
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
-        """The larger of the ratios at both ends of each piece; see `Limit.piece_ratios`."""
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
         return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
-        """From the parts of the torques that go with powers of the speed; see `Limit.stretch_factor`."""
         if not np.isfinite(bound).any():
             return 0.0
         return motion.torque_stretch(np.stack(sides(bound)), rate=self.rate)
+
+
+def torque_rows(at: PathPoints, load: Load) -> Array:
+    """Return the rows of the torques, without Coulomb friction: τ = p s̈ + c ṡ² + f ṡ + g.
+
+    p = M q', c = M q'' + C(q, q') q', f is the viscous friction times q', and g the torque of gravity.
+    """
+    found = _coefficients(at, load)
+    return np.stack([found[:, 0], found[:, 1], load.viscous * at.q(1), found[:, 2]], axis=-1)
+
+
+def torque_rate_rows(at: PathPoints, load: Load) -> Array:
+    """Return the rows of the torque rates, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + f (q' s̈ + q'' ṡ²).
+
+    d = p' + 2 c; f is the viscous friction, and the other letters as in `torque_rows`.
+    """
+    found = _coefficients(at, load)
+    friction = (load.viscous * at.q(1), load.viscous * at.q(2))
+    return np.stack([found[:, 0], found[:, 3], found[:, 4], found[:, 5], *friction], axis=-1)
+
+
+def _coefficients(at: PathPoints, load: Load) -> Array:
+    """Return the coefficients (k, 6, n) of `optik.dynamics.path_torques` at the points, computed once for each load."""
+    kept = at.torques.get(id(load))
+    if kept is None:
+        path = np.stack([at.q(order) for order in range(4)])
+        kept = np.empty((path.shape[1], 6, path.shape[2]))
+        dynamics.path_torques(at.joint_path.robot.chain, load.bodies, path, kept)
+        at.torques[id(load)] = kept
+    return kept

@@ -1,4 +1,4 @@
-"""Limits on a derivative of every joint in time."""
+"""Limits on a time derivative of every joint."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ import numpy as np
 
 from optik.types import Array, Flags
 from planners.curve import chain_rows
-from planners.limits._extreme import Extreme
-from planners.limits._motion import LimitedMotion
-from planners.limits._points import PathPoints
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints
 from planners.limits._sides import center_rows, ratio_to_limit, sides, symmetric_bound
 from planners.limits.base import Limit, scale_of
 from planners.trajectory import Extrema
 
 
 class DerivativeLimit(Limit):
-    """A limit on a derivative of every joint in time: the exact extrema of the polynomials judge it."""
+    """A limit on a time derivative of every joint, judged by the exact extrema of the polynomials inside the pieces.
+
+    The peak value is infinite where a lower derivative jumps.
+    """
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
-        """The chain rule's coefficients over the bound; see `Limit.rows`."""
         rows = chain_rows([at.q(order) for order in range(1, self.order + 1)])
         if bound.ndim == 1:
             return rows / bound[:, None]
-        if self.order == 1:  # ṡ is never negative: the sign of q' tells the side, and the value keeps its sign
+        if self.order == 1:  # ṡ ≥ 0: the sign of q' selects the side, and the value keeps its sign
             lower, upper = sides(bound)
             return np.asarray(rows / np.where(rows < 0.0, -lower[:, None], upper[:, None]))
         return center_rows(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
-        """Exact extrema; infinite where a lower derivative jumps. See `Limit.judge`."""
         extrema = motion.trajectory.extrema(self.order)
         if bound.ndim == 1:
             ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
@@ -41,18 +40,16 @@ class DerivativeLimit(Limit):
         return extreme
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
-        """Exact worst values of each piece over the bound; see `Limit.piece_ratios`."""
         if bound.ndim == 1:
             return motion.trajectory.piece_worst(self.order) / bound
         return np.maximum(*(ratio_to_limit(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
-        """From the exact extrema inside the pieces, whatever jumps between them; see `Limit.stretch_factor`."""
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 
 def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
-    """Of least and greatest value the one with the larger ratio to its side; of a free joint the larger one."""
+    """Return the least or the greatest value of each joint, whichever has the larger ratio to its side of the bound."""
     free = np.isinf(bound[0])
     lower, upper = np.where(free, -1.0, bound[0]), np.where(free, 1.0, bound[1])
     below, above = extrema.least / lower, extrema.greatest / upper
@@ -62,7 +59,7 @@ def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
 
 
 def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jumps: Flags, bound: Array) -> Extreme:
-    """Extreme with infinite values at the largest jump of each joint that jumps in a derivative of this order."""
+    """Return an extreme with infinite values at the largest jump of each joint whose derivative of this order jumps."""
     size = np.where(jumps, np.abs(motion.steps(order)), 0.0)
     jumping = jumps.any(axis=0)
     when = motion.trajectory.knots[size.argmax(axis=0)]
