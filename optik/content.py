@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+T = TypeVar("T", bound=tuple[Any, ...])
+"""Type of a named tuple."""
 
 
 def content(value: Any) -> Any:
@@ -25,6 +28,13 @@ def content(value: Any) -> Any:
     return type(value), value
 
 
-def have_equal_content(one: tuple[Any, ...], other: object) -> bool:
-    """Return whether two tuples of arrays have the same type and content."""
-    return type(one) is type(other) and content(one) == content(other)
+def compare_by_content(kind: type[T]) -> type[T]:
+    """Make the instances of a named tuple equal if their contents are; a decorator."""
+
+    def equal(one: T, other: object) -> bool:
+        return type(one) is type(other) and content(one) == content(other)
+
+    methods = {"__eq__": equal, "__ne__": lambda a, b: not equal(a, b), "__hash__": lambda one: hash(content(one))}
+    for name, method in methods.items():
+        setattr(kind, name, method)
+    return kind

@@ -1,4 +1,4 @@
-"""Hot loops, compiled by Numba: the decorators, the cache of machine code, and the archive in the wheel."""
+"""Compilation of kernels by Numba: decorators, cache of machine code, and the archive in the wheel."""
 
 from optik.compiled.decorators import compiled, inlined, parallel
 

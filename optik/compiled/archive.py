@@ -1,8 +1,8 @@
-"""Kernels compiled in advance: one file for a platform and a Python, in the package's own folder and read from there only.
+"""Archive of kernels compiled in advance: one file for a platform and a version of Python, in the package's own folder.
 
-The first line holds the format, the length of the index and its SHA-256. The index, in JSON, holds the versions and the target
-of the compiler, and the name, length and SHA-256 of each kernel. A kernel is found by its fingerprint, so code that is outdated
-is never found. The file is not mapped into memory: a mapped file that another process truncates would end this process.
+The first line contains the format, the length of the index and its SHA-256. The index (JSON) contains the versions and target
+of the compiler, and the name, length and SHA-256 of each kernel. Kernels are found by their fingerprints, so outdated code is
+never found. The file is not mapped into memory: if another process truncated a mapped file, this process would end.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 ARCHIVE_FORMAT = "optik kernels 1"
-"""First words of an archive."""
+"""Format of an archive: the first words of the file."""
 
 ARCHIVES = Path(__file__).parent / "_kernels"
-"""The only folder that archives are read from: the machine code in them is run."""
+"""Only folder from which archives are read, because their machine code is run."""
 
 NEEDED = {
     "x86-64-v3": "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sahf sse3 sse4.1 sse4.2 ssse3 xsave",
     "generic": "",
     "apple-m1": "",
 }
-"""LLVM's names of the processors that archives are compiled for, and the features to check; the platform implies the others."""
+"""Features to check for each target processor, by LLVM's name; the platform implies the other features."""
 
 
 class Target(NamedTuple):
-    """What machine code is compiled for: LLVM's triple, the name of the processor, and its features, each after + or -."""
+    """Target of machine code: LLVM's triple, the name of the processor, and its features with the signs + and -."""
 
     triple: str
     cpu: str
@@ -41,7 +41,7 @@ class Target(NamedTuple):
 
 
 class Archive(NamedTuple):
-    """An archive that was opened: what it was compiled for, and the place, size and SHA-256 of each kernel's code."""
+    """Index of an archive: its target, and the position, size and SHA-256 of the code of each kernel."""
 
     file: Path
     versions: tuple[str, ...]
@@ -51,7 +51,7 @@ class Archive(NamedTuple):
     places: Mapping[str, tuple[int, int, str]]
 
     def refusal(self, versions: Sequence[str], target: Target) -> str:
-        """Why this process cannot run these kernels, or nothing."""
+        """Return why this process cannot run the kernels, or an empty string."""
         differ = [
             f"{there}, here {here}" for there, here in zip(self.versions, versions, strict=False) if here != there
         ]
@@ -63,7 +63,7 @@ class Archive(NamedTuple):
         return f"compiled for {self.cpu}: this processor lacks {', '.join(sorted(lacking))}" if lacking else ""
 
     def read(self, fingerprint: str) -> bytes | None:
-        """Return a kernel's code; None if the archive lacks it, or if the file is damaged."""
+        """Return the code of a kernel; None if the archive lacks it or is damaged."""
         if fingerprint not in self.places:
             return None
         begin, size, checksum = self.places[fingerprint]
@@ -77,24 +77,24 @@ class Archive(NamedTuple):
 
 
 def list_features(cpu: str) -> set[str]:
-    """Return the features that the code for a processor needs; for an unknown one, a feature that no processor has."""
+    """Return the features that code for a processor needs; for an unknown one, a feature that no processor has."""
     return set(NEEDED.get(cpu, f"all-of-{cpu}").split())
 
 
 def file_name() -> str:
-    """Name of the archive for this platform and Python."""
+    """Return the file name of the archive for this platform and version of Python."""
     python = f"{sys.implementation.cache_tag}{getattr(sys, 'abiflags', '')}"
     return f"{sys.platform}-{platform.machine().lower()}-{python}.kernels"
 
 
 @cache
 def open_archive() -> Archive | str:
-    """Return the archive for this platform and Python, or why there is none."""
+    """Return the archive for this platform and version of Python, or the reason why there is none."""
     return load(ARCHIVES / file_name())
 
 
 def load(file: Path) -> Archive | str:
-    """Read the index of an archive; a file that is damaged, or another, is described by a sentence."""
+    """Read the index of an archive; return a sentence if the file is missing or damaged."""
     try:
         with file.open("rb") as lines:
             words = lines.readline(200).decode().rstrip("\n").rsplit(" ", 2)
@@ -115,7 +115,7 @@ def load(file: Path) -> Archive | str:
 
 
 def pack(file: Path, versions: Sequence[str], target: Target, kernels: Mapping[str, tuple[str, bytes]]) -> None:
-    """Write an archive of kernels: by fingerprint, the name and the code of each."""
+    """Write an archive of kernels, given their names and codes by fingerprint."""
     codes, index = [], {}
     for fingerprint, (name, code) in sorted(kernels.items()):
         codes.append(zlib.compress(code, 9))
@@ -131,5 +131,5 @@ def pack(file: Path, versions: Sequence[str], target: Target, kernels: Mapping[s
 
 
 def _system(triple: str) -> str:
-    """A triple without the version of the system, which macOS names there."""
+    """Return a triple without the version of the system, which macOS appends."""
     return re.sub(r"[\d.]+$", "", triple)

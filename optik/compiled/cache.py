@@ -34,11 +34,10 @@ class KernelCache(_Cache):  # type: ignore[misc]
     """Machine code of one function on disk, valid as long as everything that it depends on is unchanged.
 
     Numba's own cache is invalidated by any change of a function's file, even of a docstring, but not by a change of a
-    helper in another file. Here one file holds the code for one set of argument types and one processor, and begins
-    with the fingerprint of what the code depends on. Outdated code is overwritten, so the folder does not grow with the
-    versions of a source; files of a deleted function stay until the folder is deleted. A file is written under a
-    temporary name and then renamed, so processes that compile at the same time never read a partial file. The disk is
-    not accessed before the first call.
+    helper in another file. Here a file contains the code for one set of argument types and one processor, after the
+    fingerprint of its dependencies. New code overwrites outdated code. Files of deleted functions stay until the folder is
+    deleted. Files are written atomically, for processes that compile at the same time. The disk is not accessed before the
+    first call.
     """
 
     def __init__(self, kernel: Dispatcher) -> None:
@@ -103,7 +102,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return f"{module}.{self._qualname}".replace("<", "").replace(">", "")
 
     def _depends(self, sig: Any) -> str:
-        """Fingerprint of what the code for types of arguments depends on; empty if it can neither be cached nor shipped."""
+        """Return the fingerprint of the code for types of arguments; empty if it can be neither cached nor shipped."""
         if not self._enabled:
             return ""
         try:
@@ -121,12 +120,12 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return Path(place.locator.get_cache_path()) / file
 
     def _read_cached(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
-        """Code from the machine's cache."""
+        """Read code from the machine's cache."""
         place = _place(self._kernel.py_func)
         return None if place is None else read_code(self._file(place, sig, codegen)).get(depends)
 
     def _read_shipped(self, sig: Any, codegen: Any, depends: str) -> bytes | None:
-        """Code from the archive."""
+        """Read code from the archive."""
         shipped = archive.open_archive()
         if isinstance(shipped, str) or os.environ.get("OPTIK_COMPILES") == "native":
             return None
@@ -134,7 +133,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
 
 
 def read_code(file: Path) -> dict[str, bytes]:
-    """Read the code in a cached file, by its fingerprint; nothing from a file that is absent or damaged."""
+    """Read the code in a cached file, by its fingerprint; return no code if the file is missing or damaged."""
     try:
         data = file.read_bytes()
     except OSError:
@@ -149,7 +148,7 @@ def _types(sig: Any) -> tuple[Any, ...]:
 
 
 class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
-    """A temporary folder, for when neither a function's own folder nor the user's cache can be written."""
+    """Temporary folder, used if neither the folder of the source nor the user's cache can be written."""
 
     def __init__(self, py_file: str) -> None:
         self._py_file = py_file
@@ -157,7 +156,7 @@ class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _PrivateFolder | None:
-        """Return the place for a function, or None if no folder at all can be written."""
+        """Return the folder for a function, or None if no folder can be written."""
         with contextlib.suppress(OSError):
             if not Path(py_file).exists():
                 return None
@@ -185,7 +184,7 @@ class _Place(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 def _place(function: Callable[..., Any]) -> _Place | None:
-    """Place of a function's code; None if it has no file, as at a prompt, or if no folder can be written."""
+    """Return the cache folder of a function; None if it has no file, as at a prompt, or if no folder can be written."""
     try:
         return _Place(function)
     except RuntimeError:
@@ -196,7 +195,7 @@ def _place(function: Callable[..., Any]) -> _Place | None:
 
 @cache
 def _private_folder() -> Path:
-    """Return this user's temporary folder: code in it is executed, so no other user may be able to write to it."""
+    """Return a temporary folder to which only this user can write, because code in it is executed."""
     user = os.getuid() if hasattr(os, "getuid") else "kernels"  # elsewhere the temporary folder is the user's own
     folder = Path(tempfile.gettempdir()) / f"optik-{user}"
     folder.mkdir(mode=0o700, exist_ok=True)

@@ -24,7 +24,7 @@ def compiled(function: F) -> F:
 
 
 def parallel(function: F) -> F:
-    """Compile as `compiled` does, into code that releases Python's global lock, so that threads can run it in parallel."""
+    """Compile like `compiled`, into code that releases Python's global lock, so that threads can run it in parallel."""
     return _jit(function, True)
 
 
@@ -38,9 +38,9 @@ def _jit(function: F, nogil: bool) -> F:
 
 
 def inlined(function: F) -> F:
-    """Compile a helper into every kernel that calls it: it sees the kernel's constants, and is cached with the kernel.
+    """Compile a helper into every kernel that calls it, without fast-math.
 
-    There is no fast-math here either: LLVM would fuse products and sums differently for one lane and for many.
+    With fast-math, LLVM fuses products and sums differently for one lane and for many.
     """
     helper: Any = function if config.DISABLE_JIT else Helper(function)
     result: F = helper

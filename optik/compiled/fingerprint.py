@@ -1,7 +1,7 @@
-"""Fingerprint of everything that a compiled function's machine code depends on: bytecode, values and functions it reaches.
+"""Fingerprint of everything on which machine code depends: bytecode, values and functions that a function reaches.
 
-Numba compiles into a function whatever it calls, and every global that it names as a constant. So the walk follows
-names: to other compiled functions, to helpers, through modules to their attributes, to closures and default values.
+Numba compiles called functions and named globals into a function. So the walk follows names: to compiled functions, to
+helpers, through modules to their attributes, to closures and default values.
 Docstrings, comments, annotations, line numbers and other functions of a file do not affect the machine code and are left
 out. A value that the walk cannot analyse is represented by the text of the file that defines its type. Not seen are
 Numba extensions for methods and attributes of foreign types (`overload_method`, `overload_attribute`).
@@ -81,7 +81,7 @@ def fingerprint(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
 
 
 def variant(kernel: Dispatcher, signature: tuple[Any, ...]) -> str:
-    """Short name of one kernel of a function, from its types of arguments and the plain values in its closure."""
+    """Return a short name of one kernel of a function, from its types of arguments and the plain values in its closure."""
     closed = (_cell(c) for c in kernel.py_func.__closure__ or ())
     parts = [ADDRESS.sub("", str(kind)) for kind in signature] + [repr(v) for v in closed if isinstance(v, PLAIN)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
@@ -148,7 +148,7 @@ class _Walk:
             raise Opaque(str(kind))
 
     def _again(self, v: Any) -> bool:
-        """Whether an object was visited before: functions may call each other recursively."""
+        """Return whether an object was visited before, because functions may call each other recursively."""
         number = len(self.met)
         known = self.met.setdefault(id(v), number)
         if known != number:
@@ -241,7 +241,7 @@ class _Walk:
 
 
 _MISSING = object()
-"""Stands for an attribute that a module does not have, because None may be one."""
+"""Value of an attribute that a module lacks, because None may be a value."""
 
 
 def _foreign(module: str | None) -> bool:
@@ -249,7 +249,7 @@ def _foreign(module: str | None) -> bool:
 
 
 def _cell(cell: Any) -> Any:
-    """Value of a closure's cell; None if it is not yet bound."""
+    """Return the value of a closure's cell; None if it is not yet bound."""
     try:
         return cell.cell_contents
     except ValueError:
@@ -257,7 +257,7 @@ def _cell(cell: Any) -> Any:
 
 
 def _names(code: CodeType) -> dict[str, None]:
-    """Names of globals and attributes in a function and the functions inside it, in the order of its code."""
+    """Return the names of globals and attributes in a function and its inner functions, in the order of the code."""
     names = dict.fromkeys(code.co_names)
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -267,7 +267,7 @@ def _names(code: CodeType) -> dict[str, None]:
 
 @cache
 def _starts_with_docstring(code: CodeType) -> bool:
-    """Whether the first constant is a text that no instruction loads, as a docstring is."""
+    """Return whether the first constant is a docstring: a text that no instruction loads."""
     if not (code.co_consts and isinstance(code.co_consts[0], str)):
         return False
     instructions = zip(code.co_code[::2], code.co_code[1::2], strict=True)
@@ -282,7 +282,7 @@ def _overloads(f: FunctionType) -> list[FunctionType]:
 
 
 def _text(module: str | None) -> bytes:
-    """Text of a module's file."""
+    """Return the text of a module's file."""
     try:
         return Path(str(getattr(sys.modules.get(str(module)), "__file__", None))).read_bytes()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Numba's dispatcher with less to compile: no unused wrappers, one version for all literal integers, the collector off."""
+"""Numba's dispatcher, with faster compilation: no unused wrappers, one version for all literal integers, no collector."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numba.core.registry import CPUDispatcher
 from optik.compiled.fingerprint import MOST_OPT
 
 QUIET_SECONDS = 2.0
-"""Time that a process compiles before a terminal is told."""
+"""Time of compilation after which a terminal shows progress."""
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
@@ -49,7 +49,7 @@ def _plain(kind: Any) -> Any:
 
 
 class _Process:
-    """What this process compiles; Numba's lock lets one thread compile at a time."""
+    """State of compilation in this process; Numba's lock lets one thread compile at a time."""
 
     depth: int = 0  # functions that are being compiled, each because the one before calls it
     level: Any = None  # Numba's optimisation level before the outermost compilation
@@ -58,10 +58,10 @@ class _Process:
 
 
 class _Compiler(_FunctionCompiler):  # type: ignore[misc]
-    """Compiles one function."""
+    """Compiler of one function."""
 
     def compile(self, args: Any, return_type: Any) -> Any:
-        """Compile for types of arguments; Python's garbage collector is off meanwhile, because it finds nothing."""
+        """Compile for types of arguments, without Python's garbage collector, which would find nothing."""
         if _Process.depth == 0:
             _Process.level, _Process.begin = config.OPT, time.monotonic()
         before, collects = config.OPT, gc.isenabled()
@@ -82,7 +82,7 @@ class _Compiler(_FunctionCompiler):  # type: ignore[misc]
 
 
 def _tell(name: str) -> None:
-    """Show a terminal, in one line that is replaced and then removed, that this process has compiled for long."""
+    """Show a long compilation on a terminal, in one line that is replaced and finally removed."""
     seconds = _Process.seconds + (time.monotonic() - _Process.begin if _Process.depth else 0.0)
     if seconds > QUIET_SECONDS and sys.stderr is not None and sys.stderr.isatty():
         words = f"optik: compiling, {seconds:.0f} s: {name}" if _Process.depth else ""

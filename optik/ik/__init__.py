@@ -118,14 +118,12 @@ def solve_ik(
 
     Parameters
     ----------
-    robot : Robot
-        The arm.
+    robot, solver
+        As of `make_solver`.
     target : (4, 4) array
         T_base_tool [m].
     q0 : (n,) array
         Initial guess inside the limits [rad, m].
-    solver : str or path
-        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     scene : Scene, optional
         Obstacles, and the least distance between the arm and them. The solution is collision-free, self-collisions included;
         the arm must have shapes. At least 100 more initial guesses are tried. If every solution found collides, the status
@@ -175,12 +173,10 @@ def solve_ik_batch(
         T_base_tool [m].
     starts : (N, n) or (n,) array
         Initial guesses inside the limits [rad, m].
-    solver : str or path
-        A name from `solvers`, or a Python file such as ``"./jt.py"``, which is run.
     threads : int, optional
         Largest number of threads, by default the number of cores. The results do not depend on it.
-    **options
-        Options of the method.
+    solver, **options
+        As of `make_solver`.
 
     Returns
     -------

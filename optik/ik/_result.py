@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optik.check import check_number
-from optik.content import content, have_equal_content
+from optik.content import compare_by_content
 from optik.errors import InvalidInput
 from optik.ik._status import SOLVED, STATUS_OF_CODE, IKStatus
 from optik.types import Array, Flags
@@ -89,6 +89,7 @@ IK_TOLERANCE = Tolerance()
 """Tolerance of IK methods by default: 1 µm, and the angle that moves a point at 1 m by 1 µm."""
 
 
+@compare_by_content
 class IKResult(NamedTuple):
     """Result of one solve; ``bool(result)`` is success.
 
@@ -131,16 +132,8 @@ class IKResult(NamedTuple):
         ]
         return "\n".join([*lines, *filter(None, [self.message, self.status.advice and f"try: {self.status.advice}"])])
 
-    def __eq__(self, other: object) -> bool:
-        return have_equal_content(self, other)
 
-    def __ne__(self, other: object) -> bool:
-        return not have_equal_content(self, other)
-
-    def __hash__(self) -> int:
-        return hash(content(self))
-
-
+@compare_by_content
 class IKBatch(NamedTuple):
     """Results of a batch of N solves, with the fields of `IKResult`.
 
@@ -209,12 +202,3 @@ class IKBatch(NamedTuple):
         """
         count = (np.empty(N, np.int32), np.empty(N, np.int32))
         return cls(np.empty((N, n)), np.empty(N, np.uint8), *count, np.empty(N), np.empty(N))
-
-    def __eq__(self, other: object) -> bool:
-        return have_equal_content(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        return not have_equal_content(self, other)
-
-    def __hash__(self) -> int:
-        return hash(content(self))

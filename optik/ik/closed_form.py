@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.reach import outside_reach
 from optik.arm.robot import Robot
-from optik.content import content, have_equal_content
+from optik.content import compare_by_content
 from optik.errors import InvalidInput
 from optik.ik._closed_form import branches
 from optik.ik._closed_form import roots as roots_of
@@ -43,6 +43,7 @@ PERTURBATION = 1e-3
 """Size of the perturbations of targets near a singularity [m, rad]."""
 
 
+@compare_by_content
 class Branches(NamedTuple):
     """Configurations of an arm that meet one target.
 
@@ -71,15 +72,6 @@ class Branches(NamedTuple):
     backend: str
     complete: bool
     message: str
-
-    def __eq__(self, other: object) -> bool:
-        return have_equal_content(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        return not have_equal_content(self, other)
-
-    def __hash__(self) -> int:
-        return hash(content(self))
 
 
 class _BranchSearch(NamedTuple):
