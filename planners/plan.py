@@ -36,9 +36,6 @@ from planners.trajectory import Trajectory
 
 __all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
 
-UNPROVED = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
-"""Advice for a motion whose certificate is not valid."""
-
 PATH_FRACTION = 0.95
 """Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
 
@@ -295,7 +292,7 @@ def _add_seconds(started: float, followed: float, found: Plan) -> Plan:
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    judged: tuple[ToleranceLike, float, Scene | None, Allow],
+    options: tuple[ToleranceLike, float, Scene | None, Allow],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
     solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
@@ -310,7 +307,7 @@ def _build_request(
         raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     limits.check_path(path)
-    tolerance, rate, scene, allow = judged
+    tolerance, rate, scene, allow = options
     check_scene(robot, scene)
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
@@ -331,7 +328,8 @@ def judge_certificate(
     """Return the status of a plan with this certificate, and its first violation; the law enforces these limits."""
     if proof.is_valid:
         return PlanStatus.SOLVED, None
-    status, advice = PlanStatus.NOT_PROVED, UNPROVED
+    status = PlanStatus.NOT_PROVED
+    advice = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
     if proof.clearance is not None and proof.clearance.touches:
         status = PlanStatus.CONTACT
     elif enforced is not None and replace(proof, enforced=enforced).is_valid:

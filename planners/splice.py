@@ -49,7 +49,7 @@ def cut_before(trajectory: Trajectory, t: float, s: float | None = None) -> Traj
     c[:, :1] = _shift(c[:, :1], np.array([t - knots[first]]))
     for order in range(3):
         c[5 - order, 0] = trajectory(t, order) / factorial(order)
-    known = None if s is None or trajectory.places is None else np.append(s, trajectory.places[first + 1 :])
+    known = None if s is None or trajectory.s is None else np.append(s, trajectory.s[first + 1 :])
     return Trajectory(scipy.interpolate.PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
 
 
@@ -63,10 +63,10 @@ def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
 def join(first: Trajectory, second: Trajectory) -> Trajectory:
     """Return one motion followed by another."""
     c = np.concatenate([_powers(first), _powers(second)], axis=1)
-    a, b = first.places, second.places
-    places = None if a is None or b is None else np.append(a, b[1:])
+    a, b = first.s, second.s
+    s = None if a is None or b is None else np.append(a, b[1:])
     return Trajectory(
-        scipy.interpolate.PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), places
+        scipy.interpolate.PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), s
     )
 
 
@@ -98,4 +98,4 @@ def match_start(trajectory: Trajectory, start: State, limits: MotionLimits) -> T
     c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
     for order, x in enumerate(start):
         c[5 - order, 0] = x / factorial(order)
-    return Trajectory(scipy.interpolate.PPoly(c, knots, extrapolate=True), trajectory.places)
+    return Trajectory(scipy.interpolate.PPoly(c, knots, extrapolate=True), trajectory.s)

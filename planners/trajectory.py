@@ -43,13 +43,13 @@ class Trajectory(PiecewiseCurve):
     ----------
     polynomial : scipy.interpolate.PPoly
         Knots from 0, coefficients (at most 6, m, n).
-    places : (m + 1,) array, optional
+    s : (m + 1,) array, optional
         The path parameter s [m, or rad] at the knots, if the law that made the motion knows it.
     """
 
     parameter = "t"
 
-    def __init__(self, polynomial: Any, places: Array | None = None) -> None:
+    def __init__(self, polynomial: Any, s: Array | None = None) -> None:
         if not isinstance(polynomial, scipy.interpolate.PPoly):
             raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
@@ -58,12 +58,10 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
-        if places is not None and np.shape(places) != polynomial.x.shape:
-            raise InvalidInput(
-                "places", f"an array of shape {np.shape(places)}", f"one for each knot: {polynomial.x.shape}"
-            )
+        if s is not None and np.shape(s) != polynomial.x.shape:
+            raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
         self._set_polynomial(polynomial)
-        self.places = places
+        self.s = s
         self._extrema: dict[int, Extrema] = {}
 
     @property
@@ -263,7 +261,7 @@ class Trajectory(PiecewiseCurve):
         check_number(factor, "factor", "a number above 0", above=0.0)
         p = self._polynomial
         powers = np.arange(p.c.shape[0])[::-1][:, None, None]
-        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.places)
+        return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.s)
 
 
 def _locked(array: Array) -> Array:

@@ -1,8 +1,8 @@
-"""Follow a Cartesian path with the joints: one branch tracked and proved, exact derivatives along s, the IK method judged."""
+"""follow(): a joint path that tracks one branch along a Cartesian path, with exact derivatives and proved deviation."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,25 +46,25 @@ START_TOLERANCE = 1e-4
 """Largest distance of the tool from the path's start [m and rad]: the accuracy of a real arm's encoders and model."""
 
 SAME_BRANCH = 0.02
-"""Largest distance of a method's answer from the tracked configuration [rad or m] that is not checked by polishing it."""
+"""Largest distance of a result from the tracked configuration [rad or m] that is accepted without polishing it."""
 
 RETRY_BELOW = 1e-2
-"""Where the smallest singular value is below this, a method that jumped to another branch is called again with the tracked
-configuration as its initial guess."""
+"""Smallest singular value below which a method that jumped to another branch is called again, with the tracked configuration
+as its initial guess."""
 
 DRIFT_BELOW = 1e-4
-"""Where the smallest singular value is below this, a method's tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and
-more, so the next sample starts at the tracked configuration."""
+"""Smallest singular value below which a tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more, so that the
+next sample starts at the tracked configuration."""
 
 MOST_SAMPLES = 100_000
-"""Most samples: 151 hold a line to a nanometre, and each one is a call of the IK method."""
+"""Most samples: 151 hold a line to a nanometre, and each is a call of the IK method."""
 
 DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
 """Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 
 
 class Followed(NamedTuple):
-    """The joint path, or its part before the place where it stops, and why. ``bool(followed)`` is success."""
+    """The joint path, or on failure its valid part, and the failure. ``bool(followed)`` is success."""
 
     joint_path: JointPath | None
     failure: PlanFailure | None
@@ -85,20 +85,20 @@ def follow(
 
     Each step is predicted from exact derivatives and corrected by Newton's method to rounding. It is accepted if the joints
     move little and the quintic between is proved to keep the tool on the path and the joints inside their limits; else it
-    is halved. The IK method solves the samples one from another; the tracked branch judges its answers.
+    is halved. The IK method solves the samples one after another, and its results are compared with the tracked branch.
 
     Parameters
     ----------
     solver : IKSolver
         Built for the arm, for whole poses.
     path : Path
-        The path of the tool. One that is given in joint space is taken as it is, singular or not.
+        The path of the tool. A path in joint space is followed as it is, singular or not.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m].
     branch : {"start", "best"}, optional
         ``"start"``, the default with a ``q_start``, keeps its branch and winding. ``"best"`` tries all of them at the path's
         start (`planners.following.branches`), and for more than six joints chooses the null-space motion
-        (`planners.following.redundancy`); ``q_start`` is then one to start near.
+        (`planners.following.redundancy`); it prefers a start near ``q_start``.
     samples : int
         Equally spaced in s, ends included; 151 for the paper's line.
     tolerance : Tolerance
@@ -110,99 +110,27 @@ def follow(
     Returns
     -------
     Followed
-        On failure with the place where it stopped, the reason and advice.
+        On failure with the path parameter at which it ended, the reason and advice.
 
     Raises
     ------
     InvalidInput
-        A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, another branch,
-        no Tolerance, a solver for part of the pose, a scene with an arm without shapes.
+        A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, an unknown branch,
+        an invalid tolerance, a solver for part of the pose, a scene with an arm without shapes.
     """
     for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    q, branch = _checked(solver, path, q_start, branch, samples)
+    q, branch = _check_start(solver, path, q_start, branch, samples)
     tolerance = Tolerance.of(tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    return _clear(solver, path, grid, (q, branch), tolerance, make_collision_check(solver.robot, scene))
+    return Follower(solver, path, grid, q, branch, tolerance, make_collision_check(solver.robot, scene)).run()
 
 
-def _clear(
-    solver: IKSolver,
-    path: Path,
-    grid: Array,
-    asked: tuple[Array | None, str],
-    tolerance: Tolerance,
-    near: CollisionCheck | None,
-) -> Followed:
-    """Follow a path, free of contact where there is a scene."""
-    robot, (q, branch) = solver.robot, asked
-    given = path.configurations(robot, grid)
-    first = given[0] if given is not None else (q if branch == "start" else None)
-    touching = near.check_start(first) if near is not None and first is not None else None
-    if touching is not None:
-        return Followed(None, touching)
-    if given is not None:
-        followed = _given(robot, path, grid, given, q)
-    else:
-        followed = _tracked(solver, path, grid, asked, tolerance, near)
-    if near is None or not followed or followed.joint_path is None:
-        return followed
-    failure = near.check_path(followed.joint_path)
-    if failure is None:
-        return followed
-    advice = "another goal, or a way around it in joint space"
-    if given is None:
-        advice = _around_it(solver, path, asked, grid.size, tolerance, near)
-    return followed._replace(failure=replace(failure, advice=advice))
-
-
-def _around_it(
-    solver: IKSolver,
-    path: Path,
-    asked: tuple[Array | None, str],
-    samples: int,
-    tolerance: Tolerance,
-    near: CollisionCheck,
-) -> str:
-    """What would work where a joint path touches: a branch that is free, where there is one; it is tried."""
-    q, branch = asked
-    if branch == "best":
-        what = "branch" if solver.robot.n <= 6 else "null-space motion that was tried"
-        return f"no {what} follows the whole path free of contact; another path, or the object elsewhere"
-    other = follow(solver, path, q, branch="best", samples=samples, tolerance=tolerance, scene=near.scene)
-    if not other or other.joint_path is None:
-        return "no other branch that was tried follows the whole path free of contact; another path"
-    start = np.array2string(other.joint_path.q[0], precision=4, separator=", ", max_line_width=200)
-    return f'branch="best": from the start configuration {start} the whole path is free'
-
-
-def _tracked(
-    solver: IKSolver,
-    path: Path,
-    grid: Array,
-    asked: tuple[Array | None, str],
-    tolerance: Tolerance,
-    near: CollisionCheck | None,
-) -> Followed:
-    """Follow a Cartesian path, by the number of joints and the choice of branch."""
-    robot, (q, branch) = solver.robot, asked
-    few = find_rank_failure(robot)
-    if few is not None:
-        return Followed(None, few)
-    if robot.n > 6:
-        return _redundant(solver, path, grid, asked, tolerance, near)
-    course = Course(path, make_empty_guide(robot.n))
-    nodes = course.nodes(course.spread(grid, tolerance))
-    if branch == "start":
-        assert q is not None
-        return _finished(solver, course, grid, track(robot, course, nodes, q, tolerance), branch, q)
-    return _best(solver, course, nodes, (grid, tolerance), q, near)
-
-
-def _checked(
+def _check_start(
     solver: IKSolver, path: Path, q_start: ArrayLike | None, branch: str | None, samples: int
 ) -> tuple[Array | None, str]:
+    """Return the checked start configuration and the choice of branch."""
     robot = solver.robot
     check_count(samples, "samples", 2)
     if samples > MOST_SAMPLES:
@@ -213,7 +141,7 @@ def _checked(
     if branch not in ("start", "best"):
         raise InvalidInput("branch", repr(branch)[:60], '"start" or "best"')
     if branch == "start" and q_start is None:
-        raise InvalidInput("q_start", "None", 'a configuration, whose branch is kept; without one branch="best"')
+        raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')
     q = None if q_start is None else check_start(robot, q_start, "q_start")
     if not path.end > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")
@@ -229,141 +157,234 @@ def _checked(
     return q, branch
 
 
-# ---------------------------------------------------------------- paths given in the joints
+@dataclass(frozen=True)
+class Follower:
+    """The validated arguments of `follow`: samples s ``grid`` (k,), start ``q`` (n,), choice of branch, collision check."""
 
+    solver: IKSolver
+    path: Path
+    grid: Array
+    q: Array | None
+    branch: str
+    tolerance: Tolerance
+    collision: CollisionCheck | None
 
-def _given(robot: Robot, path: Path, grid: Array, q: Array, q_start: Array | None) -> Followed:
-    """Follow a path in joint space: only its limits are checked."""
-    if q_start is not None and np.abs(q_start - q[0]).max() > START_TOLERANCE:
-        i = int(np.abs(q_start - q[0]).argmax())
-        came = f"{robot.joint_names[i]} {abs(q_start[i] - q[0, i]):.3g} {joint_unit(robot, i)} from the path's start"
-        raise InvalidInput("q_start", came, "the configuration where the path starts, or None")
-    knots = np.union1d(grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
-    orders = [path.configurations(robot, knots, order) for order in range(4)]
-    q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
-    lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
-    leaves = [march.find_limit_exit(knots, q, dq, lower, upper, i) for i in range(robot.n)]
-    i = int(np.argmin(leaves))
-    failure, good = None, len(knots)
-    if leaves[i] <= path.end:
-        good = int(np.searchsorted(knots, leaves[i]))
-        sigma = float("nan")
-        low, high = robot.limits.lower[i], robot.limits.upper[i]
-        name = robot.joint_names[i]
-        reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {leaves[i]:.6g}"
-        failure = PlanFailure(
-            FollowStatus.OUTSIDE_LIMITS, leaves[i], name, reason, "a way in joint space inside the limits", sigma
-        )
-    if good < 2:
-        return Followed(None, failure)
-    at = knots[:good]
-    record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
-    chosen = np.isin(np.arange(good), thin_knots(at, path.breaks))
-    return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.solver.robot
 
+    def run(self) -> Followed:
+        """Return the joint path of the tool's path, collision-free if there is a scene."""
+        given = self.path.configurations(self.robot, self.grid)
+        first = given[0] if given is not None else (self.q if self.branch == "start" else None)
+        if (
+            self.collision is not None
+            and first is not None
+            and (failure := self.collision.check_start(first)) is not None
+        ):
+            return Followed(None, failure)
+        followed = self._follow_poses() if given is None else self._follow_joints(given)
+        if self.collision is None or not followed or followed.joint_path is None:
+            return followed
+        failure = self.collision.check_path(followed.joint_path)
+        if failure is None:
+            return followed
+        advice = "another goal, or a way around it in joint space" if given is not None else self._find_free_branch()
+        return followed._replace(failure=replace(failure, advice=advice))
 
-# ---------------------------------------------------------------- the best branch
+    def _find_free_branch(self) -> str:
+        """Return the advice for a joint path in collision: a collision-free branch, if there is one."""
+        if self.branch == "best":
+            what = "branch" if self.robot.n <= 6 else "null-space motion that was tried"
+            return f"no {what} follows the whole path without collision; another path, or the object elsewhere"
+        other = replace(self, branch="best").run()
+        if not other or other.joint_path is None:
+            return "no other branch that was tried follows the whole path without collision; another path"
+        return f'branch="best": from the start configuration {_format(other.joint_path.q[0])} the whole path is free'
 
+    def _follow_joints(self, q: Array) -> Followed:
+        """Return the joint path of a path in joint space: only its limits are checked."""
+        robot, path = self.robot, self.path
+        if self.q is not None and np.abs(self.q - q[0]).max() > START_TOLERANCE:
+            i = int(np.abs(self.q - q[0]).argmax())
+            got = f"{robot.joint_names[i]} {abs(self.q[i] - q[0, i]):.3g} {joint_unit(robot, i)} from the path's start"
+            raise InvalidInput("q_start", got, "the configuration where the path starts, or None")
+        knots = np.union1d(self.grid, path.breaks[(path.breaks > 0.0) & (path.breaks < path.end)])
+        orders = [path.configurations(robot, knots, order) for order in range(4)]
+        q, dq = np.array(orders[0]), np.stack([np.array(d) for d in orders[1:]], axis=1)
+        lower, upper = robot.limits.lower - LIMIT_TOLERANCE, robot.limits.upper + LIMIT_TOLERANCE
+        exits = [march.find_limit_exit(knots, q, dq, lower, upper, i) for i in range(robot.n)]
+        i = int(np.argmin(exits))
+        failure, good, s = None, len(knots), exits[i]
+        if s <= path.end:
+            good, name = int(np.searchsorted(knots, s)), robot.joint_names[i]
+            low, high = robot.limits.lower[i], robot.limits.upper[i]
+            reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {s:.6g}"
+            advice = "a path in joint space inside the limits"
+            failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
+        if good < 2:
+            return Followed(None, failure)
+        at = knots[:good]
+        record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
+        chosen = np.isin(np.arange(good), thin_knots(at, path.breaks))
+        return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
 
-def _best(
-    solver: IKSolver,
-    course: Course,
-    nodes: Nodes,
-    sampled: tuple[Array, Tolerance],
-    q: Array | None,
-    near: CollisionCheck | None,
-) -> Followed:
-    """The best branch that reaches the path's end, free of contact; where none does, the one that goes farthest."""
-    robot, path, (grid, tolerance) = solver.robot, course.path, sampled
-    ranked = branches(robot, path, q)
-    best: Track | None = None
-    for candidate in ranked:
-        if candidate.ended is not None and best is not None:
-            break
-        way = track(robot, course, nodes, candidate.q, tolerance)
-        if best is None or way.s[-1] > best.s[-1]:
-            best = way
-        if way.ended is None and (near is None or near.proves_free(way)):
-            best = way
-            break
-    if best is None:
-        return Followed(None, _no_start(solver, path, q))
-    return _finished(solver, course, grid, best, "best", best.q[0])
+    def _follow_poses(self) -> Followed:
+        """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
+        robot = self.robot
+        failure = find_rank_failure(robot)
+        if failure is not None:
+            return Followed(None, failure)
+        if robot.n > 6:
+            return self._choose_null_space_motion()
+        course = Course(self.path, make_empty_guide(robot.n))
+        nodes = course.nodes(course.spread(self.grid, self.tolerance))
+        if self.branch == "start":
+            assert self.q is not None
+            return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
+        return self._choose_branch(course, nodes)
 
-
-def _no_start(solver: IKSolver, path: Path, near: Array | None) -> PlanFailure:
-    """Why there is no regular configuration at the path's start."""
-    robot = solver.robot
-    middle = robot.limits.clip(np.zeros(robot.n)) if near is None else near
-    result = solve_ik(robot, path.pose(0.0), middle)
-    if result:
-        ended = TrackEnd(march.SINGULAR, 0.0, 0.0, -1)
-        failure = explain_end(robot, path, reach_bound(robot, POSE), ended, result.q)
-        return replace(failure, advice="a path that begins away from the singularity")
-    kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
-    said = "; ".join(word for word in (str(result.status), result.message) if word)
-    reason = f"no configuration inside the limits was found for the path's start ({said})"
-    advice = "a path that begins within reach; optik.solve_ik with closest=True says how near"
-    return PlanFailure(kind, 0.0, None, reason, advice)
-
-
-# ---------------------------------------------------------------- redundant arms
-
-
-def _redundant(
-    solver: IKSolver,
-    path: Path,
-    grid: Array,
-    asked: tuple[Array | None, str],
-    tolerance: Tolerance,
-    near: CollisionCheck | None,
-) -> Followed:
-    """Choose the null-space motion, then track it; the first that reaches the end free of contact, or goes farthest."""
-    robot, best, (q, branch) = solver.robot, None, asked
-    for motion in find_null_space_motions(robot, path, q, branch, None if near is None else near.are_free):
-        for _ in range(MOST_REFINEMENTS):
-            course = Course(path, motion.guide())
-            way = track(robot, course, course.nodes(course.spread(grid, tolerance)), motion.start, tolerance)
-            if best is None or way.s[-1] > best[0].s[-1]:
-                best = way, course
-            if way.ended is None or not motion.refine(way.ended.s, way.ended.code == march.LIMIT):
+    def _choose_branch(self, course: Course, nodes: Nodes) -> Followed:
+        """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
+        best: Track | None = None
+        for candidate in branches(self.robot, self.path, self.q):
+            if candidate.ended is not None and best is not None:
                 break
-        if way.ended is None and (near is None or near.proves_free(way)):
-            best = way, course
-            break
-    if best is None:
-        return Followed(None, _no_start(solver, path, q))
-    way, course = best
-    return _finished(solver, course, grid, way, branch, way.q[0] if branch == "best" or q is None else q)
+            way = track(self.robot, course, nodes, candidate.q, self.tolerance)
+            if best is None or way.s[-1] > best.s[-1]:
+                best = way
+            if self._is_free(way):
+                best = way
+                break
+        if best is None:
+            return Followed(None, self._explain_no_start())
+        return self._finish(course, best, best.q[0])
+
+    def _choose_null_space_motion(self) -> Followed:
+        """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
+        robot, best = self.robot, None
+        is_free = None if self.collision is None else self.collision.are_free
+        for motion in find_null_space_motions(robot, self.path, self.q, self.branch, is_free):
+            for _ in range(MOST_REFINEMENTS):
+                course = Course(self.path, motion.guide())
+                nodes = course.nodes(course.spread(self.grid, self.tolerance))
+                way = track(robot, course, nodes, motion.start, self.tolerance)
+                if best is None or way.s[-1] > best[0].s[-1]:
+                    best = way, course
+                if way.ended is None or not motion.refine(way.ended.s, way.ended.code == march.LIMIT):
+                    break
+            if self._is_free(way):
+                best = way, course
+                break
+        if best is None:
+            return Followed(None, self._explain_no_start())
+        way, course = best
+        return self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
+
+    def _is_free(self, way: Track) -> bool:
+        """Return whether a track reaches the path's end and is collision-free."""
+        return way.ended is None and (self.collision is None or self.collision.proves_free(way))
+
+    def _explain_no_start(self) -> PlanFailure:
+        """Return the failure of a path without a regular configuration at its start."""
+        robot, path = self.robot, self.path
+        result = solve_ik(robot, path.pose(0.0), robot.limits.clip(np.zeros(robot.n)) if self.q is None else self.q)
+        if result:
+            ended = TrackEnd(march.SINGULAR, 0.0, 0.0, -1)
+            failure = explain_end(robot, path, reach_bound(robot, POSE), ended, result.q)
+            return replace(failure, advice="a path that begins away from the singularity")
+        kind = FollowStatus.OUTSIDE_LIMITS if result.status is IKStatus.OUTSIDE_LIMITS else FollowStatus.UNREACHABLE
+        said = "; ".join(word for word in (str(result.status), result.message) if word)
+        reason = f"no configuration inside the limits was found for the path's start ({said})"
+        advice = "a path that begins within reach; optik.solve_ik with closest=True returns the nearest pose"
+        return PlanFailure(kind, 0.0, None, reason, advice)
+
+    # ------------------------------------------------------------ samples, the method's record, the joint path
+
+    def _finish(self, course: Course, way: Track, q_start: Array) -> Followed:
+        """Return the joint path through nodes and samples, after the IK method solved these; up to the first failure."""
+        robot, path = self.robot, self.path
+        samples = self.grid[self.grid <= way.s[-1]]
+        (knots, q, dq), node = _insert_samples(robot, course, way, samples)
+        at = np.searchsorted(knots, samples)
+        record, failure = self._solve_samples(samples, q[at], q_start)
+        good = len(record.iterations)
+        if failure is None and way.ended is not None:
+            failure = explain_end(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
+        elif failure is not None:
+            last = int(at[good - 1]) + 1 if good else 0
+            knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
+            if last:
+                node[-1] = True
+        if failure is not None and not failure.advice:
+            failure = replace(failure, advice=self._find_advice(failure))
+        if len(knots) < 2:
+            return Followed(None, failure)
+        return Followed(JointPath(robot, path, knots, q, dq, record, node), failure)
+
+    def _solve_samples(self, samples: Array, tracked: Array, q_start: Array) -> tuple[IKRecord, PlanFailure | None]:
+        """Solve the samples with the IK method, each from the result of the previous one, and compare with the track."""
+        # Results may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular
+        # configurations. There the initial guess is the tracked configuration of the previous sample; or that of the
+        # sample itself if the first result is far away, since the track determines the null-space motion.
+        robot, solver, failure = self.robot, self.solver, None
+        solve, redundant = solver.solve, robot.n > 6
+        results: list[Any] = []
+        q = q_start
+        for i, target in enumerate(self.path.pose(samples)):
+            result = solve(target, q)
+            away = march.largest_motion(result.q, tracked[i])
+            free = redundant
+            if away > SAME_BRANCH or not result:
+                sigma = 0.0 if redundant else smallest_singular_value(robot, tracked[i])
+                free = sigma < DRIFT_BELOW
+                if sigma < RETRY_BELOW and (away > march.LARGEST_STEP or not result):
+                    result = solve(target, tracked[i])
+                    away = march.largest_motion(result.q, tracked[i])
+                if not result:
+                    failure = explain_ik_failure(solver, float(samples[i]), result, q)
+                elif (redundant and away > march.LARGEST_STEP) or not (
+                    free or _is_same(robot, target, result.q, tracked[i])
+                ):
+                    failure = explain_branch_jump(
+                        solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)]
+                    )
+                if failure is not None:
+                    break
+            results.append(result)
+            q = tracked[i] if free else result.q
+        position = np.array([result.position_error for result in results])
+        rotation = np.array([result.rotation_error for result in results])
+        iterations = np.array([result.iterations for result in results], np.int64)
+        return IKRecord(position, rotation, iterations, samples[: len(results)]), failure
+
+    def _find_advice(self, failure: PlanFailure) -> str:
+        """Return what would work; each advice is tried first."""
+        robot, path = self.robot, self.path
+        shorter = (
+            f"a path that ends before s = {failure.s:.6g}" if failure.s > 0.0 else "another start configuration or path"
+        )
+        if self.branch == "best":
+            return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
+        if robot.n > 6:
+            return f'branch="best" may find another null-space motion; {shorter}'
+        if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
+            return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
+        ways = branches(robot, path)
+        if ways and ways[0].ended is None:
+            return (
+                f'branch="best": the start configuration {_format(ways[0].q)} reaches the end of the path; or {shorter}'
+            )
+        farther = ways and ways[0].s > failure.s + 1e-3 * path.end
+        best = f'branch="best" goes to s = {ways[0].s:.6g}; ' if farther else ""
+        return f"{best}no branch reaches the end of the path; {shorter}"
 
 
-# ---------------------------------------------------------------- samples, the method's record, the joint path
-
-
-def _finished(solver: IKSolver, course: Course, grid: Array, way: Track, branch: str, q_start: Array) -> Followed:
-    """Add the samples to the nodes, let the IK method solve them, and cut the joint path where either ends."""
-    robot, path = solver.robot, course.path
-    samples = grid[grid <= way.s[-1]]
-    (knots, q, dq), node = _with_samples(robot, course, way, samples)
-    at = np.searchsorted(knots, samples)
-    record, failure = _solve_samples(solver, path, samples, q[at], q_start)
-    good = len(record.iterations)
-    if failure is None and way.ended is not None:
-        failure = explain_end(robot, path, reach_bound(robot, POSE), way.ended, way.q[-1])
-    elif failure is not None:
-        last = int(at[good - 1]) + 1 if good else 0
-        knots, q, dq, node = knots[:last], q[:last], dq[:last], node[:last]
-        if last:
-            node[-1] = True
-    if failure is not None and not failure.advice:
-        failure = replace(failure, advice=_advice(solver, path, failure, branch))
-    if len(knots) < 2:
-        return Followed(None, failure)
-    return Followed(JointPath(robot, path, knots, q, dq, record, node), failure)
-
-
-def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> tuple[tuple[Array, Array, Array], Flags]:
-    """Knots, q, derivatives, and which of the knots are nodes; other samples are solved from the nodes around them."""
+def _insert_samples(
+    robot: Robot, course: Course, way: Track, samples: Array
+) -> tuple[tuple[Array, Array, Array], Flags]:
+    """Return knots, q, derivatives, and which knots are nodes; other samples are solved from the nodes around them."""
     # At a singular configuration, which the nodes step over, a sample is interpolated between them.
     more = np.setdiff1d(samples, way.s, assume_unique=True) if len(way.s) > 1 else samples[:0]
     tracked = way.s, way.q, way.dq
@@ -384,63 +405,13 @@ def _with_samples(robot: Robot, course: Course, way: Track, samples: Array) -> t
     return (s, qs, dqs), node[order]
 
 
-def _solve_samples(
-    solver: IKSolver, path: Path, samples: Array, tracked: Array, q_start: Array
-) -> tuple[IKRecord, PlanFailure | None]:
-    """Let the method solve the samples, each from its answer to the one before, and compare with the tracked branch."""
-    # Answers may drift along self-motion manifolds, of a redundant arm everywhere and of others at singular
-    # configurations. There the initial guess is the tracked configuration of the sample before; or that of the sample
-    # itself where the first answer is far away, since the null-space motion is given by the tracked branch.
-    robot, failure = solver.robot, None
-    solve, redundant = solver.solve, robot.n > 6
-    results: list[Any] = []
-    q = q_start
-    for i, target in enumerate(path.pose(samples)):
-        result = solve(target, q)
-        away = march.largest_motion(result.q, tracked[i])
-        free = redundant
-        if away > SAME_BRANCH or not result:
-            sigma = 0.0 if redundant else smallest_singular_value(robot, tracked[i])
-            free = sigma < DRIFT_BELOW
-            if sigma < RETRY_BELOW and (away > march.LARGEST_STEP or not result):
-                result = solve(target, tracked[i])
-                away = march.largest_motion(result.q, tracked[i])
-            if not result:
-                failure = explain_ik_failure(solver, float(samples[i]), result, q)
-            elif (redundant and away > march.LARGEST_STEP) or not (free or _same(robot, target, result.q, tracked[i])):
-                failure = explain_branch_jump(solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)])
-            if failure is not None:
-                break
-        results.append(result)
-        q = tracked[i] if free else result.q
-    position = np.array([result.position_error for result in results])
-    rotation = np.array([result.rotation_error for result in results])
-    iterations = np.array([result.iterations for result in results], np.int64)
-    return IKRecord(position, rotation, iterations, samples[: len(results)]), failure
-
-
-def _same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
-    """Whether an answer at some distance from the tracked configuration converges to it when polished."""
+def _is_same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
+    """Return whether a result at some distance from the tracked configuration converges to it when polished."""
     x = q[None].copy()
     newton.polish_batch(robot.chain, x, target[None], 10)
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 
-def _advice(solver: IKSolver, path: Path, failure: PlanFailure, branch: str) -> str:
-    """What would work; each advice is tried out first."""
-    robot = solver.robot
-    shorter = (
-        f"a path that ends before s = {failure.s:.6g}" if failure.s > 0.0 else "another start configuration or path"
-    )
-    if branch == "best":
-        return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
-    if robot.n > 6:
-        return f'branch="best" may find other free motion; {shorter}'
-    if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-        return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
-    ways = branches(robot, path)
-    if ways and ways[0].ended is None:
-        start = np.array2string(ways[0].q, precision=4, separator=", ", max_line_width=200)
-        return f'branch="best": the start configuration {start} reaches the end of the path; or {shorter}'
-    farther = f'branch="best" goes to s = {ways[0].s:.6g}; ' if ways and ways[0].s > failure.s + 1e-3 * path.end else ""
-    return f"{farther}no branch reaches the end of the path; {shorter}"
+def _format(q: Array) -> str:
+    """Return a configuration as text."""
+    return np.array2string(q, precision=4, separator=", ", max_line_width=200)

@@ -1,4 +1,4 @@
-"""Search of the path parameter at which a joint path is nearest to a configuration."""
+"""Projection of a configuration onto a joint path."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def find_nearest_s(joints: JointPath, q: ArrayLike, near: float) -> float:
     off = np.linalg.norm(joints(grid) - q, axis=1)
     lowest = np.flatnonzero((off <= np.append(off[1:], np.inf)) & (off <= np.append(np.inf, off[:-1])))
     chosen = lowest[np.argsort(off[lowest], kind="stable")][:NEAR_INTERVALS]
-    places = [find_nearest_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
-    rests = np.array([float(np.linalg.norm(joints(s) - q)) for s in places])
-    nearest = [s for s, rest in zip(places, rests, strict=True) if rest <= rests.min() + EQUALLY_NEAR]
+    minima = [find_nearest_between(joints, q, grid[max(i - 1, 0)], grid[min(i + 1, grid.size - 1)]) for i in chosen]
+    distances = np.array([float(np.linalg.norm(joints(s) - q)) for s in minima])
+    nearest = [s for s, d in zip(minima, distances, strict=True) if d <= distances.min() + EQUALLY_NEAR]
     return min(nearest, key=lambda s: abs(s - near))
 
 

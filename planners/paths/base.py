@@ -134,7 +134,7 @@ class Path(Curve):
         """
         return np.full(self.breaks.size - 1, values.min())
 
-    def places(self, count: int, per_piece: int) -> Array:
+    def grid(self, count: int, per_piece: int) -> Array:
         """Return values of s at equal intervals of the whole path, and of each piece.
 
         Parameters

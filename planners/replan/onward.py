@@ -81,12 +81,12 @@ def _meet_limits_later(request: PlanRequest, plan: Plan, start: MovingState) -> 
         return None
     rate = start.clock[0]
     usual = stop_time(plan.robot, running, limits, start.t, start.clock, compute_limit_scales(old, plan))
-    for delay, share in itertools.product((0.0, *(usual * np.array(DELAYS))), LIMIT_FRACTIONS[:2]):
+    for delay, fraction in itertools.product((0.0, *(usual * np.array(DELAYS))), LIMIT_FRACTIONS[:2]):
         t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)
         if slower <= 1.0 or t >= running.end:
             break
         goal = rate / (slower * CLOCK_SLOWER)
-        braking = brake(plan.robot, running, limits, t, clock, compute_limit_scales(old, plan), share, goal)
+        braking = brake(plan.robot, running, limits, t, clock, compute_limit_scales(old, plan), fraction, goal)
         if braking.motion is None or braking.end >= running.end - ENDED:
             continue
         s = s_at(plan, braking.end)

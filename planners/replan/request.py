@@ -43,19 +43,19 @@ def build_request(
     plan: Plan,
     timing: str | os.PathLike[str] | TimeLaw | None,
     limits: MotionLimits | None,
-    judged: tuple[Tolerance, float, Scene | None],
+    options: tuple[Tolerance, float, Scene | None],
 ) -> PlanRequest:
     """Build the request: construct a law given by name, and check that it can enforce these limits."""
-    tolerance, rate, scene = judged
+    tolerance, rate, scene = options
     scene = plan.scene if scene is None else scene
     check_scene(plan.robot, scene)
     law = law_for(timing) if timing is not None else _own_law(plan)
     allow: tuple[str, ...] = ()
-    limits, kept = plan.limits if limits is None else limits, plan.certificate.enforced
+    limits, enforced = plan.limits if limits is None else limits, plan.certificate.enforced
     if not isinstance(limits, MotionLimits):
         raise InvalidInput("limits", repr(limits)[:60], "a MotionLimits")
     if timing is None:  # limits that the plan was allowed to exceed
-        allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in kept})
+        allow = tuple({word_of_limit(name) for name in plan.limits.given_names if name not in enforced})
     if timing is not None:
         law.need(limits, plan.robot)
     limits.check_path(plan.path)

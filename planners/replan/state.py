@@ -71,7 +71,7 @@ class MovingState:
 
     @property
     def joints(self) -> State:
-        """Return q, q̇ and q̈."""
+        """q, q̇ and q̈ of the state."""
         assert self.at.joints is not None
         return self.at.joints
 
@@ -85,7 +85,7 @@ def build_moving_state(
         t = _find_nearest_time(running, given)
         if t > running.end - BEFORE_END and (given[1].any() or given[2].any()):  # noise hides whether it has ended
             t = max(running.end - BEFORE_END, 0.0)
-        own = _at(running, t)
+        own = _state_at(running, t)
         off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
         if not all(each <= most for each, most in zip(off, _tolerances(given), strict=True)):
             return _build_state_off_motion(plan, running, given, t)
@@ -94,12 +94,12 @@ def build_moving_state(
         t, error = check_number(state, "state", f"a time in [0, {running.end:.9g}]", least=0.0), None
         if t > running.end:
             raise InvalidInput("state", f"the time {t:.9g}", f"a time in [0, {running.end:.9g}]")
-        own = _at(running, t)
+        own = _state_at(running, t)
     left, joints = t < running.end - ENDED, plan.joint_path
     at = path_state(joints, s_at(plan, t), own)
     standing = at.speed <= STANDING and abs(at.acceleration) <= STANDING
     still = standing if error is not None else not (left and own[1].any())
-    if standing and (error is not None or not left):  # the rest is rounding and noise
+    if standing and (error is not None or not left):  # speed and acceleration are rounding and noise
         at = at._replace(speed=0.0, acceleration=0.0)
     if at.s >= joints.end * (1.0 - 1e-9) and not left:
         raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
@@ -118,7 +118,7 @@ def s_at(plan: Plan, t: float) -> float:
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
     if t >= knots[-1]:
         return float(places[-1])
-    slack = 0.0 if running.places is not None else 0.1 * float(places[k + 1] - places[k])
+    slack = 0.0 if running.s is not None else 0.1 * float(places[k + 1] - places[k])
     low, high = max(float(places[k]) - slack, 0.0), min(float(places[k + 1]) + slack, joints.end)
     q = running(t)
     s = find_nearest_between(joints, q, min(low, high), max(low, high))
@@ -142,7 +142,7 @@ def path_state(joints: JointPath, s: float, given: State) -> PathState:
     return PathState(s, max(speed, 0.0), float(q1 @ (ddq - q2 * speed**2)) / size, given)
 
 
-def _at(running: Trajectory, t: float) -> State:
+def _state_at(running: Trajectory, t: float) -> State:
     return running(t), running(t, 1), running(t, 2)
 
 
@@ -193,7 +193,7 @@ def _build_state_off_motion(plan: Plan, running: Trajectory, given: State, t: fl
 def _table(plan: Plan) -> tuple[Array, Array]:
     """Return times and path parameters of the plan's motion at its knots, from its law or else from its certificate."""
     running, binding = plan.trajectory, plan.certificate.binding
-    return (binding.t, binding.s) if running.places is None else (running.knots, running.places)
+    return (binding.t, binding.s) if running.s is None else (running.knots, running.s)
 
 
 def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:

@@ -44,26 +44,24 @@ def plan_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: 
 
 
 def _find_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+    """Return the best stop with the limits of the request, or the failure."""
     best = next((p for p in _sweep_stops(request, plan, start) if p), None)
     if best is not None and time_limit > 0.0:
         best = _refine_stop(request, plan, start, best, perf_counter() + time_limit)
     if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
-    end = (
-        None
-        if start.rest is None
-        else certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
-    )
-    if end is not None and (end or (end.certificate.clearance is not None and end.certificate.clearance.touches)):
-        return end
+    if start.rest is not None:
+        end = certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
+        if end or (end.certificate.clearance is not None and end.certificate.clearance.touches):
+            return end
     return best or request.infeasible(plan.joint_path, explain_infeasible(request, plan, start, True))
 
 
 def _sweep_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
     running, scales, rate = plan.trajectory, compute_limit_scales(request, plan), start.clock[0]
-    for share in LIMIT_FRACTIONS:
-        braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, share)
+    for fraction in LIMIT_FRACTIONS:
+        braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, fraction)
         if braking.end > running.end:
             return
         if braking.motion is not None:

@@ -45,7 +45,7 @@ def moments(path: Path, seed: int, count: int) -> Array:
     """Places of a motion that runs through a path forwards, slower at some than at others; every piece is seen."""
     rng = np.random.default_rng(seed)
     u = np.cumsum(rng.uniform(0.05, 1.0, count))
-    return np.union1d(path.places(count, 8), path.end * (u - u[0]) / (u[-1] - u[0]))
+    return np.union1d(path.grid(count, 8), path.end * (u - u[0]) / (u[-1] - u[0]))
 
 
 def gaps(path: Path, s: Array, poses: Array) -> Array:
@@ -85,14 +85,14 @@ def square(back: float) -> Polyline:
 @pytest.mark.parametrize("back", [1e-4, 1e-3, 0.01])
 def test_three_legs_side_by_side_are_run_through_one_after_the_other(back: float) -> None:
     path = square(back)
-    s = path.places(400, 4)
+    s = path.grid(400, 4)
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=2e-3)
 
 
 def test_a_crossing_is_passed_straight_on() -> None:
     points = [[-0.1, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0], [0, -0.1, 0]]
     path = Polyline([se3.pose(np.eye(3), np.array(p, float)) for p in points], blend=1e-3)
-    s = path.places(300, 4)
+    s = path.grid(300, 4)
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-4)
 
 
@@ -110,7 +110,7 @@ def test_a_closed_path_begins_at_its_beginning_and_ends_at_its_end() -> None:
 
 @pytest.mark.parametrize("path", [circle(), square(0.01)])
 def test_a_motion_backwards_goes_back(path: Path) -> None:
-    s = path.places(300, 4)[::-1]
+    s = path.grid(300, 4)[::-1]
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)
 
 
@@ -145,6 +145,6 @@ def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: An
     points = np.stack([0.15 * np.sin(4 * np.pi * u), 0.2 * u, 0.1 * np.cos(4 * np.pi * u)], axis=1)
     points += 0.15 / count * rng.normal(size=(count, 3))
     path = Polyline([se3.pose(np.eye(3), p) for p in points], blend=1e-3)
-    s = path.places(4 * count, 3)
+    s = path.grid(4 * count, 3)
     monkeypatch.setattr(progress, "MOST_PAIRS", 60 * s.size)
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)

@@ -61,7 +61,7 @@ def moving_programme(
     """The programme from a moving state to rest at a place."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
-    s = joint_path.path.places(max(150, joint_path.knots.size), START_PER_PIECE)
+    s = joint_path.path.grid(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
     if s.size <= START_PER_PIECE:  # a stop within one cell of the path
         s = np.linspace(begin, end, START_PER_PIECE + 1)
