@@ -1,4 +1,4 @@
-"""The cell of docs/cell.md and its four drawings; ``make drawings`` writes their files."""
+"""The cell of docs/cell.md and its four drawings; ``make drawings`` writes the files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from planners.cell import Cell, Gripper, PanTiltLaser, Plane
 
 ROBOT = optik.load("paper6r")
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
-"""Where the default line starts."""
+"""Configuration at the start of the default line [rad]."""
 
 SPOT = ROBOT.fk(START)[:3, 3] + [-0.12, 0.0, 0.20]
-"""Where it ends."""
+"""End of the default line [m]."""
 
 POSE = np.array([[1.0, 0.0, 0.0, -0.55], [0.0, 0.0, -1.0, -0.1], [0.0, 1.0, 0.0, 0.15], [0.0, 0.0, 0.0, 1.0]])
-"""Of the laser unit: upright beside the arm; up is −y."""
+"""Pose of the laser unit, upright beside the arm; up is −y."""
 
 LASER = PanTiltLaser(
     POSE,

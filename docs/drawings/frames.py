@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from docs.drawings.sheet import MARGIN, WIDTH, Sheet, written_width
-from docs.drawings.view import View, fitted, viewed
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, text_width
+from docs.drawings.view import View, fit_view, make_view
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -16,16 +16,16 @@ AXIS = 0.16
 """Length of an axis, over the size of the arm [1]."""
 
 HEIGHT = 380.0
-"""Of the picture above the table [px]."""
+"""Height of the picture above the table [px]."""
 
 TABLE_PITCH = 18.0
-"""Between lines of the table [px]."""
+"""Distance between lines of the table [px]."""
 
 SAME_FRAME = 1e-6
 """Largest difference of two origins [m] or directions [1] that are drawn as one."""
 
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-"""Digits of a frame's number as they stand below the line."""
+"""Subscript digits of a frame's number."""
 
 
 class DHLink(NamedTuple):
@@ -37,7 +37,7 @@ class DHLink(NamedTuple):
 
 
 def draw_frames(robot: Robot, q: ArrayLike | None = None) -> str:
-    """Draw the base and joint frames of an arm (x and z axes), the lengths between them, and the table of the lengths."""
+    """Return the drawing of an arm's base and joint frames (x and z axes) with lengths and the table of parameters."""
     q = np.zeros(robot.n) if q is None else robot.configuration(q)
     frames = np.concatenate([np.eye(4)[None], robot.frames(q)])
     links = [dh_link(np.linalg.solve(frames[i], frames[i + 1])) for i in range(robot.n)]
@@ -46,8 +46,8 @@ def draw_frames(robot: Robot, q: ArrayLike | None = None) -> str:
     size = max(float(np.ptp(frames[:, :3, 3], axis=0).max()), SAME_FRAME)
     ends = (frames[:, None, :3, 3] + AXIS * size * frames[:, :3, [0, 2]].swapaxes(1, 2)).reshape(-1, 3)
     around = np.concatenate([frames[:, :3, 3], ends])
-    view = fitted(
-        viewed(robot.gravity), around, (MARGIN + 28.0, MARGIN + 20.0, WIDTH - 2 * MARGIN - 60.0, HEIGHT - 72.0)
+    view = fit_view(
+        make_view(robot.gravity), around, (MARGIN + 28.0, MARGIN + 20.0, WIDTH - 2 * MARGIN - 60.0, HEIGHT - 72.0)
     )
     sheet = Sheet(f"Link frames of {robot.name}")
     for i, link in enumerate(links, start=1):
@@ -64,12 +64,12 @@ def dh_link(A: Array) -> DHLink | None:
     """Return the modified Denavit–Hartenberg parameters of a transform: Rot(x, α) Trans(x, a) Rot(z, θ) Trans(z, d)."""
     alpha = float(np.arctan2(-A[1, 2], A[2, 2]))
     d = float(-np.sin(alpha) * A[1, 3] + np.cos(alpha) * A[2, 3])
-    rest = (A[0, 2], np.cos(alpha) * A[1, 3] + np.sin(alpha) * A[2, 3])
-    return DHLink(alpha, float(A[0, 3]), d) if np.abs(rest).max() <= SAME_FRAME else None
+    residual = (A[0, 2], np.cos(alpha) * A[1, 3] + np.sin(alpha) * A[2, 3])
+    return DHLink(alpha, float(A[0, 3]), d) if np.abs(residual).max() <= SAME_FRAME else None
 
 
 def _link(sheet: Sheet, view: View, frames: Array, link: DHLink | None, i: int) -> None:
-    """The way from one origin to the next: along x by a, then along z by d; straight where there is no such way."""
+    """Draw the link from one origin to the next: along x by a, then along z by d, or straight if there are no parameters."""
     start, end = frames[0, :3, 3], frames[1, :3, 3]
     if link is None:
         parts = [("ℓ", i, start, end)]
@@ -86,18 +86,18 @@ def _link(sheet: Sheet, view: View, frames: Array, link: DHLink | None, i: int) 
 
 
 def _length_label(sheet: Sheet, flat: Array, label: str) -> None:
-    """The length of a line: beside a steep one, above a long flat one, below a short one, where the axes leave room."""
+    """Write the length of a line: beside a steep line, above a long flat one, below a short one."""
     dx, dy = np.abs(flat[1] - flat[0])
     if dy > dx:
         sheet.words(flat.mean(axis=0), label, "soft", by=(10.0, 4.0))
-    elif dx > written_width(label) / 2:
+    elif dx > text_width(label) / 2:
         sheet.words(flat.mean(axis=0), label, "soft", by=(6.0, -12.0))
     else:
         sheet.words(flat.mean(axis=0), label, "soft", by=(-6.0, 18.0), anchor="end")
 
 
 def _axes(sheet: Sheet, view: View, frames: Array, origin: Array, length: float) -> None:
-    """The x and z axes of all frames with one origin; those of one direction are one arrow with all names."""
+    """Draw the x and z axes of all frames with one origin; axes of one direction are one arrow with all names."""
     here = [i for i, T in enumerate(frames) if np.abs(T[:3, 3] - origin).max() <= SAME_FRAME]
     named: dict[tuple[float, ...], tuple[Array, str, list[str]]] = {}
     for axis, column in (("z", 2), ("x", 0)):
@@ -115,7 +115,7 @@ def _axes(sheet: Sheet, view: View, frames: Array, origin: Array, length: float)
 
 
 def _gravity(sheet: Sheet, view: View) -> None:
-    """Which way is down, in the corner."""
+    """Draw the direction of gravity in the corner."""
     at = np.array([WIDTH - MARGIN - 20.0, MARGIN + 18.0])
     down = view(-view.up) - view(np.zeros(3))
     sheet.arrow([at, at + 34.0 * down / np.linalg.norm(down)], "soft")
@@ -123,7 +123,7 @@ def _gravity(sheet: Sheet, view: View) -> None:
 
 
 def _table(sheet: Sheet, robot: Robot, links: list[DHLink | None]) -> float:
-    """The table below the picture; returns the height of both."""
+    """Write the table below the picture; return the total height [px]."""
     columns = (44.0, 140.0, 226.0, 312.0, 452.0)
     y = HEIGHT + 14.0
     for x, word in zip(columns, ("i", "αᵢ₋₁ [°]", "aᵢ₋₁ [mm]", "dᵢ [mm]", "range [°, mm]"), strict=True):
@@ -145,7 +145,7 @@ def _table(sheet: Sheet, robot: Robot, links: list[DHLink | None]) -> float:
 
 
 def _plain(value: float) -> str:
-    """A number as a table shows it, with a true minus sign."""
+    """Return a number with a typographic minus sign."""
     return f"{np.round(value, 2) + 0.0:g}".replace("-", "−")
 
 

@@ -1,10 +1,10 @@
-"""draw_layers: the four layers of a cell, what each of them holds, and what they tell each other."""
+"""draw_layers: the four layers of a cell with their contents and their signals."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from docs.drawings.sheet import MARGIN, WIDTH, Sheet, broken
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, break_lines
 from optik.arm.robot import Robot
 from optik.ik import solvers
 from optik.types import Array
@@ -13,20 +13,20 @@ from planners.limits import MotionLimits
 from planners.timing import laws
 
 LINE_PITCH = 17.0
-"""Between lines of words [px]."""
+"""Distance between lines of text [px]."""
 
 BETWEEN = 46.0
-"""Between two layers, for the arrows and what they carry [px]."""
+"""Distance between two layers, for the arrows and their labels [px]."""
 
 LOOP = 40.0
 """Width beside the layers, for the arrow from the laser back to the main control [px]."""
 
 COMMANDS = ("optik cell", "optik drive", "optik view", "optik bench run cell")
-"""How a person uses the cell from the command line."""
+"""Commands of the command line for the cell."""
 
 
 def draw_layers(cell: Cell) -> str:
-    """Draw the application, main control, drive and laser positioning layers of a cell."""
+    """Return the drawing of the application, main control, drive and laser positioning layers of a cell."""
     ms = 1e3 * cell.drive.period
     layers = [
         ("Application layer", ["library: planners.cell.Cell", "commands: " + ", ".join(COMMANDS)]),
@@ -37,7 +37,7 @@ def draw_layers(cell: Cell) -> str:
     carried = [
         ("spot, orientation", "outcome, errors"),
         (f"set-points, every {ms:g} ms", f"encoders, every {ms:g} ms"),
-        ("where the tool went", ""),
+        ("tool position", ""),
     ]
     sheet = Sheet("Layers of the cell: " + ", ".join(title for title, _ in layers))
     y, tops = MARGIN, []
@@ -46,7 +46,7 @@ def draw_layers(cell: Cell) -> str:
         if i:
             _carry(sheet, y, carried[i - 1], width)
             y += BETWEEN
-        lines = [line for fact in facts for line in broken(fact, width - 20.0)]
+        lines = [line for fact in facts for line in break_lines(fact, width - 20.0)]
         sheet.box(MARGIN, y, width, LINE_PITCH * (len(lines) + 1) + 14.0)
         sheet.words((MARGIN + 10.0, y + 20.0), title, bold=True)
         for k, line in enumerate(lines):
@@ -62,7 +62,7 @@ def draw_layers(cell: Cell) -> str:
 
 
 def _carry(sheet: Sheet, y: float, words: tuple[str, str], width: float) -> None:
-    """The arrows between two layers, one down and one up, with what they carry; none where nothing is carried."""
+    """Draw the labelled arrows between two layers, down and up; without a label there is no arrow up."""
     down, up = MARGIN + 20.0, MARGIN + width / 2 + 8.0
     sheet.arrow([(down, y + 3.0), (down, y + BETWEEN - 3.0)])
     sheet.words((down + 9.0, y + BETWEEN / 2 + 5.0), words[0])
@@ -72,7 +72,7 @@ def _carry(sheet: Sheet, y: float, words: tuple[str, str], width: float) -> None
 
 
 def _control(cell: Cell) -> list[str]:
-    """What the main control plans with."""
+    """Return the lines of the main control."""
     robot = cell.robot
     facts = [
         f"arm: {robot.name}, {robot.n} joints",
@@ -89,14 +89,14 @@ def _control(cell: Cell) -> list[str]:
 
 
 def _drive(cell: Cell) -> list[str]:
-    """What executes, and how often it takes a set-point."""
+    """Return the lines of the drive."""
     kind = "simulated" if cell.drive.simulated else "a real arm"
     rate = f"servo period {1e3 * cell.drive.period:g} ms: {1.0 / cell.drive.period:g} set-points per second"
-    return [f"drive: {cell.drive.name}, {kind}", rate, "stops within the limits, on the path, and goes on"]
+    return [f"drive: {cell.drive.name}, {kind}", rate, "stops on the path within the limits, and resumes"]
 
 
 def _laser(laser: PanTiltLaser) -> list[str]:
-    """What the unit measures, within which limits and how well."""
+    """Return the lines of the laser unit: limits, noise and calibration."""
     pan, tilt = np.degrees(laser.pan_limits), np.degrees(laser.tilt_limits)
     low, high = laser.range_limits
     facts = [
@@ -106,13 +106,13 @@ def _laser(laser: PanTiltLaser) -> list[str]:
     ]
     if laser.pose_covariance is not None:
         spread = np.sqrt(np.diag(laser.pose_covariance))
-        place, turn = 1e3 * np.linalg.norm(spread[:3]), 1e3 * np.linalg.norm(spread[3:])
-        facts.append(f"calibrated to {place:.2g} mm, {turn:.2g} mrad (1 σ)")
+        shift, turn = 1e3 * np.linalg.norm(spread[:3]), 1e3 * np.linalg.norm(spread[3:])
+        facts.append(f"calibrated to {shift:.2g} mm, {turn:.2g} mrad (1 σ)")
     return facts
 
 
 def limits_in_words(robot: Robot, limits: MotionLimits) -> str:
-    """Return the limits that are given, each with its unit."""
+    """Return the given limits as text with units."""
     words = []
     sliding = bool(robot.prismatic.any())
     for kind in limits.kinds:
@@ -125,7 +125,7 @@ def limits_in_words(robot: Robot, limits: MotionLimits) -> str:
 
 
 def _span(values: Array) -> str:
-    """One number, or the least and the largest one."""
+    """Return one number, or the smallest and the largest one, as text."""
     low, high = float(values.min()), float(values.max())
     return _number(low) if low == high else f"{_number(low)} to {_number(high)}"
 

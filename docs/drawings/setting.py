@@ -1,4 +1,4 @@
-"""draw_setting: the arm and the laser unit on their platform, the beam, and the graph paper that it meets."""
+"""draw_setting: the arm and the laser unit on their platform, the beam and the graph paper."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from docs.drawings.sheet import MARGIN, WIDTH, Sheet, broken
-from docs.drawings.view import View, fitted, viewed
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, break_lines
+from docs.drawings.view import View, fit_view, make_view
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -22,29 +22,29 @@ PICTURE = 340.0
 """Height of the picture above the words [px]."""
 
 SETTING_AZIMUTH = np.radians(62.0)
-"""Where the viewer stands, about the vertical from the base's x axis [rad]: a unit on the side of z is in front of the arm."""
+"""Azimuth of the viewer about the vertical from the base's x axis [rad]: a unit on the side of z is in front of the arm."""
 
 UNIT_AXIS = 0.15
-"""Length of the pan axis that is drawn [m]."""
+"""Length of the drawn pan axis [m]."""
 
 BEAM_PIECES = 24
-"""Pieces of the beam, each of which is in front of a link or behind it [1]."""
+"""Number of pieces of the beam; each is in front of a link or behind it."""
 
-PLATFORM_SPARE = 0.12
-"""How far the platform reaches beyond arm and laser unit [m]."""
+PLATFORM_MARGIN = 0.12
+"""Distance of the platform's edge from arm and laser unit [m]."""
 
 LEAST_WIDTH = 0.03
 """Thickness of links whose shapes are unknown [m]."""
 
 
 def draw_setting(robot: Robot, laser: PanTiltLaser, plane: Plane, pan: float, tilt: float, q: ArrayLike) -> str:
-    """Draw the arm at a configuration and the laser unit beside it, whose beam meets the graph paper."""
+    """Return the drawing of the arm at a configuration, the laser unit beside it, its beam and the graph paper."""
     seen = laser.intersect_plane(pan, tilt, plane)
     if seen.point is None or seen.spot is None:
         raise InvalidInput("pan, tilt", f"{seen.status}: {seen.reason}", "a beam that meets the plane")
     frames = np.concatenate([np.eye(4)[None], robot.frames(robot.configuration(q))])
     bodies = _bodies(robot, frames)
-    view = viewed(robot.gravity, SETTING_AZIMUTH)
+    view = make_view(robot.gravity, SETTING_AZIMUTH)
     paper = _paper(view, plane, seen.point)
     corners = np.concatenate([paper[0], paper[len(paper) // 2 - 1][::-1]])
     unit = laser.pose[:3, 3]
@@ -53,7 +53,7 @@ def draw_setting(robot: Robot, laser: PanTiltLaser, plane: Plane, pan: float, ti
         [corners, floor, *(ends for ends, _ in bodies), [unit, unit + UNIT_AXIS * laser.pose[:3, 2]]]
     )
     box = (MARGIN + 10.0, MARGIN + 20.0, WIDTH - 2 * MARGIN - 20.0, PICTURE - 40.0)
-    view = fitted(view, around, box)
+    view = fit_view(view, around, box)
     sheet = Sheet(f"{robot.name} and the laser unit beside it, whose beam meets the graph paper")
     sheet.line(view(floor), "edge", width=1.0, closed=True)
     rightmost = view(floor)[np.argmax(view(floor)[:, 0])]
@@ -71,7 +71,7 @@ def draw_setting(robot: Robot, laser: PanTiltLaser, plane: Plane, pan: float, ti
 
 
 def _bodies(robot: Robot, frames: Array) -> list[tuple[Array, float]]:
-    """Segments (2, 3) and radii of the arm: its capsules, or straight links where it has none."""
+    """Return the segments (2, 3) and radii of the arm: its capsules, or straight links if it has none."""
     if robot.shapes is None:
         pairs = np.stack([frames[:-1, :3, 3], frames[1:, :3, 3]], axis=1)
         return [(pair, LEAST_WIDTH) for pair in pairs if np.ptp(pair, axis=0).max() > 0.0]
@@ -81,7 +81,7 @@ def _bodies(robot: Robot, frames: Array) -> list[tuple[Array, float]]:
 
 
 def _arm(sheet: Sheet, view: View, bodies: list[tuple[Array, float]], beam: Array) -> None:
-    """The bodies and the beam in pieces, those in front drawn last. Projected, a capsule is a line with round ends."""
+    """Draw the bodies and the pieces of the beam, the nearest last. The projection of a capsule is a line with round ends."""
     pieces = [(np.stack(ends), 0.0) for ends in pairwise(beam)]
     for ends, radius in sorted([*bodies, *pieces], key=lambda body: float(view.depth(body[0]).mean())):
         flat, width = view(ends), 2.0 * radius * view.scale
@@ -91,7 +91,7 @@ def _arm(sheet: Sheet, view: View, bodies: list[tuple[Array, float]], beam: Arra
 
 
 def _paper(view: View, plane: Plane, centre: Array) -> Array:
-    """Lines (k, 2, 3) of the graph paper around a point, one side level."""
+    """Return the lines (k, 2, 3) of the graph paper around a point, one side horizontal."""
     level = np.cross(plane.normal, view.up)
     if np.linalg.norm(level) < 1e-6:
         level = view.level[0]
@@ -107,7 +107,7 @@ def _paper(view: View, plane: Plane, centre: Array) -> Array:
 
 
 def _draw_paper(sheet: Sheet, view: View, paper: Array, corners: Array) -> None:
-    """The squares of the graph paper, and what they are."""
+    """Draw the squares of the graph paper and their label."""
     sheet.line(view(corners), "grid", width=1.0, closed=True)
     for line in paper:
         sheet.line(view(line), "grid", width=0.7)
@@ -116,16 +116,16 @@ def _draw_paper(sheet: Sheet, view: View, paper: Array, corners: Array) -> None:
 
 
 def _floor(view: View, bodies: list[tuple[Array, float]], above: Array) -> Array:
-    """Corners (4, 3) of the platform below some points (k, 3), as low as the lowest of them and of the arm."""
+    """Return the corners (4, 3) of the platform at the height of the lowest point of the arm and of some points (k, 3)."""
     low = min(min(float((ends @ view.up).min()) - radius for ends, radius in bodies), float((above @ view.up).min()))
     feet = above @ view.level.T
-    (x0, y0), (x1, y1) = feet.min(axis=0) - PLATFORM_SPARE, feet.max(axis=0) + PLATFORM_SPARE
+    (x0, y0), (x1, y1) = feet.min(axis=0) - PLATFORM_MARGIN, feet.max(axis=0) + PLATFORM_MARGIN
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
     return np.asarray(corners @ view.level + low * view.up)
 
 
 def _unit(sheet: Sheet, view: View, laser: PanTiltLaser, floor: Array, spot: Array) -> None:
-    """The unit on its mast, the axis from which pan and tilt are counted, and the beam."""
+    """Draw the unit on its mast with its x and z axes."""
     at = laser.pose[:3, 3]
     foot = at - float((at - floor[0]) @ view.up) * view.up
     sheet.line(view(np.stack([foot, at])), "edge", width=4.0)
@@ -139,15 +139,15 @@ def _unit(sheet: Sheet, view: View, laser: PanTiltLaser, floor: Array, spot: Arr
 
 
 def _words(sheet: Sheet, seen: Sighting) -> float:
-    """What the unit reads and where the spot is, below the picture; returns the height of all."""
+    """Write the reading and the spot below the picture; return the total height [px]."""
     assert seen.spot is not None and seen.point is not None and seen.covariance is not None
     pan, tilt, distance = (float(x) for x in seen.spot)
     read = f"Beam: pan {np.degrees(pan):.1f}°, tilt {np.degrees(tilt):.1f}°, range {distance:.3f} m."
-    place = f"Spot in the arm's base frame: ({', '.join(f'{x:.3f}' for x in seen.point)}) m."
+    position = f"Spot in the arm's base frame: ({', '.join(f'{x:.3f}' for x in seen.point)}) m."
     spread = np.sqrt(np.linalg.eigvalsh(seen.covariance)[1:])
     noise = f"Its noise on the paper: {1e3 * spread[0]:.2f} mm by {1e3 * spread[1]:.2f} mm (1 σ)."
     y = PICTURE + 14.0
-    for line in (line for text in (read, place, noise) for line in broken(text, WIDTH - 2 * MARGIN)):
+    for line in (line for text in (read, position, noise) for line in break_lines(text, WIDTH - 2 * MARGIN)):
         sheet.words((MARGIN, y), line.replace("-", "−"), "soft")
         y += 17.0
     return y

@@ -1,4 +1,4 @@
-"""Sheet: an SVG drawing of lines, boxes and words on a ground of its own, which can be read in light and in dark."""
+"""Sheet: an SVG drawing of lines, boxes and text on its own background, for light and dark pages."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from optik.types import Array
 
 WIDTH = 480.0
-"""Of every drawing [px]: on a narrow screen of 360 px its words are still 10 px high."""
+"""Width of every drawing [px]: on a narrow screen of 360 px its text is still 10 px high."""
 
 MARGIN = 16.0
-"""Between a drawing's edge and what is in it [px]."""
+"""Margin of a drawing [px]."""
 
 FONT = 13.0
-"""Height of the words [px]."""
+"""Height of the text [px]."""
 
 LETTER = 0.53
-"""Mean width of a letter over its height [1], of the common fonts without serifs; to break lines and to place words."""
+"""Mean width of a letter over its height in common sans-serif fonts [1], to break lines and to place text."""
 
 HEAD = 8.0
 """Length of an arrow's head [px]."""
@@ -29,16 +29,16 @@ LIGHT = {
     "page": "#ffffff", "ink": "#1f2328", "soft": "#59636e", "box": "#f3f5f8", "edge": "#8c959f", "body": "#cfd6de",
     "grid": "#b3bcc6", "beam": "#cf222e", "x": "#9a4a00", "y": "#1a7f37", "z": "#0969da",
 }  # fmt: skip
-"""Colours by day. Ground, words, explanations, boxes and their edges, the arm's body, the graph paper, the beam, axes."""
+"""Colours on a light page: background, text, explanations, boxes, edges, the arm's body, the graph paper, the beam, axes."""
 
 DARK = {
     "page": "#15181c", "ink": "#e6e8eb", "soft": "#a3adb8", "box": "#20262d", "edge": "#6b7682", "body": "#4a5561",
     "grid": "#505b67", "beam": "#ff6b6b", "x": "#f0a35e", "y": "#56d364", "z": "#6cb6ff",
 }  # fmt: skip
-"""The same colours where the reader prefers a dark page."""
+"""Colours on a dark page."""
 
 Point = tuple[float, float] | Array
-"""A place on the sheet, from the upper left corner [px]."""
+"""A position on the sheet, from the upper left corner [px]."""
 
 
 class Sheet:
@@ -98,8 +98,8 @@ class Sheet:
         self, at: Point, text: str, colour: str = "ink",
         *, by: tuple[float, float] = (0.0, 0.0), anchor: str = "start", bold: bool = False,
     ) -> None:  # fmt: skip
-        """Write words on one line; those that would leave the sheet at a side are moved inside."""
-        x, width = float(at[0]) + by[0], written_width(text)
+        """Write a line of text, moved so that it is inside the sheet."""
+        x, width = float(at[0]) + by[0], text_width(text)
         before = width * {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor]
         x = max(min(x, WIDTH - width + before), before)
         part = self._add("text", x=x, y=float(at[1]) + by[1], text_anchor=anchor)
@@ -119,30 +119,30 @@ class Sheet:
         return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def broken(text: str, width: float) -> list[str]:
-    """Break words into lines that fit a width."""
+def break_lines(text: str, width: float) -> list[str]:
+    """Return a text as lines of at most a width [px]."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and written_width(longer) > width:
+        if lines[-1] and text_width(longer) > width:
             lines.append(word)
         else:
             lines[-1] = longer
     return lines
 
 
-def written_width(text: str) -> float:
-    """Return about how wide words are."""
+def text_width(text: str) -> float:
+    """Return the approximate width of a text [px]."""
     return len(text) * LETTER * FONT
 
 
 def _px(value: float) -> str:
-    """A length to a tenth of a pixel, without a sign before zero."""
+    """Return a length to a tenth of a pixel, without a sign before zero."""
     return f"{np.round(float(value), 1) + 0.0:g}"
 
 
 def _style() -> str:
-    """The colours, by day and by night, and the letters."""
+    """Return the style sheet: fonts, and colours for light and dark pages."""
     words = f"text {{ font: {_px(FONT)}px system-ui, 'Segoe UI', Roboto, Arial, sans-serif; paint-order: stroke }}"
     rules = [
         words,

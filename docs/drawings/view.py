@@ -1,4 +1,4 @@
-"""View: a parallel projection of points in the arm's base frame onto the sheet, with up as gravity has it."""
+"""View: a parallel projection from the arm's base frame onto the sheet, with up against gravity."""
 
 from __future__ import annotations
 
@@ -10,26 +10,25 @@ from numpy.typing import ArrayLike
 from optik.types import Array
 
 AZIMUTH, ELEVATION = np.radians(-52.0), np.radians(24.0)
-"""Where the viewer stands, about the vertical from the base's x axis, and how high [rad]: no axis of an arm at rest is hidden
-behind another one."""
+"""Azimuth of the viewer about the vertical from the base's x axis, and elevation [rad]: no axis of an arm hides another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """From points [m] to the sheet [px].
+    """A projection of points [m] to the sheet [px].
 
     Attributes
     ----------
     right, upwards, towards : (3,) arrays
         Directions of the sheet to the right and upwards, and from it to the viewer, in the base frame [1].
     up : (3,) array
-        Against gravity [1].
+        Direction against gravity [1].
     level : (2, 3) array
         Two horizontal directions [1].
     scale : float
         Pixels per metre.
     offset : (2,) array
-        Where the base's origin is on the sheet [px].
+        Position of the base's origin on the sheet [px].
     """
 
     right: Array
@@ -41,18 +40,18 @@ class View:
     offset: Array | tuple[float, float] = (0.0, 0.0)
 
     def __call__(self, points: ArrayLike) -> Array:
-        """Project points."""
+        """Return the projections of points."""
         points = np.asarray(points, dtype=np.float64)
         flat = np.stack([points @ self.right, -(points @ self.upwards)], axis=-1)
         return np.asarray(flat * self.scale + np.asarray(self.offset))
 
     def depth(self, points: ArrayLike) -> Array:
-        """Distances towards the viewer, by which things in front are drawn last."""
+        """Return the distances of points towards the viewer, the order of drawing."""
         return np.asarray(np.asarray(points) @ self.towards)
 
 
-def viewed(gravity: Array, azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> View:
-    """Return the view of somebody who stands upright beside the arm."""
+def make_view(gravity: Array, azimuth: float = AZIMUTH, elevation: float = ELEVATION) -> View:
+    """Return the view of an upright viewer beside the arm."""
     up = -np.asarray(gravity, dtype=np.float64)
     axis = np.eye(3)[int(np.argmin(np.abs(up)))]
     first = axis - (axis @ up) * up
@@ -64,8 +63,8 @@ def viewed(gravity: Array, azimuth: float = AZIMUTH, elevation: float = ELEVATIO
     return View(right, np.cross(towards, right), towards, up, np.stack([first, second]))
 
 
-def fitted(view: View, points: ArrayLike, box: tuple[float, float, float, float]) -> View:
-    """Return the view whose points fill a box of the sheet, in its middle."""
+def fit_view(view: View, points: ArrayLike, box: tuple[float, float, float, float]) -> View:
+    """Return the view whose points fill a box of the sheet, centred."""
     left, top, width, height = box
     plain = View(view.right, view.upwards, view.towards, view.up, view.level)
     flat = plain(points)

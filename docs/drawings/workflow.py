@@ -1,4 +1,4 @@
-"""draw_workflow: the steps that tasks of a cell really went through, with the loops that corrections and new targets make."""
+"""draw_workflow: the executed steps of tasks of a cell, with the loops of corrections and new targets."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from itertools import chain, pairwise
 
 import numpy as np
 
-from docs.drawings.sheet import MARGIN, WIDTH, Sheet, written_width
+from docs.drawings.sheet import MARGIN, WIDTH, Sheet, text_width
 from planners.cell.outcome import Outcome, Step
 
 STEP_PITCH, STEP_HEIGHT = 42.0, 30.0
-"""From one step to the next, and height of a step's box [px]."""
+"""Distance between steps, and height of a step's box [px]."""
 
 LANE = 22.0
-"""Between arrows that go back beside each other [px]."""
+"""Distance between parallel arrows [px]."""
 
-LOOPS = {"tool": "correct the rest", "execution": "look again", "stop": "the spot moved", "replan": "a new line"}
-"""Why the workflow goes back, by the step from which it does."""
+LOOPS = {"tool": "correct the error", "execution": "read the spot", "stop": "the spot moved", "replan": "a new line"}
+"""Labels of the arrows back to an earlier step, by the step at which they begin."""
 
 
 def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
@@ -32,11 +32,11 @@ def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
     back = [way for way in ways if rows[way[1]] < rows[way[0]]]
     ahead = [way for way in ways if rows[way[1]] > rows[way[0]] + STEP_PITCH]
     x = MARGIN + LANE * len(ahead)
-    width = WIDTH - MARGIN - x - LANE * len(back) - written_width(max(LOOPS.values(), key=len))
+    width = WIDTH - MARGIN - x - LANE * len(back) - text_width(max(LOOPS.values(), key=len))
     for name in names:
         sheet.box(x, rows[name], width, STEP_HEIGHT)
         sheet.words((x + 10.0, rows[name] + 20.0), name, bold=True)
-        sheet.words((x + width - 10.0, rows[name] + 20.0), made(first[name]), "soft", anchor="end")
+        sheet.words((x + width - 10.0, rows[name] + 20.0), describe_result(first[name]), "soft", anchor="end")
     for a, b in ways:
         if rows[b] == rows[a] + STEP_PITCH:
             sheet.arrow([(x + width / 2, rows[a] + STEP_HEIGHT), (x + width / 2, rows[b])], "soft")
@@ -49,8 +49,8 @@ def draw_workflow(*tasks: Outcome | Sequence[Outcome]) -> str:
     return sheet.svg(rows[names[-1]] + STEP_HEIGHT + MARGIN)
 
 
-def made(step: Step) -> str:
-    """Return what a step made, in a word."""
+def describe_result(step: Step) -> str:
+    """Return the type of a step's result."""
     if isinstance(step.result, np.ndarray):
         return "pose (4, 4)" if step.result.shape == (4, 4) else "point (3,)"
     return "" if step.result is None else type(step.result).__name__

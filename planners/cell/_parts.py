@@ -41,12 +41,13 @@ class CellParts:
 
     @property
     def notes(self) -> list[str]:
-        """Statements on the cell that every outcome repeats."""
-        heavy = self.robot.inertia is None and self.gripper is not None
-        return [f"the masses of {self.robot.name} are unknown: those of the gripper are not counted"] if heavy else []
+        """Remarks on the cell in every outcome."""
+        massless = self.robot.inertia is None and self.gripper is not None
+        note = f"the masses of {self.robot.name} are unknown: the mass of the gripper is not included"
+        return [note] if massless else []
 
     def with_base(self, base: ArrayLike) -> Self:
-        """Return the same cell on a platform at another pose; arm, drive and laser are shared."""
+        """Return the cell on a platform at another pose, with the same arm, drive and laser."""
         there = copy.copy(self)
         there.base = se3.check_pose(base, "base")
         return there
@@ -142,5 +143,7 @@ def find_beam_point(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Arra
         return points
     seen = locate_spot(unit, spot, plane)
     if seen.point is None:
-        raise InvalidInput("spot", f"one that the true unit does not see: {seen.reason}", "a beam that meets the plane")
+        raise InvalidInput(
+            "spot", f"a reading off the plane: {seen.reason}", "a beam of the true unit that meets the plane"
+        )
     return seen.point

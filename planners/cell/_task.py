@@ -1,4 +1,4 @@
-"""One task of the cell, step by step: from a reading of the laser unit to the place where the tool really went."""
+"""The steps of a task of the cell, from a reading of the laser unit to the true position of the tool."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, W
 from planners.cell.error_split import PathSplit, split_along
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot
+from planners.following.failure import joint_unit
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
 from planners.timing import TimeLaw, law_for
 
 NO_MOVE = 1e-9
-"""Length of a line [m, or rad] up to which the tool already is where it should be: encoders resolve a thousand times less."""
+"""Largest length of a line for which the tool counts as at its target [m, or rad]: a thousandth of the encoders' resolution."""
 
 FAILED_STEPS = {
     PlanStatus.TIMING_INFEASIBLE: "timing",
     PlanStatus.LIMITS_EXCEEDED: "timing",
     PlanStatus.NOT_PROVED: "certificate",
 }
-"""The step at which a plan failed, by its status; the others are of following the line with the joints."""
+"""The step at which a plan failed, by its status; with any other status it is the step "joints"."""
 
 EXECUTION_ENDS = {
     ExecutionStatus.STOPPED: CellStatus.STOPPED,
@@ -43,18 +44,18 @@ EXECUTION_ENDS = {
     ExecutionStatus.REFUSED: CellStatus.REFUSED,
     ExecutionStatus.DRY_RUN: CellStatus.DRY_RUN,
 }
-"""How a task ends whose execution ended so."""
+"""Status of a task by the status of its execution."""
 
 MOST_SPREADS = 6.0
 """Largest error of a measured tool position, in standard deviations of noise and calibration [1]."""
 ARM_OFF = 0.005
-"""Largest distance of a tool from its position by the encoders [m]: the absolute accuracy of uncalibrated arms."""
+"""Largest distance of the tool from its position by the encoders [m]: the absolute accuracy of uncalibrated arms."""
 UNSTATED = 0.05
-"""Largest distance of a tool from its position by the encoders [m], if the covariance of the laser unit's pose is not stated:
-a unit whose place was measured by hand."""
+"""Largest distance of the tool from its position by the encoders [m] if the covariance of the laser unit's pose is not stated:
+the accuracy of a pose that was measured by hand."""
 
 TAKEN_AS_EXACT = (
-    "where the spot truly is was not given: the reading was taken as exact, so the laser's error is that of its pose"
+    "the true spot is not known: the reading is taken as exact, so the laser's error is that of its pose only"
 )
 """Note on an outcome whose reading was not made by `Cell.read`."""
 
@@ -182,29 +183,30 @@ class Task:
         robot = self.cell.robot
         if not np.isfinite(q).all():
             joint = robot.joint_names[int(np.argmin(np.isfinite(q)))]
-            reason, advice = f"the encoder of {joint} gives no position", "mend the encoder, then begin again"
+            reason, advice = f"the encoder of {joint} gives no position", "repair the encoder, then start again"
             raise self._fail("target", CellStatus.FAULT, reason, advice)
         if not robot.limits.contains(q):
             out = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
             i = int(out.argmax())
-            reason = f"{robot.joint_names[i]} stands {out[i]:.3g} outside its range"
+            low, high, unit = robot.limits.lower[i], robot.limits.upper[i], joint_unit(robot, i)
+            reason = f"{robot.joint_names[i]} is at {q[i]:.6g} {unit}, outside its range [{low:.6g}, {high:.6g}] {unit}"
             raise self._fail("target", CellStatus.NO_PLAN, reason, "move it back by hand")
         return np.clip(q, robot.limits.lower, robot.limits.upper)
 
     def _aim(self) -> None:
         """Run the step "target": compute the goal pose of the tool."""
-        since, asked = perf_counter(), self.settings.orientation
-        R = self.cell.robot.fk(self._measured_start())[:3, :3] if asked is None else asked
+        since, given = perf_counter(), self.settings.orientation
+        R = self.cell.robot.fk(self._measured_start())[:3, :3] if given is None else given
         assert self.spot is not None
         self.target = se3.pose(R, self.spot)
         reach = reach_bound(self.cell.robot, POSE)
         away = float(outside_reach(reach, self.target, 0.0, 0.0))
         if away >= 0.0:
-            reason = (
-                f"out of reach: {away:.4g} m away, where the arm's own parts span {reach[6]:.4g} to {reach[7]:.4g} m"
+            reason = f"out of reach: {away:.4g} m away; the arm reaches at most from {reach[6]:.4g} to {reach[7]:.4g} m"
+            raise self._fail(
+                "target", CellStatus.NO_PLAN, reason, "choose a spot nearer to the arm", self.target, since
             )
-            raise self._fail("target", CellStatus.NO_PLAN, reason, "a spot nearer to the arm", self.target, since)
-        said = "the tool keeps its orientation" if asked is None else "the tool turns to the orientation that was asked"
+        said = "with the present orientation of the tool" if given is None else "with the requested orientation"
         self._add("target", said, self.target, since)
 
     # ------------------------------------------------------------ from the line to its execution
@@ -217,9 +219,10 @@ class Task:
         try:
             line = Line(robot.fk(q), self.target)
         except InvalidInput as error:
-            raise self._fail("line", CellStatus.NO_PLAN, str(error), "an orientation between the two first") from None
+            advice = "move to an orientation between the two first"
+            raise self._fail("line", CellStatus.NO_PLAN, str(error), advice) from None
         if line.end <= NO_MOVE:
-            self._add("line", "the tool is there already", line, since)
+            self._add("line", "the tool is already there", line, since)
             return None
         self._add("line", f"{_length(line)} long", line, since)
         found = self._plan(line, q, law)
@@ -227,12 +230,12 @@ class Task:
             found = self._plan(line, q, law, cell.drive.period)
         self._add_planned(found)
         if found.trajectory.duration < cell.drive.period:
-            took = f"the motion takes {found.trajectory.duration:.3g} s at the tool speed that was asked"
-            reason = f"{took}, less than the servo's period of {cell.drive.period:g} s"
-            raise self._fail("execution", CellStatus.REFUSED, reason, "a lower tool speed, or a law without one")
+            took = f"the motion takes {found.trajectory.duration:.3g} s at the requested tool speed"
+            reason = f"{took}, less than the servo period of {cell.drive.period:g} s"
+            raise self._fail("execution", CellStatus.REFUSED, reason, "lower the tool speed, or use a law without one")
         if found.trajectory.duration > MOST_PERIODS * cell.drive.period:
             reason = f"the motion takes {found.trajectory.duration:.3g} s, more than {MOST_PERIODS:,} periods"
-            raise self._fail("execution", CellStatus.REFUSED, reason, "higher limits")
+            raise self._fail("execution", CellStatus.REFUSED, reason, "raise the limits")
         return found
 
     def _plan(self, line: Line, q: Array, law: TimeLaw, duration: float | None = None) -> Plan:
@@ -253,12 +256,12 @@ class Task:
         if failed not in ("joints", "timing"):
             T = found.trajectory.duration
             made["timing"] = (f"{found.law}, {T:.3f} s", found.trajectory)
-            made["certificate"] = ("holds", found.certificate)
+            made["certificate"] = ("valid", found.certificate)
         for (name, (said, result)), seconds in zip(made.items(), found.seconds, strict=False):
             if name == failed:
                 assert found.failure is not None
-                place = "" if "s = " in found.failure.reason else f" (s = {found.failure.s:.6g})"
-                reason = f"{found.status}: {found.failure.reason}{place}"
+                at = "" if "s = " in found.failure.reason else f" (s = {found.failure.s:.6g})"
+                reason = f"{found.status}: {found.failure.reason}{at}"
                 self.steps.append(Step(name, False, reason, found.failure.advice, result, seconds))
                 raise StepFailed(CellStatus.NO_PLAN)
             self.steps.append(Step(name, True, said, "", result, seconds))
@@ -290,11 +293,11 @@ class Task:
         pose = robot.fk(execution.q[-1])
         tool, error = pose[:3, 3], pose[:3, 3] - self.true_spot
         self.along.append(split_along(execution, self.solver, self.true_spot, settings.samples))
-        rest, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
+        residual, said = None, f"{_mm(np.linalg.norm(error))} from the spot"
         if settings.corrections:
-            rest = self._measure_residual(tool, robot.fk(execution.measured[-1])[:3, 3])
-            said += f"; {_mm(np.linalg.norm(rest))} as measured"
-        self.rounds.append(Round(found, execution, tool, rest, error))
+            residual = self._measure_residual(tool, robot.fk(execution.measured[-1])[:3, 3])
+            said += f"; {_mm(np.linalg.norm(residual))} as measured"
+        self.rounds.append(Round(found, execution, tool, residual, error))
         self._add("tool", said, pose, since)
 
     def _measure_residual(self, tool: Array, encoders: Array) -> Array:
@@ -320,6 +323,7 @@ class Task:
             reason = f"{why}, but noise and calibration explain at most {_mm(most)}"
             advice = "check what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
+        # the variance of the readings of spot and tool remains after a correction
         self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.settings.plane)))
         return self.spot - seen.point
 
@@ -341,7 +345,7 @@ class Task:
             if replans < most:
                 self._turn_to_spot()
         reason = f"the spot moved on {most + 1} times"
-        raise self._fail("replan", CellStatus.SPOT_MOVES, reason, "wait until it rests, or a larger most_replans")
+        raise self._fail("replan", CellStatus.SPOT_MOVES, reason, "wait until it is at rest, or raise most_replans")
 
     def _turn_to_spot(self) -> None:
         """Run the step "replan": the new position of the spot becomes the target."""
@@ -358,12 +362,12 @@ class Task:
 
     def _make_stop_test(self) -> StopRequest | None:
         """Return the stop test of the execution: the request of the caller, or a spot that has moved."""
-        asked, follow, since = self.settings.stop, self.settings.follow, self.clock
+        stop, follow, since = self.settings.stop, self.settings.follow, self.clock
         if follow is None:
-            return asked
+            return stop
 
         def request(t: float) -> bool:
-            if asked is not None and (asked(t) if callable(asked) else t >= asked):
+            if stop is not None and (stop(t) if callable(stop) else t >= stop):
                 return True
             self._stopped_by_spot = self._has_moved(follow, since + t)
             return self._stopped_by_spot
@@ -374,19 +378,19 @@ class Task:
         """Return whether the spot has left the target or can no longer be seen; called while the arm moves."""
         try:
             return self._is_away(self.cell.sighting(follow(t), self.settings.plane).point)
-        except Exception:  # whatever a reading fails with, the arm must come to rest first; then it is read again
+        except Exception:  # after any failed reading the arm must come to rest first; then the spot is read again
             return True
 
     def _correct(self) -> None:
         """Move the target by the measured residual, and execute a motion to it."""
         assert self.target is not None
-        rest = self.rounds[-1].residual if self.rounds else None
-        if rest is None:
+        residual = self.rounds[-1].residual if self.rounds else None
+        if residual is None:
             return
-        self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + rest)
+        self.target = se3.pose(self.target[:3, :3], self.target[:3, 3] + residual)
         self._stopped_by_spot = False
         law = self.settings.law
-        if law.speed is not None:  # a correction is too short to come to a tool speed that was asked
+        if law.speed is not None:  # a correction is too short to reach the requested tool speed
             law = copy(law)
             law.speed = None
         found = self._plan_line(law)

@@ -1,4 +1,4 @@
-"""calibrate: the pose of a laser unit from its readings of known points, with its covariance and the outliers found."""
+"""calibrate: the pose of a laser unit from its readings of known points, with its covariance and outliers."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot, check_vector, freeze
 
 LEVER = 30.0
-"""Distance from the pan axis, over the noise of the point, from which on a pan is used [1], and from the unit for a tilt:
-nearer, the arctangent is not linear over the noise. At 30 its second-order term is below 0.1 % of a radian."""
+"""Least distance from the pan axis of a used pan, and from the unit of a used tilt, over the noise of the point [1]: nearer,
+the arctangent is not linear over the noise. At 30 its second-order term is below 0.1 % of a radian."""
 
 TINY = 1e-150
-"""Stands for a distance of 0 in a denominator [m]: its square is still a number, and what it divides has the weight 0."""
+"""Replacement of a distance of 0 in a denominator [m]: its square is above 0, and the weight of the quotient is 0."""
 
 MOST_TRIPLES = 100
-"""Most triples of pairs of which starts are made: with a quarter of outliers, all of 100 have one with a chance of 10⁻²³."""
+"""Largest number of triples of pairs for initial guesses: with a quarter of outliers, all of 100 contain one with a probability
+of 10⁻²³."""
 
 FLAT_TRIPLE = 0.1
-"""Smallest area of a triple's triangle, over the largest one [1]: a flatter one does not fix the rotation, which many points on
-one line would not show."""
+"""Smallest area of a triple's triangle, over the largest one [1]: a flatter triangle does not determine the rotation."""
 
 MOST_FIT_STEPS = 50
-"""Most Gauss–Newton steps; from the closed-form start three to five are enough."""
+"""Largest number of Gauss–Newton steps; from the closed-form initial guess three to five are enough."""
 
-FIT_SETTLED = 1e-6
-"""Change of the standardised residuals by a step, in norm, at which the fit has converged [1]: a millionth of the noise, and
-still more than rounding changes the sum of their squares."""
+FIT_CONVERGED = 1e-6
+"""Norm of the change of the standardised residuals in a step below which the fit has converged [1]: a millionth of the noise,
+and more than rounding changes the sum of their squares."""
 
 MOST_HALVINGS = 20
-"""Most halvings of one step: after them it is too short to change the sum of squares, which then is at its minimum."""
+"""Largest number of halvings of a step: after them the step is too short to change the sum of squares, which is minimal."""
 
 
 class Readings(NamedTuple):
@@ -125,7 +125,7 @@ def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
     for _ in range(MOST_FIT_STEPS):
         e, J = standardise(chosen, T)
         step = np.linalg.lstsq(J.reshape(-1, 6), e.ravel(), rcond=None)[0]
-        if np.linalg.norm(J @ step) <= FIT_SETTLED:
+        if np.linalg.norm(J @ step) <= FIT_CONVERGED:
             return T, True
         cost = float(np.sum(e**2))
         for _ in range(MOST_HALVINGS):
@@ -179,32 +179,32 @@ def _triples(m: int) -> Indices:
 
 
 CONFIDENCE = 0.999
-"""Probability that normal noise alone loses no pair as an outlier, and that it does not make a calibration inconsistent."""
+"""Probability that normal noise alone makes no pair an outlier, and that it does not make a calibration inconsistent."""
 
 FEWEST_PAIRS = 3
-"""A pose needs three points that are not on one line."""
+"""Least number of pairs: a pose needs three points that are not on one line."""
 
 FEWEST_KEPT = 4
-"""Pairs that must remain before one is left out: three fit almost any readings, and could not show which of them is wrong."""
+"""Least number of pairs without the outliers: three fit almost any readings, and do not show which of them is wrong."""
 
 MOST_LEFT_OUT = 0.25
-"""Largest share of the pairs that may be outliers [1]: where more disagree, it is not they that are wrong but the stated noise
-or the known points as a whole."""
+"""Largest fraction of outliers [1]: if more pairs disagree, the stated noise or the known points are wrong."""
 
 MOST_TURN = 0.05
 """Largest standard deviation of the unit's rotation about any axis [rad]: beyond it the pose is not linear over the noise."""
 
 LEAST_VARIANCE = 1e-6
-"""Variance of a residual, over that of its noise, below which it says nothing [1]: the pair alone fixes the pose there."""
+"""Least variance of a residual that is used, over that of its noise [1]: below it the pair alone determines the pose."""
 
 SAME_LINE = 1e-7
-"""Smallest singular value of the derivatives, over the largest, up to which the pose is not fixed [1]: rounding is at 1e-15."""
+"""Largest ratio of the smallest to the largest singular value of the derivatives at which the pose is not determined [1];
+rounding is at 1e-15."""
 
 NARROW = 0.1
 """Largest ratio of width to length at which a set of points counts as a line [1]."""
 
 SEARCH_ROUNDS = 10
-"""Rounds in which pairs may come back; after them they only leave, so that the search ends."""
+"""Number of rounds in which excluded pairs may return; afterwards pairs are only excluded, so that the search ends."""
 
 
 class CalibrationStatus(StrEnum):
@@ -229,24 +229,24 @@ class Calibration:
     Attributes
     ----------
     status : CalibrationStatus
-        FOUND, or why not.
+        FOUND, or another status.
     reason, advice : str
-        Why it failed, with numbers, and what to change; empty where it did not.
+        Why it failed, with numbers, and what to change; empty for FOUND.
     laser : PanTiltLaser or None
-        The unit at the pose found, with its covariance; None where the calibration failed.
+        The unit at the found pose, with its covariance; None if the calibration failed.
     residuals : (m, 3) array
-        Readings minus what the unit at that pose would read, outliers included: pan, tilt [rad], range [m].
+        Readings minus predicted readings at that pose, including outliers: pan, tilt [rad], range [m].
     distances : (m,) array
-        Squared Mahalanobis distance of each pair from the pose that the other pairs give [1], by which outliers are found.
+        Squared Mahalanobis distance of each pair from the pose of the other pairs [1]; outliers exceed a threshold.
     outliers : tuple of int
-        Indices of the pairs left out.
+        Indices of the excluded pairs.
     covariance : (6, 6) array
-        Of the small twist (v, ω) from the found pose to the true one, p + v and Exp(ω) R, along and about the axes of the
-        arm's base frame, at the unit's origin [m², m·rad, rad²]; NaN where the points do not fix the pose.
+        Covariance of the small twist (v, ω) from the found pose to the true one, p + v and Exp(ω) R, along and about the axes
+        of the arm's base frame, at the unit's origin [m², m·rad, rad²]; NaN if the points do not determine the pose.
     chi_squared : float
-        Sum of the squared standardised residuals of the pairs kept [1].
+        Sum of the squared standardised residuals of the pairs that are not outliers [1].
     freedom : int
-        Its degrees of freedom: readings used, less the six of the pose.
+        Its degrees of freedom: number of used readings minus the six of the pose.
     """
 
     status: CalibrationStatus
@@ -267,13 +267,12 @@ class Calibration:
 def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTiltLaser) -> Calibration:
     """Find the pose of a laser unit from its readings of known points.
 
-    The pose minimises the sum of squared residuals in pan, tilt and range, each over its standard deviation as the unit
-    states it. A pan near the pan axis, and a tilt near the unit, are not used where the angle is not linear over the noise.
+    The pose minimises the sum of squared residuals in pan, tilt and range, each over the unit's standard deviation. A pan
+    near the pan axis, and a tilt near the unit, are not used, because the angle is not linear over the noise.
 
-    A pair is an outlier if its squared Mahalanobis distance from the pose of the other pairs exceeds the chi-square
-    quantile at which normal noise loses none of all pairs with a probability of 99.9 %. The search for them starts at a
-    pose that no outliers spoil as long as they are fewer than half. At most a quarter of the pairs are left out, and at least
-    four are kept.
+    A pair is an outlier if its squared Mahalanobis distance from the pose of the other pairs exceeds a chi-square quantile.
+    At that quantile, normal noise makes none of all pairs an outlier with a probability of 99.9 %. The initial guess
+    tolerates outliers of fewer than half of the pairs. At most a quarter of the pairs are excluded, and at least four remain.
 
     Parameters
     ----------
@@ -321,7 +320,7 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
 
     every = np.ones(readings.m, dtype=bool)
     if readings.m <= FEWEST_KEPT or _largest_turn(_pose_covariance(standardise(readings, T)[1])) > MOST_TURN:
-        return *fit_pose(readings, every, T), every  # none may be left out, or none can be tested
+        return *fit_pose(readings, every, T), every  # no pair may be excluded, or none can be tested
     used = np.count_nonzero(readings.weights, axis=1)
     threshold = chdtri(used, (1.0 - CONFIDENCE) / readings.m)
     for turn in range(SEARCH_ROUNDS + readings.m):
@@ -338,11 +337,11 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
 
 def _distances(e: Array, J: Array, kept: Flags) -> Array:
     """Return the squared Mahalanobis distances (m,) of pairs from the fit of the others."""
-    # The residuals of a pair that is kept have the covariance I − J C Jᵀ, as the fit was drawn towards them; those of
-    # another I + J C Jᵀ. The first gives the distance from the fit without that pair, to first order.
+    # The residuals of a fitted pair have the covariance I − J C Jᵀ, those of an excluded pair I + J C Jᵀ. The first gives the
+    # distance from the fit without that pair, to first order.
     spread = J @ _pose_covariance(J[kept]) @ J.swapaxes(1, 2)
     if not np.isfinite(spread).all():
-        return np.zeros(len(e))  # the points do not fix the pose: no pair can be tested
+        return np.zeros(len(e))  # the points do not determine the pose: no pair can be tested
     values, vectors = np.linalg.eigh(np.eye(3) + np.where(kept, -1.0, 1.0)[:, None, None] * spread)
     along = np.einsum("mji,mj->mi", vectors, e)
     return np.asarray(
@@ -351,7 +350,7 @@ def _distances(e: Array, J: Array, kept: Flags) -> Array:
 
 
 def _pose_covariance(J: Array) -> Array:
-    """Return the covariance of the pose from standardised derivatives (k, 3, 6): (Σ JᵀJ)⁻¹; NaN if they do not fix the pose."""
+    """Return the covariance of the pose from standardised derivatives (k, 3, 6): (Σ JᵀJ)⁻¹; NaN if it is not determined."""
     _, s, Vt = np.linalg.svd(J.reshape(-1, 6), full_matrices=False)
     if len(s) < 6 or s[5] <= SAME_LINE * s[0]:
         return np.full((6, 6), np.nan)
@@ -367,20 +366,17 @@ def _judge(
 
     out, most = int(np.count_nonzero(~kept)), _most_outliers(readings.m)
     if out > most:
-        reason = f"{out} of {readings.m} pairs disagree with the rest, and at most {most} may be left out"
-        return (
-            CalibrationStatus.TOO_MANY_OUTLIERS,
-            reason,
-            "check the known points and the stated noise; read more points",
-        )
+        reason = f"{out} of {readings.m} pairs are outliers, and at most {most} may be excluded"
+        advice = "check the known points and the stated noise; read more points"
+        return CalibrationStatus.TOO_MANY_OUTLIERS, reason, advice
     turn = _largest_turn(covariance)
     if turn > MOST_TURN:
-        known = f"known to {turn:.3g} rad only" if np.isfinite(turn) else "not fixed at all"
+        known = f"known only to {turn:.3g} rad" if np.isfinite(turn) else "not determined"
         points = readings.points[kept]
         length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[:2]
         if length > SAME_LINE and width <= NARROW * length:
             why, advice = (
-                "the points lie on one line, or nearly on one",
+                "the points are nearly on one line",
                 "add points away from that line, spread in two directions",
             )
         else:
@@ -388,23 +384,22 @@ def _judge(
             why, advice = f"the points span only {span:.3g} mm, too little for this noise", "add points farther apart"
         return CalibrationStatus.COLLINEAR, f"the unit's rotation is {known}: {why}", advice
     if not converged:
-        return CalibrationStatus.NOT_CONVERGED, "the least-squares fit came to no end", "check the pairs"
+        return CalibrationStatus.NOT_CONVERGED, "the least-squares fit did not converge", "check the pairs"
     most_squares = float(chdtri(freedom, 1.0 - CONFIDENCE)) if freedom > 0 else float("inf")
     if chi_squared > most_squares:
-        reason = (
-            f"chi² = {chi_squared:.4g} with {freedom} degrees of freedom, above {most_squares:.4g}: more than the noise"
-        )
-        return CalibrationStatus.INCONSISTENT, reason, "check the known points, and that the unit's noise is not larger"
+        size = f"chi² = {chi_squared:.4g} with {freedom} degrees of freedom"
+        reason = f"the residuals are larger than the stated noise allows: {size}, above {most_squares:.4g}"
+        return CalibrationStatus.INCONSISTENT, reason, "check the known points and the stated noise"
     return CalibrationStatus.FOUND, "", ""
 
 
 def _most_outliers(m: int) -> int:
-    """Return how many of m pairs may be outliers: at most a quarter, and at least `FEWEST_KEPT` remain."""
+    """Return the largest number of outliers of m pairs: a quarter, such that at least `FEWEST_KEPT` pairs remain."""
     return max(0, min(int(MOST_LEFT_OUT * m), m - FEWEST_KEPT))
 
 
 def _largest_turn(covariance: Array) -> float:
-    """Return the largest standard deviation of the rotation about any axis [rad]; infinite if the pose is not fixed."""
+    """Return the largest standard deviation of the rotation about any axis [rad]; infinite if it is not determined."""
     if not np.isfinite(covariance).all():
         return float("inf")
     return float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))

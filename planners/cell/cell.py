@@ -1,4 +1,4 @@
-"""Cell: laser, main control and drive as one system, whose tool goes to a spot that the laser shows."""
+"""Cell: laser unit, main control and drive as one system that moves the tool to a spot of the laser."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
 MOST_ROUNDS = 100
-"""Most corrections of one task: noise keeps them from getting better after two or three."""
+"""Largest number of corrections of one task: because of noise, the error no longer decreases after two or three."""
 
 
 class Cell(CellParts):
@@ -43,38 +43,38 @@ class Cell(CellParts):
     robot : Robot
         The arm, without the gripper.
     laser : PanTiltLaser
-        The laser unit as it was calibrated.
+        The calibrated laser unit.
     drive : Drive, str or path
-        What executes plans: built for this arm, or the name of one.
+        A drive built for this arm, or the name of one.
     limits : MotionLimits, optional
-        Of all motions; by default the robot's own.
+        Limits of all motions; by default the robot's own.
     base : (4, 4) array, optional
-        T_world_platform: pose of the arm's base frame in the world [1, m]; by default the world's own. The direction of
-        gravity is that of the robot: a platform that stands tilted needs ``robot.with_gravity``.
+        T_world_platform: pose of the arm's base frame in the world [1, m]; by default the identity. The direction of
+        gravity is that of the robot: a tilted platform needs ``robot.with_gravity``.
     gripper : Gripper, optional
-        At the arm's tool; its grasp point becomes the tool. By default the tool itself points at the spot.
+        Gripper at the arm's tool; its grasp point becomes the tool. By default the tool itself goes to the spot.
     unit : PanTiltLaser, optional
-        Of a simulation: the true unit, which makes the readings; by default ``laser``.
+        The true unit of a simulation, which makes the readings; by default ``laser``.
     seed : int
-        Of the readings' noise.
+        Seed of the noise of the readings.
     scene : Scene, optional
         Obstacles for an arm with shapes, and the margin to them.
     q : (n,) array, optional
-        Where a drive that is given by name starts [rad, m].
+        Initial configuration of a drive that is given by name [rad, m].
 
     Attributes
     ----------
     robot : Robot
-        The arm with the gripper and what it holds.
+        The arm with the gripper and the held object.
     held : HeldObject or None
-        What the gripper holds.
+        The held object.
     width : float or None
-        Distance of its fingers [m]; open at first.
+        Distance of the fingers [m]; initially the opening.
 
     Raises
     ------
     InvalidInput
-        Things of another kind, a drive for another arm.
+        An argument of another type, or a drive for another arm.
     UnknownName
         No such drive.
     """
@@ -113,11 +113,15 @@ class Cell(CellParts):
         if not isinstance(drive, Drive):
             raise InvalidInput("drive", format_value(drive), "a Drive, or the name of one")
         if q is not None:
-            raise InvalidInput("q", "a start, with a drive that is built already", "the start given to the drive")
+            raise InvalidInput(
+                "q", "a configuration, with a Drive object", "the configuration given to the drive itself"
+            )
         if drive.robot == self.robot:
             return drive
         if drive.robot != self._bare:
-            raise InvalidInput("drive", f"one built for {drive.robot.name!r} as another arm", "one built for this arm")
+            raise InvalidInput(
+                "drive", f"a drive built for another arm, {drive.robot.name!r}", "one built for this arm"
+            )
         drive.carry(self.robot)
         return drive
 
@@ -136,41 +140,41 @@ class Cell(CellParts):
         Parameters
         ----------
         spot : Spot
-            What the unit reads of it: pan, tilt [rad] and range [m], or arrays (k,) of several readings.
+            Its reading by the unit: pan, tilt [rad] and range [m], or arrays (k,) of several readings.
         orientation : (3, 3) array, optional
-            Of the tool at the spot [1]; by default it keeps the present one, as in the paper.
+            Orientation of the tool at the spot [1]; by default the present one, as in the paper.
         corrections : int
-            How often the rest is measured by the laser unit and corrected.
+            Number of correction passes; each measures the residual by the laser unit and moves the tool by it.
         readings : int
-            How often the tool is read for each; the mean counts.
+            Number of readings of the tool for each correction, which are averaged.
         timing, solver, samples
             Law, IK method and samples of the line, as for `planners.plan`.
         plane : Plane, optional
-            On which the spot is. Ranges are then not used: spot and tool are where the beam meets the plane, and
-            corrections are along it.
+            Plane of the spot. Ranges are then not used: spot and tool are the intersections of beam and plane, and
+            corrections are along the plane.
         true_spot : (3,) array, optional
-            Where the spot truly is [m], where a simulation knows more than `truth`.
+            True position of the spot in a simulation [m]; by default that of `truth`.
         follow : callable, optional
-            Asked for a reading of the spot at every tick, with the time for which the arm has been moving [s]. A spot that
-            has moved stops the motion on its path, and a new line goes to where it is then.
+            Returns a reading of the spot; called at every tick with the time for which the arm has been moving [s]. If the
+            spot has moved, the motion stops on its path, and a new line is planned to the spot.
         moved : float
-            Distance beyond which the spot has moved [m], above the noise of a reading.
+            Largest distance of the spot from the target [m], above the noise of a reading.
         most_replans : int
-            How many new lines a spot that moves may ask for.
+            Largest number of new lines to a moving spot.
         look : callable, optional
-            Makes a reading of the real tool for corrections; the simulated unit does by default.
+            Returns a reading of the real tool for corrections; by default the simulated unit reads it.
         stop, watch : optional
             As for `Drive.execute`.
 
         Returns
         -------
         Outcome
-            Every step with its result, the error of every round, and where it comes from.
+            Every step with its result, the error of every round, and the sources of the error.
 
         Raises
         ------
         InvalidInput
-            An argument that cannot be meant; corrections on a real drive without ``look``; no such law or method.
+            An invalid argument; corrections on a real drive without ``look``; no such law or method.
         """
         self._check_request(corrections, readings, most_replans, {"follow": follow, "look": look, "watch": watch})
         if not isinstance(spot, Spot):
@@ -189,15 +193,15 @@ class Cell(CellParts):
     ) -> Outcome:  # fmt: skip
         """Resume a task along the same path after a stop on request or a fault during its motion.
 
-        An arm that stands off the path goes back to it first. To correct afterwards, or where there is no way back:
-        `move_to_spot` again, whose line begins where the arm stands.
+        An arm off the path returns to it first. To correct afterwards, or if it cannot return, call `move_to_spot` again,
+        whose line begins at the arm's present configuration.
 
         Parameters
         ----------
         outcome : Outcome
-            Of `move_to_spot` or `resume`, failed at the step "execution".
+            The outcome of `move_to_spot` or `resume` that failed at the step "execution".
         solver : str, path or IKSolver, optional
-            Method whose answers the error split judges; by default that of the plan.
+            IK method of the error split; by default that of the plan.
         stop, watch : optional
             As for `Drive.resume`.
 
@@ -231,7 +235,7 @@ class Cell(CellParts):
             raise InvalidInput("look", "nothing, on a real drive", "a function that reads the tool, for corrections")
 
     def open(self, width: float | None = None) -> Outcome:
-        """Open the gripper; what it held stays where it is.
+        """Open the gripper and release the held object.
 
         Parameters
         ----------
@@ -241,32 +245,32 @@ class Cell(CellParts):
         Returns
         -------
         Outcome
-            One step, "open"; REFUSED where the gripper cannot.
+            One step, "open"; REFUSED if the gripper cannot open so far.
         """
 
         def act(gripper: Gripper) -> str:
             wide = gripper.check_width(gripper.opening if width is None else width)
             if wide < (self.width or 0.0):
-                raise InvalidInput("width", f"{wide:g}", f"at least {self.width:g} m, which they are open now")
+                raise InvalidInput("width", f"{wide:g} m", f"at least {self.width:g} m, the present width")
             self._grip(gripper, None, wide)
             return f"{wide:g} m open"
 
         return self._run_gripper("open", act)
 
     def close(self, width: float = 0.0, held: HeldObject | None = None) -> Outcome:
-        """Close the gripper, on an object or on nothing.
+        """Close the gripper, with or without an object.
 
         Parameters
         ----------
         width : float
-            Distance of the fingers [m], that of the object.
+            Distance of the fingers [m], the width of the object.
         held : HeldObject, optional
-            The object: from now on plans, certificates and the drive count its mass and shapes.
+            The object; plans, certificates and the drive then include its mass and shapes.
 
         Returns
         -------
         Outcome
-            One step, "close"; REFUSED where the gripper cannot.
+            One step, "close"; REFUSED if the gripper cannot close so far, or the arm cannot hold the object.
         """
 
         def act(gripper: Gripper) -> str:
@@ -274,7 +278,7 @@ class Cell(CellParts):
             if held is not None and not isinstance(held, HeldObject):
                 raise InvalidInput("held", format_value(held), "a planners.cell.HeldObject(mass)")
             if self.width is not None and narrow > self.width:
-                raise InvalidInput("width", f"{narrow:g}", f"at most {self.width:g} m, which they are open now")
+                raise InvalidInput("width", f"{narrow:g} m", f"at most {self.width:g} m, the present width")
             self._grip(gripper, held if held is not None else self.held, narrow)
             return f"{narrow:g} m open" + ("" if self.held is None else f", holding {self.held.mass:g} kg")
 
@@ -303,8 +307,8 @@ class Cell(CellParts):
         needed = np.abs(robot.torques(q, still, still)) / robot.limits.torque
         i = int(needed.argmax())
         if needed[i] > 1.0:
-            what = f"{held.mass:g} kg, which takes {needed[i]:.3g} times the torque of {robot.joint_names[i]} to hold"
-            raise InvalidInput("held", what, "an object that the arm can hold where it stands")
+            what = f"{held.mass:g} kg, which needs {needed[i]:.3g} times the torque limit of {robot.joint_names[i]}"
+            raise InvalidInput("held", what, "an object that the arm can hold in its present configuration")
 
     def _run_gripper(self, name: str, act: Callable[[Gripper], str]) -> Outcome:
         """Run one step of the gripper and return its outcome; a refused step changes nothing."""

@@ -1,4 +1,4 @@
-"""Where an error of the tool comes from: laser, inverse kinematics, path and servo, as vectors that add up to the whole."""
+"""The tool's error as the sum of the errors of laser, inverse kinematics, path and servo."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from planners.cell.drives.base import Execution
 
 
 class ErrorSplit(NamedTuple):
-    """Executed tool minus true spot, e = e_laser + e_ik + e_path + e_servo, at one instant or at many, in the base frame.
+    """Executed tool minus true spot, e = e_laser + e_ik + e_path + e_servo, at one or several instants, in the base frame.
 
     Attributes
     ----------
     laser : (3,) or (k, 3) array
         Target minus true spot: noise and calibration of the laser unit [m].
     ik : (3,) or (k, 3) array
-        Tool at the IK method's own answer, before any polishing, minus target [m].
+        Tool at the IK method's own answer, before Newton polishing, minus target [m].
     path : (3,) or (k, 3) array
         Tool at the planned configuration minus tool at the IK method's answer [m].
     servo : (3,) or (k, 3) array
@@ -64,7 +64,7 @@ class ErrorSplit(NamedTuple):
 
 
 class PathSplit(NamedTuple):
-    """The error split along the path: instants (k,) [s], places (k,) [m, or rad], and a split whose vectors are (k, 3)."""
+    """The error split along the path: instants t (k,) [s], path parameters s (k,) [m, or rad], and vectors (k, 3)."""
 
     t: Array
     s: Array
@@ -74,20 +74,20 @@ class PathSplit(NamedTuple):
 def split_errors(
     spot: ArrayLike, target: ArrayLike, answer: ArrayLike, planned: ArrayLike, executed: ArrayLike
 ) -> ErrorSplit:
-    """Split the tool's error by points, at one instant or at many.
+    """Split the tool's error by points, at one or several instants.
 
     Parameters
     ----------
     spot : (3,) or (k, 3) array
-        Where the spot truly is, or the point of the line to it that belongs to the instant [m].
+        The true spot, or the point of the line to it at each instant [m].
     target : (3,) or (k, 3) array
-        Where the laser unit says that it is [m].
+        The spot by the laser unit [m].
     answer : (3,) or (k, 3) array
         Tool at the configuration that the IK method returned [m].
     planned : (3,) or (k, 3) array
-        Tool at the planned configuration of the instant [m].
+        Tool at the planned configuration [m].
     executed : (3,) or (k, 3) array
-        Tool at the configuration that the arm really had then [m].
+        Tool at the true configuration of the arm [m].
 
     Returns
     -------
@@ -121,7 +121,7 @@ def split_configurations(
     robot : Robot
         The arm.
     spot, target : (3,) or (k, 3) array
-        Where the spot truly is, and where the laser unit says that it is [m].
+        The true spot, and the spot by the laser unit [m].
     answer, planned, executed : (n,) or (k, n) array
         The IK method's own answer, the planned and the executed configuration [rad, m].
 
@@ -150,7 +150,7 @@ def _check_points(value: ArrayLike, name: str) -> Array:
 
 
 def solve_poses(solver: IKSolver, poses: Array, q: Array) -> Array:
-    """Solve poses one after the other, each from the answer before, as the paper does."""
+    """Return the answers to poses in order, each solved from the previous answer, as in the paper."""
     limits = solver.robot.limits
     answers = np.empty((len(poses), solver.robot.n))
     for k, pose in enumerate(poses):
@@ -161,8 +161,8 @@ def solve_poses(solver: IKSolver, poses: Array, q: Array) -> Array:
 def split_along(execution: Execution, solver: IKSolver, true_spot: Array, samples: int) -> PathSplit:
     """Split the tool's error at the steps of the plant that are nearest to the samples of the path.
 
-    At each instant the place on the path is that which is nearest to the planned tool. The point that the executed tool should
-    have had there lies on the line to the true spot, as far along it as the place is along the planned line.
+    The path parameter of each instant is that of the path point nearest to the planned tool. The desired point of the executed
+    tool is at the same fraction of the line to the true spot.
     """
     robot, path, t = execution.robot, execution.plan.path, execution.t
     motion = execution.plan.trajectory if execution.motion is None else execution.motion

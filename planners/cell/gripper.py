@@ -1,4 +1,4 @@
-"""Gripper at the arm's tool: the point between its fingers becomes the tool, and what it holds part of the payload."""
+"""Gripper at the arm's tool: its grasp point becomes the tool, and the held object becomes part of the payload."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 PARTS = ("gripper", "held")
-"""What the capsules of the gripper and of a held object are called in ``robot.shapes``."""
+"""Names of the capsules of the gripper and of a held object in ``robot.shapes``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class HeldObject:
     inertia : (3, 3) array, optional
         Inertia about the centre of mass [kg·m²]; by default a point mass.
     shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
-        The space that it takes, as for `Robot.with_payload` [m].
+        Its collision shapes, as for `Robot.with_payload` [m].
 
     Raises
     ------
@@ -57,12 +57,12 @@ class HeldObject:
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """A gripper of two parallel fingers, mount on the arm's tool.
+    """A gripper of two parallel fingers on the arm's tool.
 
     Parameters
     ----------
     grasp : (4, 4) array
-        Pose of the grasp point in the frame of the arm's tool that it is mount on [1, m].
+        Pose of the grasp point in the frame of the arm's tool [1, m].
     opening : float
         Largest distance of the fingers [m].
     mass : float
@@ -72,8 +72,7 @@ class Gripper:
     inertia : (3, 3) array, optional
         Inertia about the centre of mass, in the axes of the arm's tool [kg·m²]; by default a point mass.
     shapes : sequence of (T, edges), (centre, radius) or (a, b, radius)
-        The space that it takes with its fingers wherever they are, in the frame of the arm's tool, as for
-        `Robot.with_payload` [m].
+        Its collision shapes for all finger positions, in the frame of the arm's tool, as for `Robot.with_payload` [m].
 
     Raises
     ------
@@ -107,7 +106,7 @@ class Gripper:
         return self.grasp
 
     def check_width(self, width: float) -> float:
-        """Return a distance of the fingers that the gripper has.
+        """Return a checked distance of the fingers.
 
         Parameters
         ----------
@@ -126,25 +125,25 @@ class Gripper:
         """
         expected = f"a distance of the fingers from 0 to {self.opening:g} m, the gripper's opening"
         if check_number(width, "width", expected, least=0.0) > self.opening:
-            raise InvalidInput("width", f"{width:g}", expected)
+            raise InvalidInput("width", f"{width:g} m", expected)
         return float(width)
 
     def mount(self, robot: Robot, held: HeldObject | None = None) -> Robot:
-        """Return an arm with the gripper: its tool is the grasp point, and masses and shapes count gripper and object.
+        """Return an arm with the gripper: its tool is the grasp point, and masses and shapes include gripper and object.
 
-        What the arm carried before stays, as part of the payload. Its joints, limits and names are as before.
+        The previous payload of the arm is included in the new one. Joints, limits and names do not change.
 
         Parameters
         ----------
         robot : Robot
-            The arm, its tool where the gripper is mount.
+            The arm without the gripper.
         held : HeldObject, optional
-            What is between the fingers.
+            The object between the fingers.
 
         Returns
         -------
         Robot
-            The arm; masses are not counted for one whose own masses are unknown.
+            The arm with the gripper. If its own masses are unknown, it has no payload.
 
         Raises
         ------
@@ -157,7 +156,7 @@ class Gripper:
             bodies.append(held.body)
         if robot.payload is not None:
             if len(robot.payload.bodies) > 1:
-                wanted = "an arm whose payload has one mass, as a gripper adds to it"
+                wanted = "an arm whose payload has one mass, to which the gripper's is added"
                 raise InvalidInput("robot", f"a payload of {robot.payload}", wanted)
             bodies.append(transform_body(robot.payload.bodies[0], to_grasp))
         arm = robot.with_tool(self._grasp, add=True)
@@ -169,14 +168,16 @@ class Gripper:
     def _shapes(self, robot: Robot, grasp: Array, held: HeldObject | None) -> Any:
         """Return the arm's shapes with those of gripper and object."""
         shapes, given = robot.shapes, ((self.shapes, robot.tool), (() if held is None else held.shapes, grasp))
-        for name, (objects, place) in zip(PARTS, given, strict=True):
+        for name, (objects, T) in zip(PARTS, given, strict=True):
             if not len(objects):
                 continue
             if shapes is None:
                 raise InvalidInput(
-                    "robot", f"{robot.name!r}, which has no shapes", f"an arm with shapes, for the {name}'s"
+                    "robot",
+                    f"{robot.name!r}, which has no shapes",
+                    f"an arm with shapes, because the {name} has shapes",
                 )
-            shapes = shapes.with_part(name, robot.n, objects, place)
+            shapes = shapes.with_part(name, robot.n, objects, T)
         return shapes
 
 

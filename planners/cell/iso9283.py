@@ -1,4 +1,4 @@
-"""Accuracy and repeatability in the manner of ISO 9283, of poses and of a path; computed from simulated cycles."""
+"""Accuracy and repeatability of poses and paths in the manner of ISO 9283, from simulated cycles."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from optik.ik import IKSolver, make_solver
 from optik.types import Array
 
 SIMULATED = "simulated"
-"""Word that stands beside every figure of this module: none of them was measured on an arm."""
+"""Label of every figure of this module: none was measured on an arm."""
 
 POSE_CYCLES, PATH_CYCLES = 30, 10
-"""Cycles of the test of poses and of the test of a path, as the standard has them."""
+"""Numbers of cycles of the pose test and of the path test in the standard."""
 
-POSE_SHARE = 0.8
-"""Place of the outer four poses on the half diagonals of the measuring plane [1]: a tenth of the diagonal from its ends."""
+POSE_FRACTION = 0.8
+"""Position of the outer four poses on the half diagonals of the measuring plane [1]: a tenth of the diagonal from its ends."""
 
 EDGE_STEP = 0.01
-"""Step in which the edge of the cube is searched [m]."""
+"""Step of the search for the edge of the cube [m]."""
 
 POSE_MARGIN = 0.02
-"""Distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion stay inside."""
+"""Least distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion are inside."""
 
 NO_NOISE = "not applicable: nothing varies from cycle to cycle"
 """Why there is no repeatability where nothing varies from cycle to cycle."""
@@ -40,7 +40,7 @@ class PoseFigures(NamedTuple):
     Attributes
     ----------
     cycles : int
-        How often it was approached.
+        Number of cycles.
     offset : (3,) array
         Mean of the reached positions minus the commanded one, in the base frame [m].
     accuracy : float
@@ -48,11 +48,11 @@ class PoseFigures(NamedTuple):
     turn : (3,) array
         Mean of the rotations from the commanded to the reached orientation, as rotation vectors in the base frame [rad].
     repeatability : float or None
-        RP = l̄ + 3 S of the distances l from the mean position, S with n − 1 [m]; None where it is not applicable.
+        RP = l̄ + 3 S of the distances l from the mean position, S with n − 1 [m]; None if not applicable.
     turn_repeatability : (3,) array or None
-        3 S of each component of the rotations [rad]; None where it is not applicable.
+        3 S of each component of the rotations [rad]; None if not applicable.
     reason : str
-        Why there is no repeatability; empty where there is one.
+        Why there is no repeatability; empty if there is one.
     """
 
     cycles: int
@@ -70,17 +70,17 @@ class PathFigures(NamedTuple):
     Attributes
     ----------
     cycles : int
-        How often it was followed.
+        Number of cycles.
     accuracy : float
         AT, the largest distance between the mean position and the commanded point [m].
     at : int
-        The point where that is.
+        Index of the point of that distance.
     repeatability : float or None
-        RT, the largest l̄ + 3 S of all points [m]; None where it is not applicable.
+        RT, the largest l̄ + 3 S of all points [m]; None if not applicable.
     repeatability_at : int or None
-        The point where that is.
+        Index of the point of that value.
     reason : str
-        Why there is no repeatability; empty where there is one.
+        Why there is no repeatability; empty if there is one.
     """
 
     cycles: int
@@ -97,13 +97,13 @@ class Cube(NamedTuple):
     Attributes
     ----------
     poses : (5, 4, 4) array
-        P1, the centre, then P2 to P5 around it, in the base frame [1, m].
+        The centre P1, then P2 to P5 around it, in the base frame [1, m].
     q : (5, n) array
-        Configurations that reach them [rad, m].
+        Configurations of the poses [rad, m].
     edge : float
-        Of the cube [m].
+        Edge of the cube [m].
     words : str
-        How it was chosen.
+        A description of the choice.
     """
 
     poses: Array
@@ -120,7 +120,7 @@ def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
     command : (4, 4) array
         The commanded pose in the base frame [1, m].
     reached : (k, 4, 4) array
-        The poses that were reached, one for each cycle [1, m].
+        The reached pose of each cycle [1, m].
     noise : bool, optional
         Whether anything varied from cycle to cycle; without it there is no repeatability.
 
@@ -226,10 +226,10 @@ def _crossing(point: Array, tangent: Array, path: Array) -> Array:
 def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
     """Choose the five poses: the largest cube around the tool at a configuration that the arm can serve.
 
-    The cube's edges are parallel to the base axes and its centre is the tool at `q`, where the arm is used. Each of the
-    four planes of the standard goes through two opposite horizontal edges. The edge is as large as possible, in steps of
-    10 mm, such that for one of them all five poses are reached from `q` with its orientation and a margin of 0.02 rad (m)
-    from every joint limit. The plane with the largest edge is taken, the first among equals.
+    The cube's edges are parallel to the base axes and its centre is the tool at `q`. Each of the four planes of the standard
+    contains two opposite horizontal edges. The edge is the largest one, in steps of 10 mm, for which all five poses of some
+    plane are reached from `q` with its orientation and a margin of 0.02 rad (m) from every joint limit. The first such
+    plane is used.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
     q : (n,) array
         Configuration at the centre [rad, m].
     most_edge : float, optional
-        Largest edge that is tried [m].
+        Largest edge in the search [m].
 
     Returns
     -------
@@ -248,16 +248,16 @@ def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
     Raises
     ------
     InvalidInput
-        A configuration with another length or outside the limits, or around which no cube of 10 mm can be served.
+        A configuration with another length or outside the limits, or without a cube of 10 mm that the arm can reach.
     """
     centre = robot.configuration(q, "q")
     check_number(most_edge, "most_edge", "metres above 0", above=0.0)
-    solver, T = make_solver(robot, "lm", max_restarts=0), robot.fk(centre)  # one attempt: it stays on the branch
+    solver, T = make_solver(robot, "lm", max_restarts=0), robot.fk(centre)  # without restarts: on the same branch
     up = int(np.abs(robot.gravity).argmax())
     for edge in np.arange(round(most_edge / EDGE_STEP), 0, -1) * EDGE_STEP:
         for plane in _planes(up):
             poses = np.repeat(T[None], 5, axis=0)
-            poses[1:, :3, 3] += POSE_SHARE * 0.5 * edge * plane
+            poses[1:, :3, 3] += POSE_FRACTION * 0.5 * edge * plane
             found = _solve_cube(robot, solver, poses, centre)
             if found is not None:
                 return Cube(poses, found, float(edge), describe_cube(float(edge)))

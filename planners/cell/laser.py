@@ -1,4 +1,4 @@
-"""PanTiltLaser: a pan-tilt unit beside the arm, whose readings become points in the arm's base frame, and back."""
+"""PanTiltLaser: a pan-tilt laser unit; it converts readings to points in the arm's base frame and back."""
 
 from __future__ import annotations
 
@@ -29,17 +29,18 @@ from planners.cell.sighting import (
 __all__ = ["PanTiltLaser", "Plane", "SightStatus", "Sighting", "Spot"]
 
 ANGLE_SLACK = 1e-9
-"""How far pan and tilt may exceed their limits [rad]: a spot at a limit, computed back from its point, is off by rounding."""
+"""Tolerance on the pan and tilt limits [rad], for rounding of a spot at a limit."""
 
 RANGE_SLACK = 1e-9
-"""How far a range may exceed its limits [m], for the same reason; a point that is no farther than this is the unit's origin."""
+"""Tolerance on the range limits [m], for rounding of a spot at a limit; a nearer point counts as the unit's origin."""
 
 GRAZING = 1e-9
-"""Sine of the angle between beam and plane up to which they count as parallel [1]: 1 m of lever arm would lie 10⁶ km away."""
+"""Largest sine of the angle between a beam and a plane that count as parallel [1]: 1 m from the plane, such a beam would meet
+it 10⁶ km away."""
 
 ON_PAN_AXIS = 8 * np.finfo(np.float64).eps
-"""Distance from the pan axis, over the size of the coordinates, up to which a point is on it [1]: subtracting the unit's
-position leaves a few units of rounding, of which the arctangent would make a random pan."""
+"""Largest distance from the pan axis of a point that counts as on it, over the size of the coordinates [1]: rounding errors of
+that size would make the pan random."""
 
 TURN_UNIT = "move or turn the unit so that the spot is inside its limits"
 """Advice for a spot outside the limits of pan or tilt."""
@@ -49,12 +50,12 @@ TURN_UNIT = "move or turn the unit so that the spot is inside its limits"
 class PanTiltLaser:
     """A pan-tilt unit with a laser that measures the range along its beam.
 
-    At pan = tilt = 0 the beam goes along the unit's x axis. Pan turns it about the unit's z axis, then tilt about the turned
-    −y axis, so that a positive tilt raises it: d = (cos p · cos t, sin p · cos t, sin t). The beam leaves from the unit's
+    At pan = tilt = 0 the beam is the unit's x axis. Pan rotates it about the unit's z axis, then tilt about the rotated
+    −y axis, so that a positive tilt raises it: d = (cos p · cos t, sin p · cos t, sin t). The beam starts at the unit's
     origin. Points and planes are in the arm's base frame.
 
     The noise of a reading is normal and independent: ``angle_noise`` in pan and in tilt, ``range_noise`` in range. The
-    calibration's error is a small twist (v, ω) of the pose, along and about the axes of the base frame: the true origin is
+    calibration error is a small twist (v, ω) of the pose, along and about the axes of the base frame: the true origin is
     p + v, the true rotation Exp(ω) R.
 
     Parameters
@@ -62,17 +63,17 @@ class PanTiltLaser:
     pose : (4, 4) array
         The unit's frame in the arm's base frame [1, m].
     pan_limits : (2,) floats
-        Within ±2π [rad]. A pan may be given by any of its turns that is inside.
+        Limits of pan, within ±2π [rad]; a pan may be given modulo 2π.
     tilt_limits : (2,) floats
-        Within ±π/2 [rad].
+        Limits of tilt, within ±π/2 [rad].
     range_limits : (2,) floats
-        Not below 0; the upper one may be infinite [m].
+        Limits of the range, not below 0 [m]; the upper one may be infinite.
     angle_noise : float
         Standard deviation of pan and of tilt [rad].
     range_noise : float
         Standard deviation of the range [m].
     pose_covariance : (6, 6) array, optional
-        Of the twist (v, ω) of the pose, as `calibrate` returns it [m², m·rad, rad²]; by default the pose is exact.
+        Covariance of the twist (v, ω) of the pose, as `calibrate` returns it [m², m·rad, rad²]; by default the pose is exact.
 
     Raises
     ------
@@ -160,7 +161,7 @@ class PanTiltLaser:
         Returns
         -------
         Spot
-            Pan in (−π, π], tilt in [−π/2, π/2] [rad], range [m]. On the pan axis every pan is right, and 0 is returned.
+            Pan in (−π, π], tilt in [−π/2, π/2] [rad], range [m]. On the pan axis the pan is not determined; it is 0.
 
         Raises
         ------
@@ -242,12 +243,12 @@ class PanTiltLaser:
         pose : (4, 4) array
             The unit's frame in the arm's base frame [1, m].
         covariance : (6, 6) array, optional
-            Of the twist (v, ω) of that pose [m², m·rad, rad²]; by default the new pose is exact.
+            Covariance of the twist (v, ω) of that pose [m², m·rad, rad²]; by default the new pose is exact.
 
         Returns
         -------
         PanTiltLaser
-            The unit there.
+            The unit at that pose.
 
         Raises
         ------
@@ -265,7 +266,7 @@ class PanTiltLaser:
         point : (3,) or (..., 3) array
             True points in the arm's base frame [m].
         rng : Generator
-            Source of the noise; from the same state it gives the same readings.
+            Source of the noise; the same state gives the same readings.
 
         Returns
         -------
@@ -293,7 +294,7 @@ class PanTiltLaser:
         -------
         Sighting
             FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
-            pan axis, where every pan is right, it is the one inside the limits that is nearest to 0.
+            pan axis the pan is not determined; it is the one inside the limits that is nearest to 0.
 
         Raises
         ------
@@ -303,7 +304,7 @@ class PanTiltLaser:
         point = check_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))
         if spot.range <= RANGE_SLACK:
-            return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "ask for a point away from the unit")
+            return Sighting(SightStatus.AT_UNIT, "the point is the unit's origin", "choose a point away from the unit")
         ahead = float((point - self.pose[:3, 3]) @ self.pose[:3, 0]) > 0.0
         if self._on_pan_axis(point):
             spot = spot._replace(pan=float(np.clip(0.0, *self.pan_limits)))
@@ -322,7 +323,7 @@ class PanTiltLaser:
         Returns
         -------
         Sighting
-            FOUND, OUTSIDE_ANGLES, PARALLEL, BEHIND (the beam goes away from the plane), OUT_OF_RANGE or AT_UNIT (the unit's
+            FOUND, OUTSIDE_ANGLES, PARALLEL, BEHIND (the beam points away from the plane), OUT_OF_RANGE or AT_UNIT (the unit's
             origin lies on the plane). The covariance is that of the point on the plane, of rank 2: `covariance` without
             range noise, projected along the beam onto the plane.
 
@@ -337,13 +338,13 @@ class PanTiltLaser:
         d = self.direction(pan, tilt)
         along, lever = float(plane.normal @ d), -float(plane.distance(self.pose[:3, 3]))
         if abs(along) <= GRAZING:
-            reason = f"the beam is parallel to the plane, {abs(lever):.3g} m beside it"
+            reason = f"the beam is parallel to the plane, at a distance of {abs(lever):.3g} m"
             return Sighting(SightStatus.PARALLEL, reason, "turn the beam towards the plane")
         distance = lever / along
         if abs(distance) <= RANGE_SLACK:
             return Sighting(SightStatus.AT_UNIT, "the unit's origin lies on the plane", "move the unit off the plane")
         if distance < 0.0:
-            reason = f"the beam goes away from the plane, which lies {-distance:.3g} m behind the unit along it"
+            reason = f"the beam points away from the plane, which is {-distance:.3g} m behind the unit"
             return Sighting(SightStatus.BEHIND, reason, "turn the beam by half a turn, or move the unit")
         point = self.pose[:3, 3] + distance * d
         onto = np.eye(3) - np.outer(d, plane.normal) / along  # along the beam onto the plane

@@ -1,4 +1,4 @@
-"""Outcome: what came of a task of the cell, step by step, with the error of each correction and where it comes from."""
+"""Outcome: the result of a task of the cell, with its steps, the error of each round and the sources of the error."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MEASURED = ("tool", "residual", "error")
 class CellStatus(StrEnum):
     """The status of a task. Only ARRIVED is success; the arm is at rest in all of them as far as the drive knows.
 
-    NO_SPOT: the laser unit gives no point. NO_PLAN: no motion to it was found whose certificate holds. REFUSED: the drive or
+    NO_SPOT: the laser unit gives no point. NO_PLAN: no motion with a valid certificate was found. REFUSED: the drive or
     the gripper refused, and nothing was sent. STOPPED: the drive was stopped on request. FAULT: a fault of the drive
-    stopped it. NOT_MEASURED: the tool could not be measured, so that nothing could be corrected. SPOT_MOVES: the spot moved
-    on more often than allowed. DRY_RUN: the drive checked the motion and sent nothing.
+    stopped it. NOT_MEASURED: the tool could not be measured for a correction. SPOT_MOVES: the spot moved more often than
+    allowed. DRY_RUN: the drive checked the motion and sent nothing.
     """
 
     ARRIVED = "arrived"
@@ -50,14 +50,14 @@ class Step(NamedTuple):
     ok : bool
         Whether it succeeded.
     reason : str
-        What it found, or why it failed.
+        A description of its result, or why it failed.
     advice : str
-        What to try where it failed.
+        What to try if it failed.
     result : object
-        What it made, in the order of the names: Sighting, target pose (4, 4), Line, JointPath, Trajectory, Certificate,
-        Execution, true tool pose (4, 4), Robot, Robot, Execution, pose (4, 4) of the new target; None where it made none.
+        Its result, in the order of the names: Sighting, target pose (4, 4), Line, JointPath, Trajectory, Certificate,
+        Execution, true tool pose (4, 4), Robot, Robot, Execution, pose (4, 4) of the new target; None if it has none.
     seconds : float
-        How long it took [s].
+        Its computation time [s].
     """
 
     name: str
@@ -74,13 +74,13 @@ class Round(NamedTuple):
     Attributes
     ----------
     plan : Plan
-        What was planned.
+        The plan.
     execution : Execution
-        What the drive did.
+        The execution of the plan.
     tool : (3,) array
-        Where the tool really was at its end, in the base frame [m].
+        True position of the tool at the end, in the base frame [m].
     residual : (3,) array or None
-        Measured spot minus measured tool, both by the laser unit [m]; None where it was not measured.
+        Measured spot minus measured tool, both by the laser unit [m]; None if it was not measured.
     error : (3,) array
         Executed tool minus true spot [m].
     """
@@ -99,34 +99,33 @@ class Outcome:
     Attributes
     ----------
     robot : Robot
-        The arm with what it carries, whose tool is the grasp point.
+        The arm with its load; its tool is the grasp point.
     status : CellStatus
-        How it ended.
+        ARRIVED, or another status.
     steps : tuple of Step
-        All steps in order; the last one failed where the task did.
+        All steps in order; if the task failed, the last step failed.
     rounds : tuple of Round
         The motion and its corrections.
     error : ErrorSplit or None
-        Of the last round at its end; None where there is none.
+        Error split at the end of the last round; None without a round.
     path_split : PathSplit or None
-        Of the first round, along its path.
+        Error split along the path of the first round.
     target : (4, 4) array or None
-        Pose that the tool was sent to at last [1, m].
+        The last target pose of the tool [1, m].
     spot : (3,) array or None
-        Where the laser unit says that the spot is [m].
+        Position of the spot by the laser unit [m].
     true_spot : (3,) array or None
-        Where it truly is, as far as a simulation knows [m].
+        True position of the spot in a simulation [m].
     beam : ((3,), (3,)) tuple of arrays, or None
-        The laser's origin and the spot, to be drawn [m].
+        The laser's origin and the spot, for drawings [m].
     floor : float or None
-        What the noise of the readings of spot and tool leaves of the error after a correction, root mean square [m]; None
-        where nothing was corrected.
+        Root mean square of the error that the noise of the readings leaves after a correction [m]; None without a correction.
     base : (4, 4) array
         T_world_platform, the pose of the base frame in the world [1, m].
     scene : Scene or None
-        What must not be touched.
+        The obstacles.
     notes : tuple of str
-        What the reader must know, those of the drive among it.
+        Remarks for the reader, including those of the drive.
     """
 
     robot: Robot
@@ -154,12 +153,12 @@ class Outcome:
 
     @property
     def reason(self) -> str:
-        """Why the task failed; empty where it did not."""
+        """Why the task failed; empty if it did not fail."""
         return self.failed.reason if self.failed is not None else ""
 
     @property
     def advice(self) -> str:
-        """What to try where it failed; empty where it did not."""
+        """What to try after a failure; empty if the task did not fail."""
         return self.failed.advice if self.failed is not None else ""
 
     @property
@@ -169,7 +168,7 @@ class Outcome:
 
     @property
     def tool(self) -> Array | None:
-        """True position of the tool (3,) at the end, stopped or not [m]; None if nothing was executed."""
+        """True final position of the tool (3,) [m]; None if nothing was executed."""
         q = self.executions[-1].q[-1:] if self.executions else np.empty((0, self.robot.n))
         return self.robot.fk(q[0])[:3, 3] if len(q) and np.isfinite(q).all() else None
 
@@ -189,7 +188,7 @@ class Outcome:
         if len(self.rounds) > 1:
             off = ", ".join(f"{1e3 * np.linalg.norm(each.error):.4f}" for each in self.rounds)
             lines.append(
-                f"  round by round: {off} mm; the readings' noise leaves {1e3 * (self.floor or 0.0):.3g} mm (RMS)"
+                f"  errors of the rounds: {off} mm; the noise of the readings alone: {1e3 * (self.floor or 0.0):.3g} mm (RMS)"
             )
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 

@@ -16,7 +16,7 @@ from optik.se3 import FARTHEST, check_pose
 from optik.types import Array
 
 COVARIANCE_ROUNDING = 1e-9
-"""Asymmetry and negative eigenvalues of a covariance that count as rounding, over its largest entry [1]."""
+"""Largest asymmetry and negative eigenvalue of a covariance that count as rounding, over its largest entry [1]."""
 
 Limits = tuple[float, float]
 """A lower and an upper limit."""
@@ -95,8 +95,8 @@ class SightStatus(StrEnum):
     """Whether a unit sees a point, or where its beam meets a plane. Only FOUND is success.
 
     OUTSIDE_ANGLES: pan or tilt would have to leave its limits. OUT_OF_RANGE: nearer or farther than the unit measures.
-    PARALLEL: the beam is parallel to the plane. BEHIND: the plane, or the point, lies behind the unit, where its beam cannot
-    turn. AT_UNIT: the point is the unit's own origin, to which no direction leads.
+    PARALLEL: the beam is parallel to the plane. BEHIND: the plane, or the point, is behind the unit, where its beam cannot
+    turn. AT_UNIT: the point is the unit's own origin.
     """
 
     FOUND = "found"
@@ -134,15 +134,15 @@ class Sighting:
     Attributes
     ----------
     status : SightStatus
-        FOUND, or why not.
+        FOUND, or another status.
     reason, advice : str
-        Why it was not found, with numbers, and what to change; empty where it was.
+        Why there is no point, with numbers, and what to change; empty for FOUND.
     point : (3,) array or None
-        Where the spot is, in the arm's base frame [m].
+        Position of the spot in the arm's base frame [m].
     spot : Spot or None
-        What the unit reads there, without noise [rad, rad, m].
+        Its reading by the unit without noise [rad, rad, m].
     covariance : (3, 3) array or None
-        Of the point: angle, range and calibration noise carried to it, to first order [m²].
+        Covariance of the point from the noise of angles, range and calibration, to first order [m²].
     """
 
     status: SightStatus
@@ -158,14 +158,14 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane in the arm's base frame, such as the graph paper. It is taken as known exactly.
+    """A plane in the arm's base frame, such as the graph paper; it is assumed exact.
 
     Parameters
     ----------
     point : (3,) array
         A point on it [m].
     normal : (3,) array
-        Perpendicular to it, to either side; of any length [1].
+        Normal of the plane, to either side, of any length [1].
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class Plane:
         Parameters
         ----------
         T : (4, 4) array
-            Pose T_ab of the frame b that the plane is given in, in the frame a that it is wanted in [1, m].
+            Pose T_ab, where the plane is given in frame b and returned in frame a [1, m].
 
         Returns
         -------

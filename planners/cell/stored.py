@@ -1,4 +1,4 @@
-"""restore_plan: the plan of a motion that was read from a file, so that drives can execute and stop it."""
+"""restore_plan: the plan of a motion from a file, which drives can execute and stop."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
 from planners.certificate.validity import check_valid
 from planners.certificate.violation import Allow
+from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
 from planners.plan import PATH_FRACTION, Plan, judge_certificate
 
 SAME_WAY = 1e-4
-"""Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and an
-arm that goes another way is farther off at once."""
+"""Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and
+another joint path is farther off at once."""
 
 
 def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Plan:
@@ -56,8 +57,9 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))
-        what = f"{solver} takes {motion.robot.joint_names[joint]} another way: {off.max():.3g} off at t = {t[i]:.6g} s"
-        raise NoSolution(what, s=float(s[i]), advice="the IK method that the motion was planned with; or plan again")
+        name, away = motion.robot.joint_names[joint], f"{off.max():.3g} {joint_unit(motion.robot, joint)}"
+        what = f"{solver} finds another joint path: {name} is {away} off the motion at t = {t[i]:.6g} s"
+        raise NoSolution(what, s=float(s[i]), advice="use the IK method of the plan, or plan again")
     status, failure = judge_certificate(proof)
     return Plan(
         motion.robot, motion.path, motion.limits, status, solver, motion.law, joints, failure,
@@ -66,7 +68,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
 
 
 def _follow_path(motion: Motion, solver: str) -> JointPath:
-    """The joint path from the motion's start."""
+    """Return the joint path from the motion's start."""
     tolerance = motion.tolerance or DEFAULT_TOLERANCE
     allowed = tolerance.scaled(PATH_FRACTION)
     found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)

@@ -15,8 +15,8 @@ from docs.drawings import cell as page
 from docs.drawings.frames import dh_link, draw_frames
 from docs.drawings.layers import COMMANDS, draw_layers, limits_in_words
 from docs.drawings.setting import draw_setting
-from docs.drawings.sheet import DARK, LIGHT, broken, written_width
-from docs.drawings.view import fitted, viewed
+from docs.drawings.sheet import DARK, LIGHT, break_lines, text_width
+from docs.drawings.view import fit_view, make_view
 from docs.drawings.workflow import draw_workflow
 from optik.errors import InvalidInput
 from planners import MotionLimits
@@ -49,7 +49,7 @@ def assert_inside(svg: str) -> None:
     for part in root.iter():
         pairs = [tuple(map(float, p.split(","))) for p in part.get("points", "").split()]
         if part.tag == f"{SVG}text":
-            x, y, long = float(part.get("x")), float(part.get("y")), written_width(part.text)
+            x, y, long = float(part.get("x")), float(part.get("y")), text_width(part.text)
             left = x - long * {"start": 0.0, "middle": 0.5, "end": 1.0}[part.get("text-anchor")]
             pairs += [(left, y), (left + long, y - 10.0)]
         if part.tag == f"{SVG}rect" and part.get("x"):
@@ -135,7 +135,7 @@ def test_the_workflow_has_every_step_of_the_tasks_once_in_order() -> None:
 
 
 def test_the_loops_of_the_workflow_are_drawn(drawings: dict[str, str]) -> None:
-    assert {"correct the rest", "the spot moved", "a new line"} <= set(words_of(drawings["cell-workflow.svg"]))
+    assert {"correct the error", "the spot moved", "a new line"} <= set(words_of(drawings["cell-workflow.svg"]))
 
 
 # ---------------------------------------------------------------- frames and setting
@@ -171,10 +171,10 @@ def test_the_papers_lengths_are_written_at_its_links() -> None:
 
 
 def test_up_is_against_gravity_and_points_fill_their_box() -> None:
-    view = viewed(np.array([0.0, 1.0, 0.0]))
+    view = make_view(np.array([0.0, 1.0, 0.0]))
     assert view((0.0, -1.0, 0.0))[1] < 0.0 == pytest.approx(view((0.0, -1.0, 0.0))[0], abs=1e-15)
     points = np.random.default_rng(0).normal(size=(50, 3))
-    there = fitted(view, points, (10.0, 20.0, 200.0, 100.0))(points)
+    there = fit_view(view, points, (10.0, 20.0, 200.0, 100.0))(points)
     assert (there.min(axis=0) >= (10.0 - 1e-9, 20.0 - 1e-9)).all()
     assert (there.max(axis=0) <= (210.0 + 1e-9, 120.0 + 1e-9)).all()
     assert np.isclose(np.ptp(there, axis=0), (200.0, 100.0)).any()
@@ -199,8 +199,8 @@ def test_the_setting_of_any_arm_is_inside_the_sheet(name: str) -> None:
 
 
 def test_lines_are_broken_between_words() -> None:
-    assert broken("one two three", written_width("one two")) == ["one two", "three"]
-    assert broken("incomprehensibilities of", 10.0) == ["incomprehensibilities", "of"]
+    assert break_lines("one two three", text_width("one two")) == ["one two", "three"]
+    assert break_lines("incomprehensibilities of", 10.0) == ["incomprehensibilities", "of"]
 
 
 def test_the_commands_of_the_application_layer_exist() -> None:

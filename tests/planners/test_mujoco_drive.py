@@ -12,7 +12,7 @@ from optik.errors import InvalidInput, MissingDependency
 from planners import plan
 from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
 from planners.cell.drives._run import Commands
-from planners.cell.drives._servo import NEW_SHARE, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
+from planners.cell.drives._servo import NEW_WEIGHT, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
 from planners.timing import make_law
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -207,7 +207,7 @@ def test_a_servo_goes_on_with_the_first_reading_of_an_encoder_that_returns():
         servo(tuned, M, asked, position, state, 5e-4, torque)
         speed = (position - before[0]) / 5e-4
         change = np.where(np.isnan(speed), 0.0, asked[1] - speed)
-        filtered = np.where(np.isnan(position), 0.0, before[1] + tuned[NEW_SHARE] * (change - before[1]))
+        filtered = np.where(np.isnan(position), 0.0, before[1] + tuned[NEW_WEIGHT] * (change - before[1]))
         correction = tuned[POSITION_GAIN] * (asked[0] - position) + tuned[VELOCITY_GAIN] * filtered
         np.testing.assert_allclose(torque, asked[2] + np.where(np.isnan(position), 0.0, correction), rtol=1e-12)
 

@@ -1,4 +1,4 @@
-"""Drives: one module a drive, found by its name; each executes certified plans on one arm."""
+"""Drives, which execute certified plans on one arm. Each drive is a module that is found by its name."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def make_drive(drive: str | os.PathLike[str], robot: Robot, **options: Any) -> D
     Raises
     ------
     UnknownName
-        No such drive; the nearest names are offered.
+        No such drive; the message lists the nearest names.
     InvalidInput
-        An option that the drive does not have, or out of range.
+        An option that the drive does not have, or that is out of range.
     MissingDependency
         The drive needs a package that is not installed.
     """

@@ -25,7 +25,7 @@ class Stall:
     joint : str or int
         Its name or its index.
     at, until : float
-        From when to when, on the drive's clock (`SimulatedDrive.clock`) [s].
+        Start and end on the drive's clock (`SimulatedDrive.clock`) [s].
     """
 
     joint: str | int
@@ -42,9 +42,9 @@ class LostEncoder:
     joint : str or int
         Its name or its index.
     at, until : float
-        From when to when, on the drive's clock [s].
+        Start and end on the drive's clock [s].
     frozen : bool
-        Whether it goes on reading what it read last.
+        Whether it repeats its last reading.
     """
 
     joint: str | int
@@ -55,14 +55,14 @@ class LostEncoder:
 
 @dataclass(frozen=True)
 class LateHost:
-    """A host that sends nothing for some ticks, and then all missed set-points.
+    """A late host: it sends nothing for some ticks, then all missed set-points.
 
     Attributes
     ----------
     at : float
-        When it falls silent, on the drive's clock [s].
+        Start of the silence on the drive's clock [s].
     ticks : int
-        For how many ticks.
+        Number of silent ticks.
     """
 
     at: float
@@ -71,16 +71,16 @@ class LateHost:
 
 @dataclass(frozen=True)
 class WrongSetpoint:
-    """One set-point with an error; NaN makes it invalid.
+    """One wrong set-point of the host.
 
     Attributes
     ----------
     at : float
-        When: the first set-point whose time on the drive's clock is not before [s].
+        Time on the drive's clock from which the first set-point is wrong [s].
     joint : str or int
         Its name or its index.
     by : float
-        How far off [rad, m].
+        Its error [rad, m]; NaN for an invalid number.
     """
 
     at: float
@@ -89,24 +89,23 @@ class WrongSetpoint:
 
 
 Disturbance = Stall | LostEncoder | LateHost | WrongSetpoint
-"""What can be given as ``disturbances`` of a simulated drive."""
-
+"""One of the ``disturbances`` of a simulated drive."""
 
 ENCODER = 2.0**20
-"""Counts per turn of an encoder by default: the 20 bits of common absolute encoders behind the gear."""
+"""Default counts per turn of an encoder: the 20 bits of common absolute encoders behind the gear."""
 SCALE = 1e-6
-"""Resolution of a sliding joint's encoder by default [m]: a linear scale's."""
+"""Default resolution of a prismatic joint's encoder [m]: that of a linear scale."""
 FOLLOWING = (0.05, 0.005)
-"""Largest difference of set-point and reading by default [rad, m]: far above the lag of a servo that works, far below what
-a blocked joint reaches in a quarter of a second."""
+"""Default of the largest difference of set-point and reading [rad, m]: far above the lag of a working servo, far below the
+error of a blocked joint after a quarter of a second."""
 START_AWAY = (1e-3, 1e-4)
-"""Largest difference of the arm's reading and a plan's start by default [rad, m]: what a servo may leave under gravity."""
+"""Default of the largest distance of the arm from a plan's start [rad, m]: the error of a servo under gravity."""
 END_AWAY = (5e-3, 5e-4)
-"""Largest difference of set-point and reading at rest by default [rad, m]: several times what a servo without integral part
-leaves under gravity."""
+"""Default of the largest difference of set-point and reading at rest [rad, m]: several times the error of a servo without
+integral action under gravity."""
 HELD_AHEAD = 10
-"""How many set-points are sent ahead by default: 40 ms at 4 ms, more than the usual delays of an operating system that is
-not made for real time."""
+"""Default number of set-points that are sent ahead: 40 ms at 4 ms, more than the usual delays of an operating system without
+real-time scheduling."""
 
 
 class Options(NamedTuple):
@@ -115,22 +114,22 @@ class Options(NamedTuple):
     Attributes
     ----------
     period : float
-        Of the servo [s].
+        Servo period [s].
     ahead : int
-        How many set-points the drive holds beyond the present one.
+        Number of set-points that the drive has beyond the present one.
     hold : bool
         Whether set-points are held for a period instead of interpolated.
     resolution : (n,) array
-        Of the encoders [rad, m]; 0 where exact.
+        Resolution of the encoders [rad, m]; 0 for an exact one.
     noise : float
         Standard deviation of the readings [rad, m].
     following, start, end : (n,) arrays
-        Largest difference of set-point and reading on the way, of reading and a plan's start, and of set-point and reading
-        at rest [rad, m].
+        Largest difference of set-point and reading during the motion, of reading and a plan's start, and of set-point and
+        reading at rest [rad, m].
     pace : float or None
-        Seconds of the motion per second of the clock on the wall [1]; None for as fast as possible.
+        Seconds of the motion per second of real time [1]; None for as fast as possible.
     disturbances : tuple
-        What goes wrong, and when.
+        The simulated faults with their times.
     """
 
     period: float
@@ -167,7 +166,7 @@ def make_options(
 
 
 def joint_index(robot: Robot, joint: str | int) -> int:
-    """Return the index of a joint that is given by its name or its index."""
+    """Return the index of a joint, given by its name or its index."""
     if isinstance(joint, str) and joint in robot.joint_names:
         return robot.joint_names.index(joint)
     if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < robot.n:

@@ -1,4 +1,4 @@
-"""One execution on a simulated drive while it runs: its set-points, what stops it, and the record of what the arm did."""
+"""An execution on a simulated drive while it runs: its set-points, its stop, and the record of the arm's motion."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from planners.trajectory import Trajectory
 
 
 class EncoderMonitor:
-    """A monitor of frozen encoders: how long each reading has been the same, and how far its set-point moved meanwhile."""
+    """A monitor of frozen encoders: the time since each reading last changed, and the motion of its set-point since then."""
 
     def __init__(self) -> None:
         self._read = self._low = self._high = self._since = np.array(np.nan)
 
-    def update(self, read: Array, asked: Array, t: float) -> Array:
+    def update(self, read: Array, setpoint: Array, t: float) -> Array:
         """Return how far each set-point moved since the reading of its joint last changed (n,) [rad, m]."""
         fresh = read != self._read  # NaN always counts as a new reading
         self._read = read.copy()
         self._since = np.where(fresh, t, self._since)
-        self._low = np.where(fresh, asked, np.minimum(self._low, asked))
-        self._high = np.where(fresh, asked, np.maximum(self._high, asked))
+        self._low = np.where(fresh, setpoint, np.minimum(self._low, setpoint))
+        self._high = np.where(fresh, setpoint, np.maximum(self._high, setpoint))
         moved: Array = self._high - self._low
         return moved
 
     def seconds(self, t: float) -> Array:
-        """Return for how long each reading has been the same (n,) [s], at a time [s]."""
+        """Return the time since each reading last changed (n,) [s], at a time [s]."""
         seconds: Array = t - self._since
         return seconds
 
 
 class Commands(NamedTuple):
-    """The commands to the servo at the plant's steps of one period, its start and its end included.
+    """The commands to the servo at the plant's steps of one period, including its start and its end.
 
     Attributes
     ----------
     t : (m + 1,) array
-        Times since the period's start, 0 first, the period last [s].
+        Times from 0 to the period [s].
     q, dq, ddq : (m + 1, n) arrays
         Commanded positions [rad, m], velocities [rad/s, m/s] and accelerations [rad/s², m/s²].
     """
@@ -63,7 +63,7 @@ class Steps(NamedTuple):
     q, dq : (m, n) arrays
         Positions [rad, m] and velocities [rad/s, m/s].
     torque : (m, n) array or None
-        Torques of the motors [N·m, N], where the plant has torques.
+        Torques of the motors [N·m, N]; None if the plant has no torques.
     """
 
     q: Array
@@ -81,7 +81,7 @@ def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
         rows = (np.repeat(x[at : at + 1], steps + 1, axis=0) for x in (stream.q, still * stream.dq, still * stream.ddq))
         return Commands(u[:, 0] * period, *rows)
     q, v = stream.q[k], stream.dq[k] * period
-    # the cubic from (q, v) to (q, v) of the next set-point, by powers of the share u of the period
+    # the cubic from (q, v) to the next set-point, in powers of the fraction u of the period
     d, w = stream.q[k + 1] - q, stream.dq[k + 1] * period
     c2, c3 = 3.0 * d - 2.0 * v - w, v + w - 2.0 * d
     position = q + u * (v + u * (c2 + u * c3))
@@ -97,29 +97,29 @@ class Run:
     Attributes
     ----------
     plan : Plan
-        What is executed.
+        The plan that is executed.
     motion : Trajectory
-        What is sent: that of the plan; once it is stopped, up to the stop and the stop.
+        The motion that is sent: the plan's, or after a stop request the plan's up to the stop and then the stop.
     stream : Setpoints
-        Its set-points.
+        Set-points of that motion.
     stop : Plan or None
-        The stop; certified, but perhaps after a fault.
+        The stop; it is certified, except for some stops after a fault.
     stopping : bool
-        Whether a stop was begun, or looked for in vain.
+        Whether a stop was started, or was searched without result.
     requested : bool
-        Whether it was requested.
+        Whether the stop was requested.
     fault : Fault or None
-        What went wrong.
+        The first fault.
     stuck : int or None
         Index of the joint that did not follow.
     late : int
-        Late ticks.
+        Number of late ticks.
     notes : list of str
-        What the reader must know.
+        Remarks for the reader.
     encoders : EncoderMonitor
-        Encoders whose readings do not change.
+        Monitor of frozen encoders.
     allow : tuple of str
-        Which violations of the plan and of its stop are permitted.
+        Permitted violations of the plan and of its stop.
     """
 
     plan: Plan
@@ -142,36 +142,34 @@ class Run:
 
     @property
     def last(self) -> int:
-        """Number of the tick at which the last set-point is due."""
+        """Index of the tick of the last set-point."""
         return len(self.stream.t) - 1
 
     @property
     def at_goal(self) -> bool:
-        """Whether what is sent ends at the end of the plan: there was no stop, or the shortest one ends there."""
+        """Whether the sent motion ends at the end of the plan: there is no stop, or the shortest stop ends there."""
         return self.stop is None or ends_at_goal(self.stop)
 
     def stop_at(self, tick: int) -> None:
-        """Replace the set-points after a tick by a stop; where none is certified the arm goes on to the end.
+        """Replace the set-points after a tick by a certified stop; without one the arm continues to the end of the plan.
 
-        After a fault the stop that passes the limits least is better than going on: it is sent, and the notes say so.
+        After a fault, a stop that exceeds limits is better than continuing: it is sent, and a note says so.
         """
         if self.stopping:
             return
         self.stopping = True
         t = tick * self.stream.period
         if tick >= self.last or t >= self.motion.end:
-            self.notes.append(
-                "the set-points that the drive held already reached the end of the plan: no stop was needed"
-            )
+            self.notes.append("the drive already had the set-points up to the end of the plan: no stop was needed")
             return
         found = plan_stop(self.plan, t, allow=self.allow)
         if not found:
             assert found.failure is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"
             if self.fault is None or found.status is not PlanStatus.NOT_PROVED:
-                self.notes.append(f"{why}; so the plan was ended")
+                self.notes.append(f"{why}; the plan was executed to its end")
                 return
-            self.notes.append(f"{why}; it was sent all the same, because of the fault")
+            self.notes.append(f"{why}; it was sent anyway, because of the fault")
         self.stop = found
         self.motion = join(cut_after(self.motion, t), found.trajectory)
         self.stream = make_setpoints(self.motion, self.stream.period)
@@ -179,13 +177,13 @@ class Run:
             self.notes.append("the shortest stop within the limits ends at the end of the path")
 
     def fail(self, fault: Fault, tick: int) -> None:
-        """Note a fault, the first one only, and stop."""
+        """Record the fault if it is the first one, and stop."""
         if self.fault is None:
             self.fault = fault
         self.stop_at(tick)
 
     def extend(self, ticks: int) -> None:
-        """Hold the last set-point up to a tick, so that there is one set-point for each reading."""
+        """Hold the last set-point up to a tick, so that each reading has a set-point."""
         more = ticks - self.last
         if more <= 0:
             return
@@ -196,7 +194,7 @@ class Run:
         self.stream = Setpoints(period, t, *(np.concatenate([x, y]) for x, y in zip((q, dq, ddq), held, strict=True)))
 
     def record(self, start: float, times: Array, steps: Steps) -> None:
-        """Append what the arm did in one period."""
+        """Append the motion of the arm in one period."""
         self.t.append(start + times)
         self.q.append(steps.q)
         self.dq.append(steps.dq)

@@ -1,4 +1,4 @@
-"""Position servos of simulated motors: gains, derived from the arm's inertia, and the law at every step of the plant."""
+"""Position servos of simulated motors: gains from the arm's inertia, and the control law at every step of the plant."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 BANDWIDTH = 10.0
-"""Natural frequency of the servos by default [Hz]: position loops of industrial arms stay below the first resonance of their
+"""Default natural frequency of the servos [Hz]: position loops of industrial arms are below the first resonance of their
 gears, some 10 to 20 Hz."""
 
 DAMPING = 1.0
-"""Damping ratio of the servos by default [1]: no overshoot, but for the filter of the velocity."""
+"""Default damping ratio of the servos [1]: without the velocity filter there is no overshoot."""
 
-FILTER_SHARE = 0.25
-"""Time constant of the filter of the velocity, times the natural frequency in rad/s [1]: 4 ms at 10 Hz. More makes the loop
-ring (the damping ratio of its fast part is 0.65), less makes motors shake by the counts of the encoders."""
+FILTER_TIME = 0.25
+"""Time constant of the velocity filter times the natural frequency in rad/s [1]: 4 ms at 10 Hz. A larger one makes the loop
+ring (the damping ratio of its fast part is 0.65), a smaller one makes the motors follow the counts of the encoders."""
 
 FASTEST_GAIN = 1.0
-"""Largest gain of the velocity, and natural frequency in rad/s, times the step of the plant [1]: beyond, a servo does more in
-one step than it corrects, and motors shake between their limits (from 160 Hz on at 0.5 ms)."""
+"""Largest velocity gain, and natural frequency in rad/s, times the step of the plant [1]: with a larger one a servo
+overcorrects in one step, and motors oscillate between their limits (from 160 Hz at 0.5 ms)."""
 
 EXAMINED = 20
-"""Configurations at which it is examined whether every joint moves a mass: one is enough but for singular ones."""
+"""Number of configurations at which the inertia of every joint is checked: one is enough if it is not singular."""
 
 FULL_TURN = pi
-"""Position limits are cut to this on both sides of 0 [rad, m]: joints without limits repeat after a turn."""
+"""Largest absolute position of the sampled configurations [rad, m]: joints without limits repeat after a turn."""
 
 
 class Gains(NamedTuple):
-    """Gains of the servos, by joint: accelerations per error, which the mass matrix turns into torques.
+    """The gains of the servos by joint: accelerations per error; the mass matrix times these accelerations is the torque.
 
     Attributes
     ----------
     frequency : (n,) array
-        Natural frequency [rad/s]; its square is the gain of the position [1/s²].
+        Natural frequency ω [rad/s]; its square is the position gain [1/s²].
     damping : (n,) array
-        Gain of the velocity, 2 ζ ω [1/s].
+        Velocity gain 2 ζ ω [1/s].
     filter : (n,) array
-        Time constant of the filter of the velocity [s].
+        Time constant of the velocity filter [s].
     """
 
     frequency: Array
@@ -55,14 +55,14 @@ class Gains(NamedTuple):
 
 
 def compute_gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:
-    """Return the gains of servos under which every joint's error decays like a mass on a spring and a damper."""
+    """Return the gains with which the error of every joint decays as that of a mass with a spring and a damper."""
     _check_inertia(robot)
     w = 2.0 * pi * _check_positive(robot, bandwidth, "bandwidth")
-    return Gains(w, 2.0 * w * _check_positive(robot, damping, "damping"), FILTER_SHARE / w)
+    return Gains(w, 2.0 * w * _check_positive(robot, damping, "damping"), FILTER_TIME / w)
 
 
 def check_step(found: Gains, step: float) -> None:
-    """Raise where servos are too fast for the step of the plant."""
+    """Raise InvalidInput if the servos are too fast for the step of the plant."""
     fastest = float(np.maximum(found.frequency, found.damping).max())
     if fastest * step > FASTEST_GAIN:
         wanted = f"gains of at most {FASTEST_GAIN / step:.0f} 1/s at steps of {1000.0 * step:g} ms, or a smaller step"
@@ -70,7 +70,7 @@ def check_step(found: Gains, step: float) -> None:
 
 
 def _check_inertia(robot: Robot) -> None:
-    """Raise InvalidInput where a joint moves no mass: no torque would be finite."""
+    """Raise InvalidInput if a joint moves no mass."""
     low, high = np.maximum(robot.limits.lower, -FULL_TURN), np.minimum(robot.limits.upper, FULL_TURN)
     low, high = np.minimum(low, high), np.maximum(low, high)  # limits that begin beyond a turn
     M = robot.mass_matrix(np.random.default_rng(0).uniform(low, high, (EXAMINED, robot.n)))
@@ -91,25 +91,24 @@ def _check_positive(robot: Robot, value: ArrayLike, argument: str) -> Array:
     return np.broadcast_to(array, (robot.n,)).copy()
 
 
-POSITION_GAIN, VELOCITY_GAIN, NEW_SHARE, COUNT, FARTHEST_OFF, MOST_TORQUE = range(6)
-"""Rows of what the compiled law takes: gains of position [1/s²] and velocity [1/s], share of a new difference in the filtered
-velocity [1], resolution of the encoder [rad, m] (0 where exact), difference of position at which the motor is switched off
+POSITION_GAIN, VELOCITY_GAIN, NEW_WEIGHT, COUNT, FARTHEST_OFF, MOST_TORQUE = range(6)
+"""Rows of the parameters of `servo`: position gain [1/s²], velocity gain [1/s], weight of a new difference in the filtered
+velocity [1], resolution of the encoder [rad, m] (0 for an exact one), position error at which the motor is switched off
 [rad, m], and largest torque [N·m, N]."""
 
 
 def pack_gains(found: Gains, step: float, resolution: Array, following: Array, most: Array) -> Array:
-    """Put together what the compiled law takes: one array, as each costs 0.2 µs at every step."""
-    share = step / (found.filter + step)
-    return np.array([found.frequency**2, found.damping, share, resolution, following, most])
+    """Return the parameters of `servo` in one array, because each array costs 0.2 µs at every step."""
+    weight = step / (found.filter + step)
+    return np.array([found.frequency**2, found.damping, weight, resolution, following, most])
 
 
 @compiled
 def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, step: float, torque: Array) -> None:
-    """Torques of the motors for one step of the plant.
+    """Compute the torques of the motors for one step of the plant.
 
-    The velocity is the difference of two encoder readings over the step, and so is compared with the difference of two
-    commanded positions; what remains is filtered. A motor whose joint is further from its set-point than the servo
-    allows is switched off, and stays off.
+    The measured velocity is the difference of two encoder readings over the step. The difference of commanded and measured
+    velocity is filtered. A motor is switched off for good when its joint is too far from its set-point.
 
     Shapes and units: tuned (6, n) [as the rows say], M (n, n) [kg·m², kg·m, kg], asked (3, n) [rad, m], position (n,) [rad, m],
     state (4, n) [rad, m], step [s], torque (n,) [N·m, N] (overwritten).
@@ -123,7 +122,7 @@ def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, s
             difference = asked[1, i] - (read - state[0, i]) / step
             if difference != difference:  # the encoder is back
                 difference = 0.0
-            state[1, i] += tuned[NEW_SHARE, i] * (difference - state[1, i])
+            state[1, i] += tuned[NEW_WEIGHT, i] * (difference - state[1, i])
             if abs(asked[0, i] - read) > tuned[FARTHEST_OFF, i]:
                 state[2, i] = 1.0
             if state[2, i] == 0.0:

@@ -1,4 +1,4 @@
-"""A motion as a servo takes it: positions and velocities at every tick of its period, and how many periods it lasts."""
+"""Set-points: the states of a motion at every tick of a servo, and its number of periods."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory
 
 PERIOD = 0.004
-"""The servo period by default [s]: 250 set-points per second, as many controllers of arms take them."""
-
+"""Default servo period [s]: 250 set-points per second, as for many controllers of arms."""
 
 MOST_PERIODS = 500_000
 """Largest number of periods of a motion: half an hour at 4 ms, for which a simulated arm stores half a gigabyte."""
@@ -32,9 +31,9 @@ class Setpoints(NamedTuple):
     Attributes
     ----------
     period : float
-        Of the servo [s].
+        Servo period [s].
     t : (k,) array
-        Times of the ticks, 0 to the first whole number of periods that the motion does not exceed [s].
+        Times of the ticks, from 0 to the first tick that is not before the motion's end [s].
     q, dq, ddq : (k, n) arrays
         Positions [rad, m], velocities [rad/s, m/s] and accelerations [rad/s², m/s²].
     """
@@ -49,20 +48,20 @@ class Setpoints(NamedTuple):
 def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
     """Slow a plan uniformly to a whole number of the servo's periods, and certify it again.
 
-    Its last set-point is then its end, exactly. A plan with a constant tool speed stays as it is, and so does one that
-    starts in motion, whose initial velocity must not change: their last set-point is held to the end of its period.
+    Its last set-point is then exactly its end. A plan with constant tool speed or a moving start is not stretched. Its last
+    set-point is held to the end of the period.
 
     Parameters
     ----------
     plan : Plan
-        One with a motion.
+        A plan with a motion.
     period : float
-        Of the servo [s].
+        Servo period [s].
 
     Returns
     -------
     Plan
-        Its duration is n · period; the slowing is in `Plan.slowed`.
+        The plan with a duration of n · period; the factor is `Plan.slowed`.
 
     Raises
     ------
@@ -79,9 +78,9 @@ def fit_periods(plan: Plan, period: float = PERIOD) -> Plan:
 
 
 def slow_to(plan: Plan, duration: float) -> Plan:
-    """Slow a plan that begins at rest uniformly to a duration, and certify it again."""
+    """Return a plan that begins at rest, slowed uniformly to a duration and certified again."""
     motion, proof = plan.trajectory, plan.certificate
-    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # what is rounding is cut off the last piece
+    stretched = motion.slowed(max(duration / motion.duration, 1.0))  # the last piece is shortened by the rounding error
     knots = stretched.knots.copy()
     knots[-1] = duration
     moved = replace(plan.motion, trajectory=Trajectory(scipy.interpolate.PPoly(stretched.coefficients, knots)))
@@ -102,15 +101,15 @@ def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -
     Parameters
     ----------
     motion : Trajectory, Motion or Plan
-        What is executed.
+        The executed motion.
     period : float
-        Of the servo [s].
+        Servo period [s].
 
     Returns
     -------
     Setpoints
-        At t = 0, period, … up to the first tick that is not before the motion's end. Where an acceleration jumps at a
-        tick, the mean of both sides.
+        At t = 0, period, … up to the first tick that is not before the motion's end. At a jump of the acceleration, the
+        mean of both sides.
 
     Raises
     ------
@@ -131,7 +130,5 @@ def count_periods(motion: Trajectory, period: float) -> int:
         raise InvalidInput("period", f"{period:.6g} s", f"at most the duration of the motion, {motion.end:.6g} s")
     if motion.end > MOST_PERIODS * period:
         came = f"{period:.6g} s, for a motion of {motion.end:.6g} s"
-        raise InvalidInput(
-            "period", came, f"a motion of at most {MOST_PERIODS:,} periods: higher limits, or a longer period"
-        )
+        raise InvalidInput("period", came, f"at most {MOST_PERIODS:,} periods: a longer period, or higher limits")
     return max(ceil((motion.end - SAME_INSTANT) / period), 1)

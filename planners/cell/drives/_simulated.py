@@ -1,4 +1,4 @@
-"""SimulatedDrive: the loop over the servo's ticks that every simulated arm shares, with stop, resume and faults."""
+"""SimulatedDrive: the loop over the servo's ticks of every simulated arm, with stop, resume and faults."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ BRAKING = 10.0
 
 
 class SimulatedDrive(Drive):
-    """A drive whose arm is computed. A plant is a subclass with `_place`, `_advance` and `_actual`.
+    """A drive with a simulated arm. A plant is a subclass with `_place`, `_advance` and `_actual`.
 
-    At tick k the drive holds the set-points up to k + ahead, and the certified stop from the last of them: whatever stops
-    it (a request, a fault, a host that falls silent) it goes on to that set-point and then along that stop.
+    At tick k the drive has the set-points up to k + ahead, and the certified stop from the last of them. After a request, a
+    fault or a silent host, the arm continues to that set-point and then along that stop.
 
     Parameters
     ----------
     robot : Robot
-        The arm, as it is planned for.
+        The arm of the plans.
     q : (n,) array, optional
-        Where it stands [rad, m]; by default at the start of the first plan.
+        Initial configuration [rad, m]; by default the start of the first plan.
     step : float
-        Of the plant, at most [s]; a whole number of steps is one period.
+        Largest step of the plant [s]; the period is a whole number of steps.
     seed : int
-        Of the encoders' noise.
+        Seed of the encoder noise.
     **others
-        As for `planners.cell.drives._options.options`.
+        Options of `planners.cell.drives._options.make_options`.
 
     Raises
     ------
     InvalidInput
-        One of them out of range.
+        An argument is out of range.
     """
 
     simulated: ClassVar[bool] = True
     settling: float = 0.0
-    """How long the last set-point is held after its tick, so that the arm comes to rest [s]."""
+    """Time for which the last set-point is held after its tick, so that the arm comes to rest [s]."""
 
     def __init__(
         self, robot: Robot, q: ArrayLike | None = None, *, step: float = 0.0005, seed: int = 0, **others: Any
@@ -71,10 +71,10 @@ class SimulatedDrive(Drive):
         self.steps = ceil(self.period / step * (1.0 - 1e-9))
         check_count(seed, "seed", 0)
         self.clock = 0.0
-        """Time that the drive has executed so far, over all executions [s]."""
+        """Total time of all executions so far [s]."""
         self._noise = np.random.default_rng(seed)
         self._frozen: dict[int, float] = {}
-        self._stuck: int | None = None  # the joint that does not follow, for which the present execution is stopped
+        self._stuck: int | None = None  # the joint that does not follow, because of which the execution is stopped
         self._placed = False
         if q is not None:
             self._put(q)
@@ -87,21 +87,21 @@ class SimulatedDrive(Drive):
 
     @abstractmethod
     def _advance(self, asked: Commands, stalled: Flags) -> Steps:
-        """Take the arm through one period; joints that are stalled (n,) stand still."""
+        """Simulate one period and return the states of the arm; stalled joints (n,) do not move."""
 
     @abstractmethod
     def _actual(self) -> Array:
-        """Where the arm really stands (n,) [rad, m]."""
+        """Return the true configuration of the arm (n,) [rad, m]."""
 
     def _torque(self) -> Array | None:
-        """Torques of the motors now (n,) [N·m, N], where the plant has torques."""
+        """Return the present torques of the motors (n,) [N·m, N]; None if the plant has no torques."""
         return None
 
     def _put_brakes_on(self) -> None:
         """Apply the brakes to all joints from now on, if the plant has brakes."""
 
     def _remarks(self) -> tuple[str, ...]:
-        """What every execution on this plant must say: defaults that stand in for unknown values."""
+        """Return the notes of every execution on this plant: defaults used for unknown values."""
         return ()
 
     # ------------------------------------------------------------ executing
@@ -109,7 +109,7 @@ class SimulatedDrive(Drive):
     def measure(self) -> Array:
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
-            raise InvalidInput("q", "none, and no plan executed yet", "where the arm stands: a configuration at rest")
+            raise InvalidInput("q", "none, and no plan executed yet", "the arm's initial configuration")
         return _checks.read_encoders(self._actual(), self.options, self.clock, self._noise, self._frozen)
 
     def execute(
@@ -136,15 +136,15 @@ class SimulatedDrive(Drive):
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
-        """Go on to the goal of an execution that was stopped; see `Drive.resume`.
+        """Move the arm from its present configuration to the goal of a stopped execution; see `Drive.resume`.
 
-        After a fault that left the arm off the path, it first goes back to where it was to stop, straight in joint
-        space; that execution is `Execution.before` of the result.
+        If a fault left the arm off the path, it first moves straight in joint space to its intended stopping point; that
+        execution is `Execution.before` of the result.
         """
         return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
     def _loop(self, run: Run, asked: Callable[[float], bool], watch: Watcher | None) -> None:
-        """Run through all ticks: read the encoders, judge, listen to a request, advance the plant by one period."""
+        """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""
         began, since = time.monotonic(), self.clock
         torque = self._torque()
         first = Steps(self._actual()[None], np.zeros((1, self.robot.n)), None if torque is None else torque[None])
@@ -158,7 +158,7 @@ class SimulatedDrive(Drive):
             run.measured.append(reading)
             if watch is not None:
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
-            if k >= run.last + self._held_ticks() and self._stands(run, k, reading):
+            if k >= run.last + self._held_ticks() and self._comes_to_rest(run, k, reading):
                 break
             _checks.judge_host(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
@@ -172,7 +172,7 @@ class SimulatedDrive(Drive):
         run.extend(k)
         _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
 
-    def _stands(self, run: Run, k: int, reading: Array) -> bool:
+    def _comes_to_rest(self, run: Run, k: int, reading: Array) -> bool:
         """Return whether the arm is at rest when the set-points end; apply the brakes if it moves."""
         dq = run.dq[-1][-1]
         if _checks.judge_standing(
@@ -183,16 +183,16 @@ class SimulatedDrive(Drive):
         if k < run.last + self._held_ticks() + BRAKING / self.period:
             return False
         run.notes.append(
-            f"the arm still moved after {BRAKING:g} s with all brakes applied: they are too weak for what it carries"
+            f"the arm still moved after {BRAKING:g} s with all brakes applied: they are too weak for its load"
         )
         return True
 
     def _held_ticks(self) -> int:
-        """How many periods the last set-point is held after its tick."""
+        """Return the number of periods for which the last set-point is held after its tick."""
         return max(ceil(self.settling / self.period - 1e-9), int(self.options.hold))
 
     def _wait(self, run: Run, began: float, t: float) -> None:
-        """Wait for the tick where a pace was asked; a tick that comes a period late is counted."""
+        """Wait for the tick if a pace is set; count a tick that is a period late."""
         if self.options.pace is None:
             return
         early = began + t / self.options.pace - time.monotonic()
@@ -202,7 +202,7 @@ class SimulatedDrive(Drive):
             run.late += 1
 
     def _stalled(self) -> Flags:
-        """Which joints stand still now (n,)."""
+        """Return which joints are blocked now (n,)."""
         stalled = np.zeros(self.robot.n, dtype=bool)
         for each in self.options.disturbances:
             if isinstance(each, Stall) and each.at <= self.clock < each.until:
@@ -221,11 +221,11 @@ class SimulatedDrive(Drive):
     # ------------------------------------------------------------ the report
 
     def _refused(self, plan: Plan, reason: str, advice: str) -> Execution:
-        """Nothing was sent."""
+        """Return the record of a refused execution with the plant's notes."""
         return replace(refuse(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
 
     def _report(self, run: Run) -> Execution:
-        """What the arm did; after a fault the servo is set to where the arm stands, so that nothing moves later."""
+        """Return the record of an execution; after a fault the servo's set-point is the arm's true configuration."""
         if run.fault is not None:
             self._place(self._actual())
         status, reason, advice = _checks.judge_end(run)

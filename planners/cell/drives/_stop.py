@@ -1,4 +1,4 @@
-"""The stop of a plan that is executed, also of one whose law keeps no jerk or whose limits are incomplete."""
+"""The stop of a plan during its execution, also for laws without a jerk limit and for incomplete limits."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from optik.types import Array
 from planners.cell.drives._setpoints import slow_to
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
 from planners.certificate.violation import Allow, check_allow, required_limits
+from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
 
-END_SHARE = 2e-9
-"""Share of a path before its end that counts as its end: `replan` plans nothing from half of that."""
-SPEED_SPARE = 1e-6
-"""Share by which a stop may exceed a constant tool speed that was asked: what rounding makes of a motion at that speed."""
+END_FRACTION = 2e-9
+"""Fraction of the path length from its end that counts as its end [1]: `replan` plans nothing from half of that."""
+SPEED_MARGIN = 1e-6
+"""Fraction by which a stop may exceed a requested constant tool speed [1], for rounding of a motion at that speed."""
 ONSETS = (0.04, 0.004)
-"""Times [s] in which a stop may reach the greatest acceleration, where the plan's law keeps no jerk: the gentle one first."""
-LEAST_SHARE = 0.1
-"""Share of the greatest value of all joints that each may reach, where nothing but the plan itself says how much."""
+"""Times in which a stop may reach the largest acceleration if the plan's law enforces no jerk limit [s], the longer first."""
+LEAST_FRACTION = 0.1
+"""Least limit of a joint without a limit of its own, as a fraction of the largest value of all joints in the plan [1]."""
 
 
 def relax(plan: Plan, allow: Allow) -> Plan:
-    """Return a plan that can be stopped and replanned despite violations that these words permit.
+    """Return a plan that can be stopped and replanned despite the permitted violations.
 
     It has no scene if contact is permitted. Limits that may be exceeded are not enforced.
     """
@@ -39,31 +40,33 @@ def relax(plan: Plan, allow: Allow) -> Plan:
     return replace(plan, _certificate=proof, scene=scene)
 
 
-def plan_stop(running: Plan, t: float, share: float = 1.0, allow: Allow = ()) -> Plan:
-    """Return the stop of a plan from a time of its motion, for the first jerk limit that gives a valid certificate."""
+def plan_stop(running: Plan, t: float, fraction: float = 1.0, allow: Allow = ()) -> Plan:
+    """Return the stop of a plan from a time of its motion within a fraction of the limits.
+
+    The first of the limits of `find_stop_limits` that gives a valid certificate is used.
+    """
     stops, plan = [], relax(running, allow)
     for limits in find_stop_limits(plan):
-        limits = limits if share == 1.0 else limits.scale(share)
+        limits = limits if fraction == 1.0 else limits.scale(fraction)
         found = replan(plan, t, stop=True, limits=limits, timing="optimal")
         if found:
             return replace(found, scene=running.scene)
         stops.append(found)
-    found = (
-        replan(plan, t, stop=True) if share == 1.0 else stops[-1]
-    )  # a law without jerk limits may stop with any jerk
+    # a law without jerk limits may stop with any jerk
+    found = replan(plan, t, stop=True) if fraction == 1.0 else stops[-1]
     return replace(found, scene=running.scene) if found else stops[-1]
 
 
 def ends_at_goal(plan: Plan) -> bool:
     """Return whether a plan or a stop ends at the end of its path."""
-    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_SHARE)
+    return plan.span is None or plan.span[1] >= plan.joint_path.end * (1.0 - END_FRACTION)
 
 
 def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
-    """Limits of a stop and of the rest of the way, the gentlest first: those of the plan, where it promises to keep them.
+    """Return the limits of a stop and of the remaining motion, the lowest jerk limit first: those that the plan enforces.
 
-    What the plan's law does not keep, or what is not limited, may be as large as in the plan itself. A jerk that it does
-    not keep may be what reaches the greatest acceleration within one of `ONSETS`. A constant tool speed that was asked
+    A quantity that is not limited, or whose limit the law does not enforce, may be as large as in the plan. Without an
+    enforced jerk limit, the jerk may reach the largest acceleration within one of `ONSETS`. A requested constant tool speed
     is one more limit.
     """
     proof, limits = running.certificate, running.limits
@@ -84,7 +87,7 @@ def _speed_limit(running: Plan) -> dict[str, Any]:
     """Return the requested tool speed as a limit on the tool, or on its rotation if it only turns."""
     if running.speed is None:
         return {}
-    most, moves = running.speed * (1.0 + SPEED_SPARE), running.certificate.tool_speed.value > 0.5 * running.speed
+    most, moves = running.speed * (1.0 + SPEED_MARGIN), running.certificate.tool_speed.value > 0.5 * running.speed
     name = "tool_speed" if moves else "rotation_speed"
     known = getattr(running.limits, name)
     return {name: most if known is None else np.minimum(known, most)}
@@ -92,7 +95,7 @@ def _speed_limit(running: Plan) -> dict[str, Any]:
 
 def _largest_values(reached: Array, limit: Array) -> Array:
     """Return the largest values (n,) of a motion, or the finite limits (n,) that are higher."""
-    reached = np.maximum(reached, LEAST_SHARE * reached.max()) * (1.0 + SPEED_SPARE)
+    reached = np.maximum(reached, LEAST_FRACTION * reached.max()) * (1.0 + SPEED_MARGIN)
     return np.maximum(reached, np.where(np.isfinite(limit), limit, 0.0))
 
 
@@ -113,21 +116,21 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
     if (np.abs(measured - rest) > near).any():
         if execution.status is ExecutionStatus.STOPPED:
             i = int((np.abs(measured - rest) / near).argmax())
-            name = drive.robot.joint_names[i]
-            moved = f"{name} stands at {measured[i]:.6g}, and it was stopped at {rest[i]:.6g}"
-            why = f"the arm was moved since: {moved}"
-            return refuse(drive, execution.plan, why, "a new plan from where it stands")
+            name, unit = drive.robot.joint_names[i], joint_unit(drive.robot, i)
+            moved = f"{name} is at {measured[i]:.6g} {unit}, but it was stopped at {rest[i]:.6g} {unit}"
+            why = f"the arm has moved since the stop: {moved}"
+            return refuse(drive, execution.plan, why, "plan from the arm's present configuration")
         back = plan_way_back(running, measured, rest)
         if not back:
             assert back.failure is not None
-            why = f"there is no way back to the path: {back.failure.reason}"
+            why = f"no motion back to the path was found: {back.failure.reason}"
             return refuse(drive, execution.plan, why, back.failure.advice)
         before = drive.execute(fill_period(back, drive.period), **options)
         if not before or execution.stop_plan is None or ends_at_goal(execution.stop_plan):
             return before
     if execution.stop_plan is None or ends_at_goal(execution.stop_plan):
         there = refuse(drive, execution.plan, "", "")
-        return replace(there, status=ExecutionStatus.DONE, notes=("the arm stood at the goal already",))
+        return replace(there, status=ExecutionStatus.DONE, notes=("the arm was already at the goal",))
     stop = relax(execution.stop_plan, options["allow"])
     onward = fill_period(
         replan(stop, stop.trajectory.end, limits=find_stop_limits(running)[0], timing="optimal"), drive.period
@@ -137,35 +140,29 @@ def resume_execution(drive: Drive, execution: Execution, near: Array, options: d
 
 
 def check_stopped(execution: Execution) -> None:
-    """Raise InvalidInput unless an execution was stopped on its way."""
+    """Raise InvalidInput unless an execution was stopped during its motion."""
     if not isinstance(execution, Execution):
         raise InvalidInput("execution", repr(execution)[:60], "an Execution")
     if execution.status not in (ExecutionStatus.STOPPED, ExecutionStatus.FAULT) or execution.motion is None:
         raise InvalidInput(
-            "execution", f"one that ended with {execution.status}", "one that was stopped, or by a fault"
+            "execution", f"one with status {execution.status}", "one that was stopped on request or by a fault"
         )
 
 
 def plan_way_back(running: Plan, measured: Array, rest: Array) -> Plan:
-    """Plan the straight way in joint space from where the arm stands back to where it was to stop."""
+    """Return a plan of the straight motion in joint space from the measured configuration to the intended stopping point."""
     limits = find_stop_limits(running)[0]
     joints = MotionLimits(limits.velocity, limits.acceleration, limits.jerk, torque=limits.torque)
-    return plan(
-        running.robot,
-        rest,
-        running.robot.limits.clip(measured),
-        limits=joints,
-        scene=running.scene,
-    )
+    return plan(running.robot, rest, running.robot.limits.clip(measured), limits=joints, scene=running.scene)
 
 
 def fill_period(found: Plan, period: float) -> Plan:
-    """Slow a plan that is shorter than the servo's period to it: what is left of a way may be some micrometres."""
+    """Return a plan of at least one servo period: the remaining motion may be some micrometres."""
     return slow_to(found, period) if found and found.trajectory.end < period else found
 
 
 def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
-    """Return the record of an execution for which nothing was sent: REFUSED."""
+    """Return the record of a refused execution: nothing was sent."""
     at = drive.measure() if placed else np.full(drive.robot.n, np.nan)
     return Execution(
         drive.name, drive.robot, ExecutionStatus.REFUSED, reason, advice, plan, None, None, None,

@@ -1,4 +1,4 @@
-"""Drive: what executes a certified plan on an arm, simulated or real, and the record of what the arm did."""
+"""Drive, the base class that executes certified plans on a simulated or real arm; Execution, the record of the motion."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ class ExecutionStatus(StrEnum):
 class FaultKind(StrEnum):
     """The kind of a fault.
 
-    A set-point outside the limits, a joint that does not follow, a lost encoder, a late host, a connection that failed, a
-    controller that did not take what was sent or ended it.
+    SETPOINT: a set-point outside the limits. STALL: a joint that does not follow. ENCODER: a lost or frozen encoder.
+    LATE_HOST: a host whose set-points arrive too late. CONNECTION: a lost connection. CONTROLLER: a controller that rejected
+    a goal or ended it.
     """
 
     SETPOINT = "setpoint"
@@ -50,7 +51,7 @@ class FaultKind(StrEnum):
 
 
 class Fault(NamedTuple):
-    """A fault: its kind, time, joint (None for all), reason, and what to do before resuming."""
+    """A fault: its kind, time [s], joint (None for all), reason, and advice what to do before resuming."""
 
     kind: FaultKind
     t: float
@@ -62,8 +63,8 @@ class Fault(NamedTuple):
 class Moment(NamedTuple):
     """The state of an execution at one tick, for a watcher.
 
-    Time since its start [s]; set-point, measured and actual configuration (n,) [rad, m]: the actual one is that of the
-    simulated plant, and the measured one on a real arm.
+    ``t`` is the time since its start [s]; the configurations are (n,) [rad, m]. The actual configuration is that of the
+    simulated plant; on a real arm it is the measured one.
     """
 
     t: float
@@ -73,9 +74,9 @@ class Moment(NamedTuple):
 
 
 StopRequest = float | Callable[[float], bool]
-"""When to stop: a time since the start [s], or a function that is asked at every tick with that time."""
+"""When to stop: a time since the start [s], or a function of that time, called at every tick."""
 Watcher = Callable[[Moment], None]
-"""Called at every tick; a viewer, for example."""
+"""A function that is called at every tick, for example by a viewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,36 +88,36 @@ class Execution:
     drive : str
         Name of the drive.
     robot : Robot
-        The arm, as it was planned for.
+        The arm of the plan.
     status : ExecutionStatus
-        How it ended.
+        DONE, or another status.
     reason, advice : str
-        Why it did not end with DONE, and what to try; empty where it did.
+        Why the status is not DONE, and what to try; empty for DONE.
     plan : Plan
-        What was sent: the plan, slowed to a whole number of periods where its law has no speed to keep.
+        The executed plan, slowed to a whole number of periods if it has no requested speed.
     stop_plan : Plan or None
         The certified stop that replaced the remaining motion.
     motion : Trajectory or None
-        The continuous motion whose set-points were sent: that of the plan, or up to the stop and the stop; None where
-        nothing was sent.
+        The continuous motion whose set-points were sent: that of the plan, or the plan's up to the stop and then the stop;
+        None if nothing was sent.
     setpoints : Setpoints or None
-        What was sent at each tick, up to the last one that was recorded: a plant that settles holds the end for a while.
+        Set-points sent at each tick up to the last recorded one; the last one repeats while the plant settles.
     t : (m,) array
-        Times of the plant's steps since the start, 0 first [s]; the ticks, for a real drive.
+        Times of the plant's steps from 0, or of the ticks of a real drive [s].
     q, dq : (m, n) arrays
-        What the arm really did at them [rad, m], [rad/s, m/s]; as measured, for a real drive.
+        True positions [rad, m] and velocities [rad/s, m/s] of the arm at these times; the measured ones of a real drive.
     torque : (m, n) array or None
-        Torques of the motors at them [N·m, N], where the plant has torques.
+        Torques of the motors at these times [N·m, N]; None if the plant has no torques.
     measured : (k, n) array
         Encoder readings at the ticks [rad, m].
     late : int
-        Ticks at which the next set-point had not arrived in time.
+        Number of ticks whose next set-point arrived late.
     fault : Fault or None
-        What stopped it, where the status is FAULT.
+        The fault, if the status is FAULT.
     notes : tuple of str
-        What the reader must know: defaults that stand in for unknown values, and what the drive does not promise.
+        Remarks for the reader: defaults used for unknown values, and what the drive does not guarantee.
     before : Execution or None
-        After `Drive.resume`, the way back to the path, where the arm stood off it.
+        After `Drive.resume`, the motion back to the path, if the arm was off it.
     """
 
     drive: str
@@ -148,13 +149,13 @@ class Drive(ABC):
     Attributes
     ----------
     name : str
-        By which it is found: that of its file. A class outside of a file is called by its own in lower case.
+        Name of its file, by which it is found. A class without a file has its class name in lower case.
     simulated : bool
-        Whether it moves nothing real.
+        Whether the arm is simulated.
     robot : Robot
         The arm that it drives.
     period : float
-        Of its servo [s].
+        Servo period [s].
     """
 
     name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
@@ -175,18 +176,19 @@ class Drive(ABC):
         Parameters
         ----------
         plan : Plan
-            Starts at rest where the arm stands.
+            A plan that starts at rest at the arm's present configuration.
         stop : float or callable, optional
-            When to stop on the path: a time [s], or a function that is asked at every tick.
+            When to stop on the path: a time [s], or a function of the time, called at every tick.
         watch : callable, optional
-            Told of every tick.
+            A function that is called with a `Moment` at every tick.
         allow : str or several
             Violations of the plan to permit, as for `planners.save`.
 
         Returns
         -------
         Execution
-            What the arm did, up to its rest. REFUSED if the plan is invalid; the reason names the words that permit it.
+            The motion of the arm until it is at rest. REFUSED if the plan is invalid; the advice names the words that
+            permit its violations.
 
         Raises
         ------
@@ -198,19 +200,19 @@ class Drive(ABC):
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
     ) -> Execution:
-        """Go on to the goal of an execution that was stopped, from where the arm stands now.
+        """Move the arm from its present configuration to the goal of a stopped execution.
 
         Parameters
         ----------
         execution : Execution
-            One of this drive's that ended with STOPPED or FAULT.
+            An execution of this drive with the status STOPPED or FAULT.
         stop, watch, allow
             As in `execute`.
 
         Returns
         -------
         Execution
-            Of the rest of the way; REFUSED where the arm no longer stands where it was stopped.
+            The remaining motion; REFUSED if the arm has moved since the stop.
 
         Raises
         ------
@@ -219,14 +221,14 @@ class Drive(ABC):
         """
 
     def carry(self, robot: Robot) -> None:
-        """Go on with the same arm at rest, carrying something else: another tool, payload or shapes.
+        """Change what the arm at rest carries: its tool, payload and shapes.
 
         A simulated drive with a model of its own overrides this to change the model, too.
 
         Parameters
         ----------
         robot : Robot
-            The arm with what it carries from now on.
+            The same arm with its new load.
 
         Raises
         ------
@@ -234,7 +236,7 @@ class Drive(ABC):
             Another arm.
         """
         if _unload(robot) != _unload(self.robot):
-            raise InvalidInput("robot", f"{robot.name!r}, another arm", f"{self.robot.name!r}, carrying something else")
+            raise InvalidInput("robot", f"{robot.name!r}, another arm", f"{self.robot.name!r} with another load")
         self.robot = robot
 
 
@@ -244,4 +246,4 @@ def _unload(robot: Robot) -> Robot:
 
 
 METHOD_BASE = Drive
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""The base class of the METHOD of every module here and of every plug-in."""

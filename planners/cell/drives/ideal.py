@@ -12,10 +12,10 @@ from planners.cell.drives._simulated import SimulatedDrive
 
 
 class IdealDrive(SimulatedDrive):
-    """An arm without mass: it is where the interpolated set-points are. Options as for every simulated drive.
+    """An arm without mass, which follows the interpolated set-points exactly. It has the options of every simulated drive.
 
-    A joint that was stalled for a moment catches up with its set-points at its velocity limit; one for which the arm is
-    stopped stays where it is.
+    A joint that was blocked for a moment catches up with its set-points at its velocity limit. A joint whose fault stopped
+    the arm does not move any more.
     """
 
     name: ClassVar[str] = "ideal"

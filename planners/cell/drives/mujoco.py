@@ -1,4 +1,4 @@
-"""MujocoDrive: an arm with masses, motors and friction, simulated by MuJoCo under position servos of limited torque."""
+"""MujocoDrive: an arm with masses, motors and friction, simulated by MuJoCo with position servos of limited torque."""
 
 from __future__ import annotations
 
@@ -22,44 +22,43 @@ from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
 
 CREEP = 1e-5
-"""Velocity [rad/s, m/s] below which the feed-forward of Coulomb friction falls to 0, as tanh: a joint that the plan leaves at
-rest has velocities of rounding only, whose signs mean nothing. Ten times more costs 1e-4 rad in a motion of 12 s."""
+"""Velocity scale of the tanh that smooths the feed-forward of Coulomb friction [rad/s, m/s]: the velocity of a joint at rest
+is rounding, and its sign means nothing. A scale ten times larger costs 1e-4 rad in a motion of 12 s."""
 
 BLOCKED = 1e6
-"""Coulomb friction of a joint that is blocked, and of a brake where no torque limit says how strong it is [N·m, N]."""
+"""Coulomb friction of a blocked joint, and of the brake of a joint without a torque limit [N·m, N]."""
 
 SETTLED = 10.0
-"""How long the last set-point is held, in time constants of the slowest servo [1]: of an error, 5e-4 is left then."""
+"""Time for which the last set-point is held, in time constants of the slowest servo [1]: an error decays to 5e-4 of itself."""
 
 DIVERGED = 1e6
-"""Velocity of a joint above which the simulation is not stable [rad/s, m/s]: no motor turns so fast."""
+"""Velocity of a joint above which the simulation has diverged [rad/s, m/s]: no motor turns so fast."""
 
 SAG = (0.03, 0.003)
-"""Largest difference of the arm's reading and a plan's start or end without feed-forward, by default [rad, m]: under gravity
-such servos stand off by the acceleration of a free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
+"""Default of the largest distance of the arm from a plan's start or end without feed-forward [rad, m]: under gravity the error
+of such servos is the acceleration of the free fall over ω², up to 0.024 rad for the arms of this library at 10 Hz."""
 
 
 class MujocoDrive(SimulatedDrive):
-    """An arm in MuJoCo, driven by a position servo at each joint.
+    """An arm in MuJoCo with a position servo at each joint.
 
     At each step of the plant the torques of the motors are M (ω² (q_set − q_enc) + 2 ζ ω (q̇_set − q̇_enc)) + τ_ff, within
-    the torque limits: the gains follow from the mass matrix M at the set-point, taken anew every period, so that every
-    joint has the natural frequency ω and the damping ratio ζ in every configuration. q_enc are the encoders'
-    readings, q̇_enc their differences over the step (the set-point's velocity is meant half a step earlier, too), and
-    the difference of velocities is filtered. τ_ff is `Robot.torques` at the interpolated set-point: position, velocity
-    and acceleration of the cubic through the set-points' positions and velocities. Its Coulomb friction has the sign of
-    the set-point's velocity.
+    the torque limits. M is the mass matrix at the set-point at the start of the period, so that every joint has the natural
+    frequency ω and the damping ratio ζ in every configuration. q_enc are the encoder readings, q̇_enc their differences over
+    the step (the velocity of the set-point is also taken half a step earlier). The difference of velocities is filtered.
+    τ_ff is `Robot.torques` at the interpolated set-point: position, velocity and acceleration of the cubic through the
+    set-points' positions and velocities. Its Coulomb friction has the sign of the set-point's velocity.
 
-    A joint whose encoder is lost goes on by τ_ff alone; at rest, its brake holds it. One that is further from its
+    A joint with a lost encoder is driven by τ_ff alone; its brake is applied at rest. A joint that is farther from its
     set-point than `following` is braked at once. Brakes are as strong as the motor.
 
     Parameters
     ----------
     robot : Robot
-        The arm, as it is planned for; what τ_ff and the gains are computed from. Without masses it gets stated ones and
-        no torque limits, and of a payload whose mass is an interval it takes the middle.
+        The arm of the plans; τ_ff and the gains are computed from it. An arm without masses gets assumed ones and no torque
+        limits. Of a payload whose mass is an interval, the middle is used.
     q : (n,) array, optional
-        Where it stands [rad, m]; by default at the start of the first plan.
+        Initial configuration [rad, m]; by default the start of the first plan.
     plant : Robot, optional
         The true arm: the same kinematics with other masses, friction or payload. By default the robot itself, with
         the heaviest payload.
@@ -70,18 +69,18 @@ class MujocoDrive(SimulatedDrive):
     damping : scalar or (n,) array
         Damping ratio ζ of the servos [1].
     step : float
-        Of MuJoCo, at most [s]; a whole number of steps is one period.
+        Largest step of MuJoCo [s]; the period is a whole number of steps.
     seed : int
-        Of the encoders' noise.
+        Seed of the encoder noise.
     **others
-        As for every simulated drive. Without feed-forward, the default of ``start_tolerance`` and ``end_tolerance`` is
+        Options of every simulated drive. Without feed-forward, the default of ``start_tolerance`` and ``end_tolerance`` is
         0.03 rad and 3 mm.
 
     Raises
     ------
     InvalidInput
-        One of them out of range, a step above 0.5 ms, servos that are too fast for it, a plant with other kinematics or
-        without masses, a joint that moves no mass; while it executes, a plant on which the servos are not stable.
+        An argument out of range, a step above 0.5 ms, servos that are too fast for it, a plant with other kinematics or
+        without masses, a joint that moves no mass; during an execution, servos that are not stable on the plant.
     MissingDependency
         MuJoCo is not installed.
     """
@@ -103,18 +102,17 @@ class MujocoDrive(SimulatedDrive):
         super().__init__(robot, step=step, seed=seed, **others)
         if step > PLANT_STEP:
             raise InvalidInput(
-                "step", f"{step:g} s", f"at most {PLANT_STEP:g} s, so that friction and servos act in time"
+                "step", f"{step:g} s", f"at most {PLANT_STEP:g} s, so that friction and servos are simulated accurately"
             )
-        self._wishes = bandwidth, damping
+        self._servo_options = bandwidth, damping
         self._build(robot, plant)
         if q is not None:
             self._put(q)
 
     def carry(self, robot: Robot) -> None:
-        """Go on with the same arm at rest, carrying something else; see `Drive.carry`.
+        """Change what the arm at rest carries; see `Drive.carry`.
 
-        A plant that was given carries the same: what its payload weighed more or less than the robot's, in proportion,
-        that of the new one does, too.
+        A given plant carries the same load; the ratio of its payload mass to the robot's does not change.
         """
         before = self.robot
         super().carry(robot)
@@ -133,7 +131,7 @@ class MujocoDrive(SimulatedDrive):
         self.plant = _check_plant(heavy, plant, known=not self._assumed)
         model = _with_one_mass(heavy, middle=True)
         assert model.inertia is not None and self.plant.inertia is not None
-        self.gains = compute_gains(model, *self._wishes)
+        self.gains = compute_gains(model, *self._servo_options)
         self.settling = SETTLED / float(self.gains.frequency.min())
         self._chain, self._load = model.chain, model.loads[0]
         self._M = np.empty((1, robot.n, robot.n))
@@ -142,7 +140,7 @@ class MujocoDrive(SimulatedDrive):
         self._step = self.period / self.steps
         check_step(self.gains, self._step)
         self._tuned = pack_gains(self.gains, self._step, self.options.resolution, self.options.following, self._most)
-        self._stood = False  # whether the friction of a joint is that of a brake or a block
+        self._braked = False  # whether a joint has the friction of a brake, or of a blocked joint
         self._model = mujoco_model(self.plant, step=self._step)
         self._data = self._mujoco.MjData(self._model)
 
@@ -200,15 +198,15 @@ class MujocoDrive(SimulatedDrive):
         return lost, frozen, instead
 
     def _brake(self, asked: Commands, stalled: Flags, lost: Flags) -> None:
-        """Set the friction of the joints: their own, that of a brake, or that of a block."""
+        """Set each joint's friction torque: its own, the brake's, or that of a blocked joint."""
         self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
         if self._stuck is not None:
             self._state[2, self._stuck] = 1.0
         off = self._state[2] > 0.0
         stands = off | stalled
-        if not stands.any() and not self._stood:
+        if not stands.any() and not self._braked:
             return
-        self._stood = bool(stands.any())
+        self._braked = bool(stands.any())
         brakes = np.where(np.isfinite(self._most), self._most, BLOCKED)
         friction = np.where(off, np.maximum(brakes, self._friction), self._friction)
         self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)
@@ -229,7 +227,7 @@ class MujocoDrive(SimulatedDrive):
         payload = self.robot.payload
         if payload is not None and len(payload.masses) > 1:
             known = f"the servos' model carries the middle of {payload}"
-            remarks.append(f"{known}, and the simulated arm {self.plant.payload}")
+            remarks.append(f"{known}; the simulated arm carries {self.plant.payload}")
         return tuple(remarks)
 
     def _report(self, run: Run) -> Execution:
@@ -246,15 +244,15 @@ class MujocoDrive(SimulatedDrive):
 
 
 def _check_plant(robot: Robot, plant: Robot | None, *, known: bool) -> Robot:
-    """The arm that is simulated, with masses and one payload; where those of the robot are unknown, so may be the plant's."""
+    """Return the simulated arm with masses and one payload; its masses may be unknown only if the robot's are."""
     if plant is None:
         return _with_one_mass(robot, middle=False)
-    wanted = f"a Robot with masses and the joints of {robot.name!r}, whose masses, friction or payload differ"
+    wanted = f"a Robot with masses and the joints of {robot.name!r}; masses, friction and payload may differ"
     if not isinstance(plant, Robot) or (known and plant.inertia is None):
         raise InvalidInput("plant", repr(plant)[:60], wanted)
     same = plant.n == robot.n and np.array_equal(plant.fixed, robot.fixed)
     if not same or not np.array_equal(plant.prismatic, robot.prismatic):
-        raise InvalidInput("plant", f"{plant.name!r}, whose joints are others", wanted)
+        raise InvalidInput("plant", f"{plant.name!r}, which has other joints", wanted)
     return _with_one_mass(assume_masses(plant)[0], middle=False)
 
 

@@ -18,7 +18,7 @@ from benchmarks.records import slug
 from benchmarks.report.board import Board, Control, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.run import Run
-from planners.cell.iso9283 import POSE_SHARE, describe_cube
+from planners.cell.iso9283 import POSE_FRACTION, describe_cube
 
 COSTS = (("tracking_m", 1e3, "tracking error of the tool [mm]"), ("energy", 1.0, "energy [J]"))
 """What is drawn against the duration, with the factor to its unit."""
@@ -41,7 +41,7 @@ def _cube(b: BlockRows) -> str:
     points = poses.select("x", "y", "z").to_numpy()
     if len(points) < 2:
         return "Five poses in a diagonal plane of a cube around the tool at the start."
-    return describe_cube(float(np.linalg.norm(points[1] - points[0])) / (0.5 * POSE_SHARE * 3.0**0.5))
+    return describe_cube(float(np.linalg.norm(points[1] - points[0])) / (0.5 * POSE_FRACTION * 3.0**0.5))
 
 
 def laws(run: Run) -> dict[str, Any] | None:
