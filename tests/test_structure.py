@@ -277,7 +277,7 @@ ERRORS = [
     MissingDependency("ssik", "IK method 'closed'", "dev"),
     InvalidMotion("contact of link3 and box", ("contact",), s=0.1, advice="another path"),
     NoSolution("joint 2 at its limit", s=0.1, joint="joint2", advice="a shorter line"),
-    OutputError("run", "holds something else"),
+    OutputError("run", "contains something else"),
 ]
 BUILT_IN = [ValueError, ValueError, ValueError, LookupError, ImportError, RuntimeError, RuntimeError, OSError]
 

@@ -240,11 +240,8 @@ def check_out(options: PlanOptions) -> None:
         if options.out is None:
             raise InvalidInput("--format", options.format, "--out FILE with it")
         load_method("planners.files", options.format, "file format")
-    elif options.out is not None:
-        known = [f".{name}" for name in names("planners.files")]
-        if options.out.suffix.lower() not in (*known, *ROS):
-            expected = f"a name that ends in {', '.join((*known, *ROS))}, or --format with it"
-            raise InvalidInput("--out", str(options.out), expected)
+    elif options.out is not None and options.out.suffix.lower() not in FILES:
+        raise InvalidInput("--out", str(options.out), f"a name that ends in {', '.join(FILES)}, or --format with it")
 
 
 def write_failed(plan: Any, file: Path) -> None:

@@ -54,7 +54,11 @@ def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, 
         found.append(robot.limits.clip(q[good]))
         if sum(map(len, found)) >= count:
             return np.concatenate(found)[:count]
-    raise InvalidInput("robot", robot.name, "an arm with singular configurations inside its limits")
+    raise InvalidInput(
+        "robot",
+        f"{robot.name}, no singular configuration found",
+        "an arm with singular configurations within its limits",
+    )
 
 
 def by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -> Array:

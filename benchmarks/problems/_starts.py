@@ -64,11 +64,11 @@ def check_starts(
     """Return the kinds of starts that were asked for."""
     if start_deg is not None:
         if starts is not None:
-            raise InvalidInput("starts", f"{starts!r} beside start_deg", "one of the two")
+            raise InvalidInput("starts", f"{starts!r} together with start_deg", "either starts or start_deg")
         return ("fixed",)
     kinds = (known[0],) if starts is None else (starts,) if isinstance(starts, str) else tuple(starts)
     if not kinds or len(set(kinds)) != len(kinds) or any(kind not in known for kind in kinds):
-        raise InvalidInput("starts", repr(starts)[:60], f"one or several of {', '.join(known)}, each once")
+        raise InvalidInput("starts", repr(starts)[:60], f"one or more of {', '.join(known)}, each once")
     return kinds
 
 

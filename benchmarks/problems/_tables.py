@@ -50,7 +50,7 @@ class Poses(NamedTuple):
 
 
 def read_poses(path: Path, robot: Robot | None = None) -> Poses:
-    """Read poses, and perhaps starts, from a CSV or NPZ file."""
+    """Read poses and optional starts from a CSV or NPZ file."""
     suffix = path.suffix.lower()
     if suffix == ".csv":
         poses = _from_csv(path, robot)
@@ -75,7 +75,9 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
         if not columns:
             columns = cells
         elif len(cells) != len(columns):
-            raise InvalidInput(f"{path}, line {line}", f"{len(cells)} values", f"{len(columns)}, as the header")
+            raise InvalidInput(
+                f"{path}, line {line}", f"{len(cells)} values", f"{len(columns)} values, the length of the header"
+            )
         else:
             rows.append(cells)
             lines.append(line)
@@ -85,7 +87,7 @@ def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
 
 
 def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines of a CSV file with their numbers."""
+    """Yield the lines of a CSV file with their numbers."""
     try:
         reader = csv.reader(io.StringIO(decode_text(read_bytes(path)).lstrip("\ufeff")))
         for row in reader:
@@ -97,7 +99,7 @@ def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def numbers_of(path: Path, table: tuple[list[str], list[list[str]], list[int]], names: Sequence[str]) -> Array:
-    """Numbers of some columns of a table."""
+    """Return the numbers of some columns of a table."""
     columns, rows, lines = table
     values = np.empty((len(rows), len(names)))
     for j, name in enumerate(names):
@@ -113,7 +115,7 @@ def numbers_of(path: Path, table: tuple[list[str], list[list[str]], list[int]], 
 
 
 def _from_csv(path: Path, robot: Robot | None) -> Poses:
-    """Poses of a CSV file."""
+    """Return the poses of a CSV file."""
     table = read_table(path)
     columns, rows, lines = table
     joints = _joint_columns(robot) if robot is not None else []
@@ -134,16 +136,16 @@ def _from_csv(path: Path, robot: Robot | None) -> Poses:
 
 
 def _joint_columns(robot: Robot) -> list[str]:
-    """Columns of a start, with their units."""
+    """Return the names of the columns of a start, with their units."""
     return [f"q{i}_{'m' if slides else 'rad'}" for i, slides in enumerate(robot.prismatic, start=1)]
 
 
 def _check_columns(path: Path, columns: list[str], known: Sequence[str], need: Sequence[str]) -> None:
-    """Refuse a header with a column that is unknown, missing or there twice."""
+    """Raise InvalidInput for an unknown, repeated or missing column."""
     for name in columns:
         if name not in known or columns.count(name) > 1:
-            came = f"the column {name!r}" + (" twice" if columns.count(name) > 1 else "")
-            raise InvalidInput(f"{path}, header", came, f"columns out of {', '.join(known)}")
+            came = f"the column {name!r}" + (", repeated" if columns.count(name) > 1 else "")
+            raise InvalidInput(f"{path}, header", came, f"columns among {', '.join(known)}, each once")
     for name in need:
         if name not in columns:
             other = " (or qw, qx, qy, qz in place of r11 to r33)" if name in ROTATION else ""
@@ -151,7 +153,7 @@ def _check_columns(path: Path, columns: list[str], known: Sequence[str], need: S
 
 
 def _of_quaternions(values: Array, where: Sequence[str]) -> Array:
-    """Rotation matrices (k, 3, 3) of quaternions (k, 4), scalar part first."""
+    """Return the rotation matrices (k, 3, 3) of quaternions (k, 4), scalar part first."""
     from scipy.spatial.transform import Rotation
 
     size = np.linalg.norm(values, axis=1)
@@ -165,7 +167,7 @@ def _of_quaternions(values: Array, where: Sequence[str]) -> Array:
 
 
 def _from_npz(path: Path, robot: Robot | None) -> Poses:
-    """Poses of an NPZ file."""
+    """Return the poses of an NPZ file."""
     content = read_bytes(path, argument="path")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -175,7 +177,7 @@ def _from_npz(path: Path, robot: Robot | None) -> Poses:
     unknown = sorted(set(found) - {"targets", "starts", "group"})
     if unknown or "targets" not in found:
         came = f"the array {unknown[0]!r}" if unknown else "no array 'targets'"
-        raise InvalidInput(str(path), came, "targets (k, 4, 4), and perhaps starts (k, n) and group (k,)")
+        raise InvalidInput(str(path), came, "targets (k, 4, 4), and optionally starts (k, n) and group (k,)")
     targets = _numbers(path, "targets", found["targets"], (-1, 4, 4))
     k = len(targets)
     n = robot.n if robot is not None else 0
@@ -193,7 +195,7 @@ def _numbers(path: Path, name: str, array: Array, shape: tuple[int, ...]) -> Arr
         came = (
             f"{array.dtype} of shape {array.shape}"
             if not fits or not array.size
-            else "a value that is no finite number"
+            else "a value that is not a finite number"
         )
         raise InvalidInput(f"{path}, {name}", came, f"finite numbers of shape {str(shape).replace('-1', 'k')}")
     return np.array(array, dtype=float)
@@ -202,19 +204,19 @@ def _numbers(path: Path, name: str, array: Array, shape: tuple[int, ...]) -> Arr
 def _checked(
     where: Sequence[str], targets: Array, starts: Array | None, group: NDArray[np.str_], robot: Robot | None
 ) -> Poses:
-    """Refuse what is no pose, and starts outside the limits; rounded rotations become exact ones."""
+    """Raise InvalidInput for invalid poses and for starts outside the limits; orthonormalise rounded rotations."""
     R = targets[:, :3, :3]
     error = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
     wrong = (error > UNIT_ERROR) | (np.linalg.det(R) < 0.0) | (targets[:, 3] != [0.0, 0.0, 0.0, 1.0]).any(axis=1)
     if wrong.any():
         i = int(wrong.argmax())
-        raise InvalidInput(where[i], "a matrix that is no pose", "an orthonormal rotation with determinant 1")
+        raise InvalidInput(where[i], "a matrix that is not a pose", "an orthonormal rotation with determinant 1")
     exact = np.stack([se3.nearest_pose(T) for T in targets])
     if starts is not None and robot is not None:
         outside = ~robot.limits.contains(starts)
         if outside.any():
             i = int(outside.argmax())
             raise InvalidInput(
-                where[i], "a start outside the joint limits", f"joints of {robot.name} [rad, m] inside them"
+                where[i], "a start outside the joint limits", f"joint values of {robot.name} [rad, m] within its limits"
             )
     return Poses(exact, starts, group)

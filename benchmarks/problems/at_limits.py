@@ -64,7 +64,7 @@ def at_limits(
         check_count(number, "joints", 1)
         if number > len(movable):
             raise InvalidInput(
-                "joints", number, f"at most the {len(movable)} joints of {robot.name} between two limits"
+                "joints", number, f"at most {len(movable)}, the number of joints of {robot.name} with two limits"
             )
         groups[f"{number} joint{'s' if number > 1 else ''} at limits"] = _drawn(robot, seed, count, number)
     return from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)

@@ -153,5 +153,5 @@ def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
     """Start configuration of a set in SI units, from the degrees and millimetres of a suite."""
     q = robot.configuration(start_deg, "start_deg") / unit_factors(robot)
     if not robot.limits.contains(q):
-        raise InvalidInput("start_deg", start_deg, f"a configuration inside the limits of {robot.name}")
+        raise InvalidInput("start_deg", start_deg, f"a configuration within the joint limits of {robot.name}")
     return q

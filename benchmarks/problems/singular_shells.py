@@ -98,7 +98,7 @@ def singular_shells(
 def _shells(edges: Sequence[float]) -> list[tuple[float, float]]:
     """Shells between edges, checked."""
     if len(edges) < 2 or list(edges) != sorted(set(edges)):
-        raise InvalidInput("edges", repr(edges)[:60], "two or more numbers, each larger than the one before")
+        raise InvalidInput("edges", repr(edges)[:60], "two or more increasing numbers")
     for edge in edges:
         check_number(edge, "edges", f"numbers of at least {LEAST_EDGE:g}", least=LEAST_EDGE)
     return list(pairwise(map(float, edges)))
@@ -111,7 +111,7 @@ def _kinds(robot: Robot, which: Sequence[str] | None) -> tuple[str, ...]:
     known = (*JOINT_OF, "any") if robot.n == 6 else ("any",)
     kinds = (tuple(JOINT_OF) if robot.n == 6 else known) if which is None else tuple(which)
     if isinstance(which, str) or not kinds or any(kind not in known for kind in kinds):
-        expected = f"a list of some of {', '.join(known)}, as {robot.name} has {robot.n} joints"
+        expected = f"a list of names among {', '.join(known)} ({robot.name} has {robot.n} joints)"
         raise InvalidInput("which", repr(which)[:60], expected)
     return kinds
 
@@ -136,7 +136,7 @@ def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, f
             return np.ascontiguousarray(np.concatenate(found)[:count])
     low, high = shell
     raise InvalidInput(
-        "which", f"{kind} with {low:g} ≤ σ < {high:g} on {robot.name}", 'a singularity that the arm has, or "any"'
+        "which", f"{kind} with {low:g} ≤ σ < {high:g} on {robot.name}", 'a singularity of this arm, or "any"'
     )
 
 

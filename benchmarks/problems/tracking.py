@@ -56,12 +56,12 @@ def tracking(
     Raises
     ------
     InvalidInput
-        A step that is not positive, a share out of range, a count below 1, or an arm whose tool does not move.
+        A step that is not positive, a fraction out of range, a count below 1, or an arm whose tool does not move.
     """
     check_count(count, "count", 1)
-    check_number(range_share, "range_share", "a share above 0, at most 1", above=0.0)
+    check_number(range_share, "range_share", "a fraction in (0, 1]", above=0.0)
     if range_share > 1.0:
-        raise InvalidInput("range_share", range_share, "a share above 0, at most 1")
+        raise InvalidInput("range_share", range_share, "a fraction in (0, 1]")
     rng = stream(seed, "tracking")
     loop = _Loop(robot, rng, range_share)
     q, starts = [], []
@@ -90,7 +90,7 @@ class _Loop:
         way = np.linalg.norm(np.diff(robot.fk(self(self._u))[:, :3, 3], axis=0), axis=1)
         self._length = np.concatenate([[0.0], np.cumsum(way)])
         if self._length[-1] <= 0.0:
-            raise InvalidInput("robot", robot.name, "an arm whose joints move its tool")
+            raise InvalidInput("robot", f"{robot.name}, whose tool does not move", "an arm whose joints move its tool")
 
     def places(self, distance: Array) -> Array:
         """Places u (k,) at distances (k,) along the tool's way [m], round after round."""

@@ -1,4 +1,4 @@
-"""Run folders: the files that a run writes, each completely or not at all, and how they are read back."""
+"""Run folders: write the files of a run, each completely or not at all, and read them."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ MANIFEST_KEYS = {"suite", "title", "fingerprint", "settings", "command", "proven
 
 
 LOCK = ".lock"
-"""What a process holds that works in a run folder."""
+"""File of the lock that a writing process holds."""
 
 ARMS = "robots.json"
-"""Arms of a run that do not come with optik, as plain data by what reports call them; not there where there are none."""
+"""File of the robots that do not come with optik, by their names in reports; missing if there are none."""
 
 
 class RunFolder:
     """A folder with ``run.json``, ``parts.jsonl``, ``problems/``, ``ik/``, ``line/``, ``speed/`` and ``timing/``.
 
-    Every file is written under a temporary name and then renamed, so that no file is ever incomplete. A run that was
-    interrupted is continued by running it again. The digest of every table is noted in ``parts.jsonl``: a table that was
-    damaged, or that this run did not write, is refused. Files are not flushed to the disk one by one; what a power failure
-    truncates, its digest shows.
+    Every file is written under a temporary name and then renamed, so that no file is ever incomplete. To resume an
+    interrupted run, run it again. ``parts.jsonl`` has the digest of every table. A table that is damaged, or that this run
+    did not write, raises an error. Files are not flushed to the disk one by one: after a power failure, the digest reveals a
+    truncated table.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ class RunFolder:
     # ------------------------------------------------------------ opening
 
     def create(self, manifest: dict[str, Any]) -> dict[str, Any]:
-        """Start a run in this folder, or continue one with the same settings.
+        """Start a run in this folder, or resume one with the same settings.
 
-        A continued run keeps the provenance of its first session and appends that of every later session, until the run
+        A resumed run keeps the provenance of its first session and appends that of every later session, until the run
         is complete.
 
         Parameters
@@ -74,7 +74,7 @@ class RunFolder:
             manifest = self.checked(manifest)
             for folder in ("problems", "ik", "line", "speed", "timing"):
                 (self.path / folder).mkdir(parents=True, exist_ok=True)
-            for left in self.path.rglob(".*.part"):  # of a process that was killed while it wrote
+            for left in self.path.rglob(".*.part"):  # from a process that was killed while writing
                 left.unlink(missing_ok=True)
             self.write_json("run.json", manifest)
             self._ledger.begin()
@@ -106,12 +106,12 @@ class RunFolder:
             The run was begun with another version of a plug-in.
         """
         if self.path.exists() and not self.path.is_dir():
-            raise OutputError(self.path, "is a file; name a folder for the run")
+            raise OutputError(self.path, "is a file; choose a folder for the run")
         return manifest if self.empty else self._continued(manifest)
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing in the folder but what a run that was killed in its first moments leaves."""
+        """Whether the folder has no files, except those of a run that was killed at its start."""
         ours = re.compile(rf"{re.escape(LOCK)}|\.[0-9a-f]{{12}}\.part")
         return not self.path.is_dir() or all(ours.fullmatch(one.name) for one in self.path.iterdir())
 
@@ -121,7 +121,7 @@ class RunFolder:
         return any(self.path.rglob("*.parquet"))
 
     def discard(self) -> None:
-        """Remove what `create` has made, of a run that has written nothing else."""
+        """Remove the files and folders that `create` made, if the run has no others."""
         for name in ("run.json", LEDGER):
             (self.path / name).unlink(missing_ok=True)
         for folder in ("problems", "ik", "line", "speed", "timing"):
@@ -130,17 +130,17 @@ class RunFolder:
 
     def _continued(self, manifest: dict[str, Any]) -> dict[str, Any]:
         if not (self.path / "run.json").is_file():
-            raise OutputError(self.path, "holds something else; name an empty or a new folder for the run")
+            raise OutputError(self.path, "contains something else; choose a new or empty folder for the run")
         old = self.manifest()
         if old.get("fingerprint") != manifest["fingerprint"]:
             raise OutputError(
-                self.path, f"holds a run of {old.get('suite')!r} with other settings; name another folder"
+                self.path, f"contains a run of {old.get('suite')!r} with other settings; choose another folder"
             )
         check_same_plugins(old.get("plugins", []), manifest.get("plugins", []))
         return old if old["complete"] else old | {"continued": _with(old["continued"], manifest["provenance"])}
 
     def manifest(self) -> dict[str, Any]:
-        """Content of ``run.json``.
+        """Read ``run.json``.
 
         Returns
         -------
@@ -157,13 +157,13 @@ class RunFolder:
         except (OSError, ValueError, RecursionError):
             raise InvalidInput("run", str(self.path), "a folder written by optik bench run") from None
         if not isinstance(data, dict) or data.get("format") != FORMAT or not set(data) >= MANIFEST_KEYS:
-            raise InvalidInput("run", f"{self.path} of another format", f"a run of format {FORMAT}")
+            raise InvalidInput("run", f"{self.path}, a run of another format", f"a run of format {FORMAT}")
         return data
 
     # ------------------------------------------------------------ writing
 
     def has(self, name: str) -> bool:
-        """Whether a file exists already.
+        """Say whether a file exists.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class RunFolder:
         write_atomically(self.path / name, lambda part: part.write_text(text, encoding="utf-8"))
 
     def _make_room(self, name: str) -> None:
-        """Make the folder of a file inside this one; this one itself is made by `create`."""
+        """Create the folder of a file inside this one; `create` makes this one."""
         if self.path.is_dir():
             try:
                 (self.path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -293,7 +293,7 @@ class RunFolder:
             raise InvalidInput(*damaged(self.path / name)) from None
 
     def scan(self, names: list[str]) -> pl.LazyFrame:
-        """Rows of some tables of the same columns, to be read piece by piece.
+        """Return the rows of tables with the same columns as a lazy frame.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class RunFolder:
     # ------------------------------------------------------------ all rows of a block
 
     def part_names(self, top: str, block: str) -> list[str]:
-        """Names of the parts of a block, ``TOP/BLOCK--….parquet``.
+        """Return the names of the parts of a block, ``TOP/BLOCK--….parquet``.
 
         Parameters
         ----------
@@ -334,7 +334,7 @@ class RunFolder:
         return [f"{top}/{file.name}" for file in sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))]
 
     def parts(self, top: str, block: str) -> pl.DataFrame | None:
-        """All rows of a block out of its parts, ``TOP/BLOCK--….parquet``.
+        """Return all rows of a block from its parts, ``TOP/BLOCK--….parquet``.
 
         Parameters
         ----------
@@ -357,9 +357,9 @@ class RunFolder:
         return pl.concat(frames, how="vertical_relaxed") if frames else None
 
     def rows(self, block: str) -> pl.DataFrame | None:
-        """All IK rows of a block, joined with its problems, sorted by method, problem and budget.
+        """Return all IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
-        ``known`` is what the problem set says: what a method solves changes nothing.
+        ``known`` comes from the problem set; the solutions of the compared methods do not change it.
 
         Parameters
         ----------
@@ -381,13 +381,15 @@ class RunFolder:
         if rows is None:
             return None
         if problems is None:
-            raise InvalidInput("run", f"no problems of the block {block!r}", "whole parts; delete ik/ and run again")
+            raise InvalidInput(
+                "run", f"no problems of the block {block!r}", "a complete run; delete ik/ and repeat the run"
+            )
         joined = rows.join(problems.drop("target", "start"), on="problem")
         return joined.sort("method_index", "problem", "budget")
 
 
 def _with(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[dict[str, Any]]:
-    """Sessions of a run with one more; one like the last before it is counted there, in ``sessions``."""
+    """Return the sessions of a run with one more; if it equals the last one, increase the count ``sessions`` of that."""
     apart = ("created", "sessions")
     if sessions and all(sessions[-1].get(key) == now[key] for key in now if key not in apart):
         return [*sessions[:-1], sessions[-1] | {"sessions": sessions[-1].get("sessions", 1) + 1}]
@@ -395,6 +397,6 @@ def _with(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[dict[str,
 
 
 def slug(text: str) -> str:
-    """File name for a label: lower-case letters, digits, dots and dashes; λ and α are spelt out."""
+    """Return a file name for a label: lower-case letters, digits, dots and dashes; λ and α are spelt out."""
     spelt = text.lower().replace("λ", "lambda").replace("α", "alpha")
     return re.sub(r"[^a-z0-9.]+", "-", spelt).strip("-")

@@ -1,4 +1,4 @@
-"""What is at work in a block that is timed in one process, kept in files that outlive the process."""
+"""The journal of a block that is timed in one process: files that survive a crash of the process."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ JOURNAL = "journal"
 """Ending of the name of a journal, a folder beside the files of its block."""
 
 WORTH_KEEPING = 0.5
-"""Work of so many seconds is kept at once: writing after less would cool the caches of the next method's first calls."""
+"""Least time of work that is written at once [s]: writing more often would disturb the next method's first calls."""
 
 
 class Journal:
-    """Who of a block is at work, whose process ended at that, and what is finished of a part that is not.
+    """The method that runs now, the methods that crashed their process, and the finished rows of an unfinished part.
 
-    A process that ends in the middle of a call can say nothing any more. So the label of each method is written before
-    its work begins: `left` tells the next process whom the last one died in.
+    The label of each method is written before its work begins. After a crash, `left` is the method that was running.
     """
 
     def __init__(self, folder: RunFolder | None, name: str = JOURNAL) -> None:
@@ -41,11 +40,11 @@ class Journal:
 
     @property
     def crashes(self) -> str:
-        """Name of the file of methods that ended their process, in the run folder: why, by label."""
+        """Name of the file of crashed methods in the run folder: reasons by label."""
         return f"{self._name}/crashed.json"
 
     def _left(self) -> str:
-        """Who was at work when the last process died; empty where it did not die in any method's work."""
+        """Return the method that was running when the last process crashed; empty if none was."""
         try:
             content = b"" if self._path is None else (self._path / "at_work").read_bytes()
             return str(json.loads(content.partition(b"\n")[0]))
@@ -56,7 +55,7 @@ class Journal:
 
     @contextmanager
     def at_work(self, label: str) -> Iterator[None]:
-        """Say whose work is done now."""
+        """Record the method that runs in this context."""
         self._write(label)
         try:
             yield
@@ -64,7 +63,7 @@ class Journal:
             self._write("")
 
     def _write(self, label: str) -> None:
-        """Overwrite the first line of the file: one call of the system, which a timed call that follows does not notice."""
+        """Overwrite the first line of the file, with one system call, to leave the next timed call undisturbed."""
         if self._path is None:
             return
         try:
@@ -77,7 +76,7 @@ class Journal:
             raise OutputError(self._path, f"cannot be written ({error.strerror})") from None
 
     def blame(self, label: str, why: str) -> None:
-        """Record that a method ended its process: it is not called in this block again."""
+        """Record that a method crashed its process; this block does not call it again."""
         self.crashed |= {label: why}
         if self._folder is not None:
             self._folder.write_json(self.crashes, self.crashed)
@@ -85,13 +84,13 @@ class Journal:
     # ------------------------------------------------------------ what is finished
 
     def keep(self, name: str, rows: pl.DataFrame, seconds: float) -> None:
-        """Keep some rows of a part that is not finished."""
+        """Keep rows of an unfinished part."""
         if self._path is not None and seconds >= WORTH_KEEPING:
             self._path.mkdir(parents=True, exist_ok=True)
             write_atomically(self._path / f"{name}.arrow", lambda part: rows.write_ipc(part))
 
     def kept(self, name: str) -> pl.DataFrame | None:
-        """Rows that were kept."""
+        """Return the kept rows; None if there are none."""
         if self._path is None:
             return None
         try:
@@ -111,7 +110,7 @@ class Journal:
             self._clear()
 
     def _clear(self) -> None:
-        """Remove all but the crashes: the block is finished."""
+        """Remove all files but the crashes, when the block is finished."""
         if self._path is None or not self._path.is_dir():
             return
         for file in self._path.iterdir():
@@ -122,4 +121,4 @@ class Journal:
 
 
 UNKEPT = Journal(None)
-"""Keeps nothing: for work outside a run."""
+"""A journal that keeps nothing, for work outside a run."""

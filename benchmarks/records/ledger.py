@@ -1,4 +1,4 @@
-"""Which tables a run has written, with their digests: what is damaged or foreign is refused."""
+"""The list of the tables that a run has written, with their digests, to detect damaged and foreign tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optik.errors import InvalidInput
 from optik.file_io import write_atomically
 
 LEDGER = "parts.jsonl"
-"""File of the list: one line of JSON a table, added before the table gets its name."""
+"""File of the list: one line of JSON per table, written before the table gets its name."""
 
 DIGEST_BYTES = 16
 """Length of a digest: two tables that differ have the same one by chance once in 1e38 pairs."""
@@ -27,26 +27,28 @@ class Ledger:
         self._good: set[tuple[str, int, int]] = set()
 
     def begin(self) -> None:
-        """Begin the list, where there is none, with the tables that an older version wrote without one."""
+        """Create the list if there is none, with the existing tables."""
         if not self._file.is_file():
             tables = [f for f in self._folder.rglob("*.parquet") if not f.name.startswith(".")]
             lines = [json.dumps([self._name(f), _digest(f)]) for f in tables]
             write_atomically(self._file, lambda part: part.write_text("\n".join(lines), encoding="utf-8"))
 
     def note(self, name: str, content: memoryview) -> None:
-        """Add a table, on a line of its own, whatever a full disk has left of the line before."""
+        """Add a table on a line of its own, even after a line that a full disk truncated."""
         line = f"\n{json.dumps([name, _short(content)])}\n".encode()
         with self._file.open("ab", buffering=0) as opened:
             if opened.write(line) != len(line):
-                raise OSError(28, "No space left on device")  # what the next attempt to write would say
+                raise OSError(28, "No space left on device")  # the error of the next attempt
 
     def check(self, name: str) -> None:
-        """Refuse a table that is not what this run wrote; a run of an older version has no list."""
+        """Raise InvalidInput for a table that this run did not write, unless the run has no list."""
         digests, file = self._all(), self._folder / name
         if digests is None:
             return
         if name not in digests:
-            raise InvalidInput("run", f"{file}, which this run did not write", "only tables of this run; remove it")
+            raise InvalidInput(
+                "run", f"{file}, a table that this run did not write", "only tables of this run; delete this file"
+            )
         stat = file.stat()
         state = (name, stat.st_mtime_ns, stat.st_size)
         if state not in self._good:
@@ -59,7 +61,7 @@ class Ledger:
             self._good.add(state)
 
     def verify(self) -> None:
-        """Check every table of the run, and that no other lies beside them."""
+        """Check every table of the run, and that there are no others."""
         for folder in sorted({(self._folder / name).parent for name in self._all() or {}}):
             for file in sorted(folder.glob("*.parquet")):
                 self.check(self._name(file))
@@ -68,7 +70,7 @@ class Ledger:
         return file.relative_to(self._folder).as_posix()
 
     def _all(self) -> dict[str, str] | None:
-        """Digests by name, read again where the list has grown; None where there is no list."""
+        """Return the digests by name, read again if the list has changed; None without a list."""
         try:
             stat = self._file.stat()
             if (stat.st_mtime_ns, stat.st_size) != self._read_at:
@@ -81,8 +83,8 @@ class Ledger:
 
 
 def damaged(file: Path) -> tuple[str, str, str]:
-    """What `InvalidInput` says of a file of a run that is not as it was written."""
-    return "run", f"{file}, damaged", "whole parts; delete this file and run again"
+    """Return the arguments of `InvalidInput` for a damaged file of a run."""
+    return "run", f"{file}, damaged", "undamaged files; delete this file and repeat the run"
 
 
 def _short(content: memoryview) -> str:
@@ -95,7 +97,7 @@ def _digest(file: Path) -> str:
 
 
 def _entry(line: str) -> tuple[str, str] | None:
-    """Name and digest of a line; None where it is incomplete."""
+    """Return name and digest of a line; None if it is incomplete."""
     try:
         name, digest = json.loads(line)
     except (ValueError, TypeError):

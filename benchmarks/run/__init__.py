@@ -1,4 +1,4 @@
-"""Runs of a suite: parts in some processes or on a cluster, stopped and continued at any moment."""
+"""Runs of a suite, in processes or on a cluster, which can be interrupted and resumed at any time."""
 
 from benchmarks.run.session import run_suite
 

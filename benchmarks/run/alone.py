@@ -1,4 +1,4 @@
-"""Work in the first process: a mark tells the next session what it died in, and then that is done in a process apart."""
+"""Timed blocks in the main process, and in a process of their own after a crash, which a mark in the run folder records."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ MARK = ".working"
 """File of the mark in the run folder."""
 
 DEATHS = 2
-"""How often a process may die in the same work: once may be a kill, so it is tried a second time."""
+"""Crashes in the same work after which it is not repeated: a single one may be a kill."""
 
 
 class Mark:
-    """What the first process has in hand: a file that is left only where the process died in the middle of it."""
+    """A file that names the current work of the main process; it remains only after a crash."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._folder, self._set = folder, False
@@ -36,40 +36,40 @@ class Mark:
         self._left = (str(left.get("work", "")), int(left.get("deaths", 0) or 0)) if isinstance(left, dict) else ("", 0)
 
     def deadly(self, work: str) -> bool:
-        """Whether the first process died in some work as often as it may."""
+        """Say whether the main process crashed in some work `DEATHS` times."""
         return self._left[0] == work and self._left[1] >= DEATHS
 
     def died_in(self, work: str) -> bool:
-        """Whether the first process died in some work."""
+        """Say whether the main process crashed in some work."""
         return self._left[0] == work
 
     def set(self, work: str) -> None:
-        """Say what is begun now."""
+        """Record the start of some work."""
         deaths = self._left[1] + 1 if self._left[0] == work else 1
         self._folder.write_json(MARK, {"work": work, "deaths": deaths})
         self._set = True
 
     def clear(self) -> None:
-        """Say that nothing is in hand, where anything was said; what an earlier process has left stays."""
+        """Remove the mark of this process; keep that of an earlier one."""
         if self._set:
             (self._folder.path / MARK).unlink(missing_ok=True)
 
 
 class Apart(NamedTuple):
-    """A block that is done in a process of its own, which may die.
+    """A block that runs in a process of its own, which may crash.
 
     Attributes
     ----------
     kind : str
-        What its kind is found by.
+        Name or file of its kind.
     block : Block
         The block.
     seed : int
-        Of the suite.
+        Seed of the suite.
     folder : RunFolder
-        The run.
+        Folder of the run.
     recorded : sequence of mapping
-        Plug-ins as the run has recorded them.
+        Plug-ins that the run has recorded.
     """
 
     kind: str
@@ -80,10 +80,10 @@ class Apart(NamedTuple):
 
 
 def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
-    """Do what a block lacks without the methods that end their process.
+    """Complete a block without the methods that crash their process; return the failure, or None.
 
-    A method in whose work a process ended is tried a second time, since the first may have been the machine's fault. Then
-    it is recorded as crashed, and the block goes on with the others.
+    A method that crashed is tried a second time, because the first crash may have another cause. After the second crash it is
+    recorded as crashed, and the block continues with the other methods.
     """
     ends = Counter([Journal(work.folder, journal).left])
     while True:
@@ -91,7 +91,7 @@ def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
         if failure is None or not failure.again:
             return failure
         after = Journal(work.folder, journal)
-        if not after.left or after.left in after.crashed:  # in no method's work
+        if not after.left or after.left in after.crashed:  # no method was at work
             return failure
         ends[after.left] += 1
         if ends[after.left] >= DEATHS:
@@ -99,7 +99,7 @@ def finish_apart(work: Apart, journal: str, tell: Tell) -> Failure | None:
 
 
 def run_apart(work: Apart, tell: Tell) -> Failure | None:
-    """Do what a block lacks in a process of its own."""
+    """Complete a block in a process of its own; return the failure, or None."""
     context = get_context("spawn")
     pipe, other = context.Pipe(duplex=False)
     given = (work.kind, work.block, work.seed, str(work.folder.path), list(work.recorded))
@@ -123,13 +123,13 @@ def run_apart(work: Apart, tell: Tell) -> Failure | None:
 
 @dataclass(frozen=True)
 class _Next:
-    """What the process does next, for the progress bar."""
+    """A message with the next work of the process, for the progress bar."""
 
     what: str
 
 
 def _run(pipe: Connection, kind: str, block: Any, seed: int, folder: str, recorded: list[Mapping[str, str]]) -> None:
-    """The process: tell what is next, and at last the error that was raised, or None."""
+    """Run a block in this process; send each next work, then the error or None."""
     threading.Thread(target=end_with_parent, daemon=True).start()
     told: Any = None
     try:

@@ -1,4 +1,4 @@
-"""Kernels compiled by a second process while the first draws the problems: the first run on a machine is then shorter."""
+"""Compile kernels in a second process while the main process samples problems, which shortens the first run on a machine."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from benchmarks.run.pool import start
 from benchmarks.suite import Suite, suite_of
 
 WAIT_SECONDS = 600.0
-"""Longest wait for the second process before what is timed [s]: what it has not compiled by then is compiled here."""
+"""Longest wait for the second process before timed work [s]; the main process compiles the remaining kernels."""
 
 
 @contextmanager
 def compiled_aside(suite: Suite, *, wanted: bool) -> Iterator[None]:
-    """Let a second process do the first calls of all blocks that are timed alone; it has ended when the context ends.
+    """Run the first calls of all blocks that are timed alone in a second process, which ends with the context.
 
-    Compiled kernels go to the cache on disk, where this process finds them. Nothing else comes of it: where it fails, this
-    process compiles by itself.
+    The only result are compiled kernels in the cache on disk. If the second process fails, this process compiles them.
     """
     if not wanted or suite.plugins or not any(kind.warms for kind in suite.kinds):
         yield
@@ -36,8 +35,8 @@ def compiled_aside(suite: Suite, *, wanted: bool) -> Iterator[None]:
 
 
 def _first_calls(name: str, settings: dict[str, object]) -> None:
-    """Do the first calls; Ctrl-C is for the first process, which ends this one."""
+    """Run the first calls; ignore Ctrl-C, because the main process ends this one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(Exception):  # the first process tells the user of what goes wrong
+    with suppress(Exception):  # the main process reports errors
         for kind, block in suite_of(name, settings).pairs():
             kind.warm(block)

@@ -1,4 +1,4 @@
-"""One process at a time works in a run folder."""
+"""The lock of a run folder: one process at a time writes to it."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ else:
 
 
 WAIT = 0.2
-"""Between two attempts to get a lock that another process holds [s]."""
+"""Time between two attempts to get a lock that another process holds [s]."""
 
 
 @contextmanager
 def locked(folder: Path, wait: bool = False) -> Iterator[None]:
-    """Work in a run folder as the only process; the folder is made where it does not exist.
+    """Lock a run folder for this process; create the folder if it does not exist.
 
-    The operating system holds the lock and releases it when the process ends, in whatever way: a lock of a dead process
-    does not exist.
+    The operating system releases the lock when the process ends, also after a crash.
     """
     file = folder / LOCK
     try:
@@ -37,7 +36,7 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
     except OSError as error:
         raise OutputError(folder, f"cannot be written ({error.strerror})") from None
     if opened is None:
-        words = f"another process works in it{_holder(file)}; wait for its end, or name another folder"
+        words = f"another process writes to it{_holder(file)}; wait for its end, or choose another folder"
         raise OutputError(folder, words)
     try:
         yield
@@ -51,7 +50,7 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
 
 
 def _opened(file: Path) -> int | None:
-    """The lock's file, opened and locked; None where another process holds it."""
+    """Open and lock the file of the lock; return None if another process holds it."""
     while True:
         opened = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
         if not _taken(opened):
@@ -66,11 +65,11 @@ def _opened(file: Path) -> int | None:
             os.ftruncate(opened, 0)
             os.write(opened, str(os.getpid()).encode())
             return opened
-        os.close(opened)  # the holder before has removed it in the meantime
+        os.close(opened)  # its last holder has removed it meanwhile
 
 
 def _taken(opened: int) -> bool:
-    """Whether this process has the lock now."""
+    """Try to lock the file; return whether this process holds the lock."""
     try:
         if sys.platform == "win32":
             msvcrt.locking(opened, msvcrt.LK_NBLCK, 1)
@@ -84,7 +83,7 @@ def _taken(opened: int) -> bool:
 
 
 def _holder(file: Path) -> str:
-    """Who holds a lock, in words."""
+    """Describe the holder of a lock."""
     try:
         return f" (process {int(file.read_text(encoding='ascii'))})"
     except (OSError, ValueError):

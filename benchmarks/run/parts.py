@@ -1,4 +1,4 @@
-"""Parts of a run, given to a place as it has room; work that kills or hangs is tried again, then divided."""
+"""Parts of a run: work that crashes or hangs is tried again, then divided to find the problems that cause it."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from benchmarks.kinds.base import Part
 from benchmarks.run.work import Failure, Outcome, Place
 
 MOST_CRASHES = 3
-"""Problems of one method that are singled out; work of it that fails later is recorded as crashed without being divided."""
+"""Largest number of crashing problems to find per method; later failures of the method are not divided."""
 
 
 @dataclass
 class Done:
-    """What came of a part.
+    """The result of a part.
 
     Attributes
     ----------
     part : Part
         The part.
     rows : DataFrame or None
-        Its rows; None where it failed, and its work does not say what rows it then gets.
+        Its rows; None if it failed and its work defines no rows for crashes.
     crashes : list of str
-        Why some of its work, or all of it, failed.
+        Reasons of failures in the part.
     """
 
     part: Part
@@ -37,7 +37,7 @@ class Done:
 
 @dataclass
 class _Task:
-    """A part with what has come of its pieces so far."""
+    """A part with the results of its pieces so far."""
 
     kind: str
     part: Part
@@ -54,7 +54,7 @@ class _Task:
 
 @dataclass
 class _Piece:
-    """Work of a part, all of it or a half of a half …, in the order of its rows."""
+    """The work of a part, or of a piece of it after repeated halving."""
 
     task: _Task
     work: Any
@@ -63,10 +63,10 @@ class _Piece:
 
 
 def solved(parts: Iterable[tuple[str, Part]], place: Place) -> Iterator[Done]:
-    """Do parts at a place.
+    """Run parts, and yield their results.
 
-    Work whose process dies or hangs is tried a second time. If it fails again, or raises an error, it is divided until
-    the problems that are to blame are found; these get the rows that the work says (`crashed`), all others their own.
+    Work that crashes its process or hangs is tried a second time. If it fails again, or raises an error, it is divided until
+    the problems that cause the failure are found. These get the rows of the method `crashed` of the work.
     """
     runner = _Runner(place)
     source = iter(parts)
@@ -79,7 +79,7 @@ def solved(parts: Iterable[tuple[str, Part]], place: Place) -> Iterator[Done]:
 
 
 class _Runner:
-    """Pieces of work at a place, and those that wait for room."""
+    """Running pieces of work, and those that wait."""
 
     def __init__(self, place: Place) -> None:
         self._place = place
@@ -98,7 +98,7 @@ class _Runner:
 
     def start(self, piece: _Piece) -> None:
         piece.task.open += 1
-        self._waiting.appendleft(piece)  # halves before what is larger: the problems to blame are found soon
+        self._waiting.appendleft(piece)  # halves first, to find the crashing problems soon
         self._fill()
 
     def _fill(self) -> None:
@@ -119,7 +119,7 @@ class _Runner:
                 yield piece.task.done()
 
     def _take(self, piece: _Piece, outcome: Outcome) -> None:
-        """Keep the rows of a piece, or deal with its failure."""
+        """Keep the rows of a piece, or handle its failure."""
         if isinstance(outcome, pl.DataFrame):
             piece.task.rows[piece.order] = outcome
         elif isinstance(outcome, Failure):

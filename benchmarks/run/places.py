@@ -1,4 +1,4 @@
-"""Places for work other than worker processes: this process, and any executor."""
+"""Places that run parts: this process, and any executor."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 from benchmarks.run.work import Outcome, attempt
 
 IN_FLIGHT = 64
-"""Parts that an executor has at a time: enough for as many workers, and few enough for their arrays to fit in memory."""
+"""Parts that an executor holds at a time: enough for as many workers, with arrays that fit in memory."""
 
 
 class Here:
-    """The first process; one piece of work at a time."""
+    """The main process, which runs one part at a time."""
 
     room = 1
 
@@ -21,20 +21,20 @@ class Here:
         self._work: list[tuple[int, str, Any]] = []
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Keep a piece of work until `wait`."""
+        """Keep work until `wait`."""
         self._work.append((ticket, kind, work))
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Do the work."""
+        """Run the work."""
         ticket, kind, work = self._work.pop(0)
         return [(ticket, attempt(kind, work))]
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Do nothing, because no process was started."""
 
 
 class OnExecutor:
-    """An executor of the caller's, such as one of `concurrent.futures`."""
+    """An executor of the caller, such as one of `concurrent.futures`."""
 
     room = IN_FLIGHT
 
@@ -44,7 +44,7 @@ class OnExecutor:
         self._tickets: dict[Future[Outcome], int] = {}
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Submit a piece of work."""
+        """Submit work."""
         self._tickets[self._submit(attempt, kind, work, self._recorded)] = ticket
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
@@ -53,6 +53,6 @@ class OnExecutor:
         return [(self._tickets.pop(future), future.result()) for future in done]
 
     def close(self) -> None:
-        """Take back what has not begun."""
+        """Cancel work that has not started."""
         for future in self._tickets:
             future.cancel()

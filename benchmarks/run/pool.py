@@ -1,4 +1,4 @@
-"""Worker processes, each with a pipe of its own, so that a death or a hang is told from all other work."""
+"""Worker processes, each with a pipe of its own, which attributes a crash or a hang to the work that caused it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from benchmarks.run.work import Failure, Outcome, attempt
 from optik.errors import OptikError
 
 START_SECONDS = 300.0
-"""Within which a worker must have imported our packages [s]: a loaded machine may take tens of seconds."""
+"""Time limit for a worker to import optik [s]: a loaded machine may take tens of seconds."""
 
 
 class WorkerFailed(OptikError, RuntimeError):
-    """A worker process that ended before it could take any work."""
+    """A worker process that ended before its first work."""
 
 
 class Workers:
-    """Worker processes; a place for work."""
+    """A pool of worker processes."""
 
     def __init__(self, count: int, recorded: Sequence[Mapping[str, str]], limit: float) -> None:
         self.room = count
@@ -35,7 +35,7 @@ class Workers:
         self._busy: list[_Worker] = []
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Give a piece of work to a worker that has none, or to a new one."""
+        """Give work to an idle worker, or to a new one."""
         worker = self._idle.pop() if self._idle else _Worker(self._recorded)
         self._busy.append(worker)
         worker.give(ticket, (kind, work), self._limit)
@@ -57,14 +57,14 @@ class Workers:
         return found
 
     def close(self) -> None:
-        """End all workers at once; they hold no files."""
+        """Kill all workers; they hold no files."""
         for worker in (*self._busy, *self._idle):
             worker.end()
         self._busy, self._idle = [], []
 
 
 class _Worker:
-    """One process, its pipe, and the work that it has in hand."""
+    """One process, its pipe and its current work."""
 
     def __init__(self, recorded: list[Mapping[str, str]]) -> None:
         context = get_context("spawn")
@@ -79,11 +79,11 @@ class _Worker:
         self.ticket, self._limit = ticket, limit
         if self.ready:
             self.until = time.monotonic() + limit
-        with suppress(OSError):  # it has died: `outcome` says so
+        with suppress(OSError):  # it has crashed: `outcome` reports that
             self.pipe.send(work)
 
     def outcome(self) -> Outcome | None:
-        """What has come through the pipe; None for the word that the process has started."""
+        """Return what the process sent; None for the message that it has started."""
         try:
             came = self.pipe.recv()
         except (EOFError, OSError):
@@ -114,7 +114,7 @@ class _Worker:
 
 
 def ending(status: int | None) -> str:
-    """How a process ended, in words."""
+    """Describe how a process ended."""
     if status is not None and status < 0:
         try:
             return signal.Signals(-status).name
@@ -125,7 +125,7 @@ def ending(status: int | None) -> str:
 
 @contextmanager
 def interrupts_held_back() -> Iterator[None]:
-    """Ctrl-C does not reach a process that is started here: the first process alone answers to it."""
+    """Block Ctrl-C for processes that start in this context; only the main process handles it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -154,7 +154,7 @@ def start(process: BaseProcess) -> None:
 
 
 def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
-    """Do work until the pipe ends."""
+    """Run work until the pipe closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_parent, daemon=True).start()
     try:
@@ -167,7 +167,7 @@ def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
 
 
 def end_with_parent() -> None:
-    """End this process with the first one, in the middle of its work where that was killed."""
+    """Wait for the main process to end, then end this process."""
     parent = parent_process()
     if parent is not None:
         parent.join()

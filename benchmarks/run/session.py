@@ -1,4 +1,4 @@
-"""Run a suite into a run folder: parts that any process may do, then blocks that are timed by themselves."""
+"""Run a suite: first parts for any process, then blocks that are timed alone."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ from optik.plugins.usage import check_allowed, record_plugins
 from optik.registry import own_names, short_name
 
 Progress = Callable[[int, int, str], None]
-"""Called with (parts done, parts in all, what is next)."""
+"""Type of a callback with (finished parts, number of parts, name of the next one)."""
 
 MOST_WORKERS = 4096
-"""Processes: more than a machine has cores, and more than the operating system's queues can count."""
+"""Largest number of processes: more than the cores of a machine."""
 
 PART_SECONDS = 1800.0
-"""Time within which a worker must have done a part [s]: a part of the slowest method takes minutes."""
+"""Default time limit of a part in a worker process [s]: a part of the slowest method takes minutes."""
 
 
 @dataclass(frozen=True)
 class Where:
-    """Where the parts of a run are done.
+    """What runs the parts of a run.
 
     Attributes
     ----------
     workers : int
-        Processes.
+        Number of processes.
     executor : Executor or None
-        In place of them.
+        An executor in place of processes.
     dask : str
-        Address of a scheduler, in place of them; empty for none.
+        Address of a Dask scheduler in place of processes; empty for none.
     limit : float or None
-        Time within which a worker must have done a part [s].
+        Time limit of a part in a worker process [s].
     """
 
     workers: int = 1
@@ -68,7 +68,7 @@ class Where:
             raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
 
     def place(self, recorded: list[dict[str, str]]) -> Place:
-        """Start what is needed."""
+        """Start the processes, or connect to the cluster."""
         if self.executor is not None:
             return OnExecutor(self.executor, recorded)
         if self.dask:
@@ -89,40 +89,40 @@ def run_suite(
     progress: Progress | None = None,
     command: str = "",
 ) -> RunFolder:
-    """Run a suite, or continue it where it stopped.
+    """Run a suite, or resume an interrupted run.
 
     Parameters
     ----------
     suite : Suite
-        What to run.
+        The suite.
     out : path
-        Folder of the run: new, empty, or of the same suite and settings.
+        Folder of the run: new, empty, or with an interrupted run of the same suite and settings.
     workers : int
-        Processes. More than one disturb each other's times; the answers are the same for any number.
+        Number of processes. More than one affects measured times, not results.
     executor : concurrent.futures.Executor, optional
-        Where to do the parts instead; the caller's to shut down.
+        Executor that runs the parts in place of processes; the caller shuts it down.
     dask : str
-        Address of a Dask scheduler on whose workers to do the parts instead; empty for none.
+        Address of a Dask scheduler whose workers run the parts in place of processes; empty for none.
     part_timeout : float, optional
-        Time within which a worker process must have done a part [s]; `PART_SECONDS` where there are several processes.
-        With a limit, one worker is a process of its own, too.
+        Time limit of a part in a worker process [s]; by default `PART_SECONDS` if there are several processes. With a limit,
+        parts run in a worker process even if there is only one.
     progress : callable, optional
-        Called with (parts done, parts in all, what is next).
+        Callback with (finished parts, number of parts, name of the next one).
     command : str
-        How to run this again, for the report.
+        Command that repeats the run, for the report.
 
     Returns
     -------
     RunFolder
-        The finished run: ``failed`` of its manifest says what crashed; it is ``complete`` where all has its rows.
+        The finished run. ``failed`` of its manifest lists crashes; ``complete`` is true if every part has its rows.
 
     Raises
     ------
     OutputError
-        The folder cannot be written, holds something else, or another process works in it.
+        The folder cannot be written, contains something else, or another process writes to it.
     InvalidInput
-        An option that a set or a method does not have; a plug-in that is not allowed, or not the one that the run began
-        with; a table in the folder that is damaged or of another run; no cluster at that address.
+        An unknown option of a set or a method; a plug-in that is not allowed, or has changed since the start of the run; a
+        damaged or foreign table in the folder; no cluster at that address.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
     where = Where(workers, executor, dask, part_timeout)
@@ -142,7 +142,7 @@ def run_suite(
 
 @contextmanager
 def _begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """A run folder with its manifest, locked; as it was before, where a new run fails before its first part."""
+    """Lock and create a run folder; undo that if a new run fails before its first part."""
     existed, fresh = folder.path.exists(), folder.empty
     try:
         with locked(folder.path):
@@ -159,7 +159,7 @@ def _begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[dict[str, An
 
 
 class _Session:
-    """A run while one process works on it."""
+    """A run in progress."""
 
     def __init__(self, suite: Suite, folder: RunFolder, manifest: dict[str, Any], tell: Progress) -> None:
         self._suite, self._folder, self._tell = suite, folder, tell
@@ -171,7 +171,7 @@ class _Session:
         self._mark, self._recorded = Mark(folder), record_plugins(suite.plugins)
 
     def prepare(self) -> None:
-        """Check what only trying shows, and write the arms that do not come with optik: a report needs no files of theirs."""
+        """Prepare every block, and write the robots that do not come with optik, so that a report needs no other files."""
         self._tell(0, 1, "problem sets")
         suite = self._suite
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
@@ -180,14 +180,14 @@ class _Session:
             self._folder.write_json(ARMS, {short_name(name): load(name).to_dict() for name in outside})
 
     def _todo(self) -> Iterator[tuple[str, Part]]:
-        """Parts that are not done: drawn one by one, since they bring their problems with them."""
+        """Yield unfinished parts one by one, because each holds its problems in memory."""
         for kind, block, given in self._prepared:
             for part in kind.parts(block, given, self._folder):
                 if not self._folder.has(part.file):
                     yield self._suite.sources[kind.name], part
 
     def do_parts(self, place: Place) -> None:
-        """Do all parts that are not done; in a process apart the one that the first process has died in."""
+        """Run all unfinished parts; a part that crashed the main process runs in a worker process."""
         deadly = [(kind, part) for kind, part in self._counted() if self._mark.deadly(part.file)]
         if deadly and isinstance(place, Here):
             with closing(Workers(1, self._recorded, PART_SECONDS)) as apart:
@@ -197,21 +197,21 @@ class _Session:
         self._mark.clear()
 
     def _counted(self) -> Iterator[tuple[str, Part]]:
-        """Parts that are not done, while they are counted."""
+        """Yield unfinished parts, and count them."""
         self._total = len(self._alone)
         for kind, part in self._todo():
             self._total += 1
             yield kind, part
 
     def _marked(self, parts: Iterable[tuple[str, Part]]) -> Iterator[tuple[str, Part]]:
-        """Parts for this process, each marked before it is done."""
+        """Yield parts for this process, each marked before it runs."""
         for kind, part in parts:
             self._mark.set(part.file)
             self._tell(self._done, self._total, part.label)
             yield kind, part
 
     def _keep(self, parts: Iterable[Done]) -> None:
-        """Write what comes of parts."""
+        """Write the rows and failures of parts."""
         for done in parts:
             if done.rows is None:
                 self._lacking.add(done.part.file)
@@ -222,7 +222,7 @@ class _Session:
             self._tell(self._done, self._total, done.part.label)
 
     def do_alone(self) -> None:
-        """Do what is timed alone, one block after another, in this process."""
+        """Run the blocks that are timed alone, one after another, in this process."""
         for kind, block in self._alone:
             tell = partial(self._tell, self._done, self._total)
             failure = self._timed(kind, block, tell)
@@ -236,9 +236,9 @@ class _Session:
         self._tell(self._done, self._total, "done")
 
     def _timed(self, kind: Kind, block: Any, tell: Callable[[str], None]) -> Failure | None:
-        """Do what a block lacks; why it failed, where it did."""
+        """Complete a block; return its failure, or None."""
         name, source = kind.file(block), self._suite.sources[kind.name]
-        failed = any(one["file"] == name for one in self._manifest["failed"])  # so it may end this process again
+        failed = any(one["file"] == name for one in self._manifest["failed"])  # it may crash this process again
         apart = failed or self._mark.died_in(name)
         self._mark.set(name)
         try:
@@ -255,7 +255,7 @@ class _Session:
         return None
 
     def _record(self, file: str, label: str, crashes: list[str]) -> None:
-        """Keep in ``run.json`` what crashed."""
+        """Record crashes in ``run.json``."""
         before = [one for one in self._manifest["failed"] if (one["file"], one["label"]) != (file, label)]
         now = [{"file": file, "label": label, "why": why, "times": n} for why, n in Counter(crashes).items()]
         if now or len(before) < len(self._manifest["failed"]):
@@ -263,14 +263,14 @@ class _Session:
             self._folder.write_json("run.json", self._manifest)
 
     def finish(self) -> None:
-        """Store the tables of kinds that are not ours, and say whether the run is complete."""
+        """Store the tables of plug-in kinds, and record whether the run is complete."""
         for kind, block in self._suite.pairs():
             store_table(kind, block, self._folder)
         self._folder.write_json("run.json", self._manifest | {"complete": not self._lacking})
 
 
 def _manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:
-    """Content of ``run.json`` at the start of a run."""
+    """Return the content of ``run.json`` at the start of a run."""
     return {
         "format": FORMAT,
         "suite": suite.name,

@@ -1,4 +1,4 @@
-"""Do one part of a run in any process, and say what came of it: rows, or why there are none."""
+"""Run one part in any process; the outcome is its rows, or a failure with the reason."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from optik.errors import OptikError
 from optik.plugins.files import expect
 
 _one_at_a_time = threading.Lock()
-"""A worker of a cluster may have several threads; methods and peers need not be fit for that."""
+"""A lock, because a worker of a cluster may have several threads, and methods need not be thread-safe."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why some work brought no rows.
+    """Why some work has no rows.
 
     Attributes
     ----------
     why : str
-        In words: how its process ended, that the time was over, or the error that was raised.
+        The reason: a crashed process, a time limit, or an error.
     again : bool
-        Whether a second attempt may go better: where the process died or hung, which may be the machine's fault.
+        Whether a second attempt may succeed: after a crash or a hang, which may have another cause.
     """
 
     why: str
@@ -34,28 +34,28 @@ class Failure:
 
 
 Outcome = pl.DataFrame | Failure | OptikError
-"""What comes of some work; an error of ours is the user's to mend, and ends the run."""
+"""Outcome of some work; an OptikError ends the run, because the user can correct it."""
 
 
 class Place(Protocol):
-    """Where work is done: this process, others, an executor, or a cluster."""
+    """What runs work: this process, worker processes, an executor, or a cluster."""
 
     @property
     def room(self) -> int:
-        """How many pieces of work it takes at a time."""
+        """Number of parts that it holds at a time."""
 
     def submit(self, ticket: int, kind: str, work: Any) -> None:
-        """Take a piece of work."""
+        """Submit work."""
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes; at least one, where there is work."""
+        """Wait for outcomes; at least one, if there is work."""
 
     def close(self) -> None:
-        """End all processes that were started; work in hand is lost."""
+        """End all processes that it started; unfinished work is lost."""
 
 
 def attempt(kind: str, work: Any, recorded: Sequence[Mapping[str, str]] = ()) -> Outcome:
-    """Do some work in this process; whatever is raised is returned."""
+    """Run work in this process; return its rows, or the error."""
     try:
         with _one_at_a_time:
             expect(recorded)
@@ -66,9 +66,9 @@ def attempt(kind: str, work: Any, recorded: Sequence[Mapping[str, str]] = ()) ->
         return Failure(words_of_error(error), again=False)
     if isinstance(rows, pl.DataFrame):
         return rows
-    return Failure(f"solve() returned {type(rows).__name__}, no table", again=False)
+    return Failure(f"solve() returned a {type(rows).__name__} instead of a DataFrame", again=False)
 
 
 def words_of_error(error: BaseException) -> str:
-    """An error on one line."""
+    """Format an error on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300].rstrip(": ")

@@ -200,7 +200,7 @@ def test_a_peer_with_another_model_is_never_timed(monkeypatch: pytest.MonkeyPatc
     absent = build_peer("lies", ARM)
     assert isinstance(absent, Absent)
     assert absent.outcome == "differs"
-    assert absent.why == "its model differs from ours by 1.0e-03 m and by 0.0e+00 in the rotation matrix"
+    assert absent.why == "its model differs from optik's by 1.0e-03 m, and by 0.0e+00 in the rotation matrix"
     monkeypatch.setattr(Lies, "shift", 1e-11)
     assert isinstance(build_peer("lies", ARM), Lies)
     monkeypatch.setattr(Lies, "shift", np.nan)

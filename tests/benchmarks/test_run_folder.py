@@ -44,7 +44,7 @@ def test_two_processes_do_not_work_in_one_folder(tmp_path: Path) -> None:
         done = subprocess.run(
             [sys.executable, "-c", code.format(tmp_path / "run")], capture_output=True, text=True, check=False
         )
-        assert f"another process works in it (process {os.getpid()})" in done.stderr
+        assert f"another process writes to it (process {os.getpid()})" in done.stderr
         with pytest.raises(OutputError, match="another process"):
             run(tmp_path / "run")
     assert run(tmp_path / "run").manifest()["complete"], "the lock of a process that is done is gone"

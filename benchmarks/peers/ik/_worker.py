@@ -81,7 +81,7 @@ class WorkerPeer(Peer):
 
     @classmethod
     def missing(cls) -> str:
-        """Why it cannot be run here, empty where it can."""
+        """Return why the peer cannot run here; empty if it can."""
         if cls.python().exists():
             return ""
         return f"no environment in {cls.environment()}: optik bench peer {cls.name} --install"
@@ -147,11 +147,11 @@ class Worker:
         self._ask({"do": "build", "model": self._model})
         reply = self._next(LONGEST_START)
         if reply is None:
-            raise NotInstalled("its worker process ended while it was built")
+            raise NotInstalled("its worker process ended at the start")
         if "refused" in reply:
-            raise InvalidInput("robot", reply["refused"], "arms that it can be built for")
+            raise InvalidInput("robot", reply["refused"], "an arm that the package supports")
         if "error" in reply:
-            raise NotInstalled(f"cannot be built in its environment: {reply['error']}")
+            raise NotInstalled(f"cannot be loaded in its environment: {reply['error']}")
 
     def fk(self, q: list[float]) -> Any:
         """Tool pose of one configuration."""
@@ -162,7 +162,7 @@ class Worker:
         return reply["pose"]
 
     def solve(self, problems: list[tuple[Any, Any]]) -> list[Answer]:
-        """Solve problems in one message; after a crash the rest in a new process, and that problem once more."""
+        """Solve problems; after a crash, repeat that problem and solve the others in a new process."""
         found: list[Answer] = []
         tried_again, crashes = False, 0
         while len(found) < len(problems):
@@ -180,12 +180,12 @@ class Worker:
                 crashes += 1
             tried_again = not tried_again
             if crashes == MOST_WORKER_CRASHES or not self._restarted():
-                lost = Answer(Failed("crashed", f"not called: {how} before"), took, None)
+                lost = Answer(Failed("crashed", f"not called after repeated crashes: {how}"), took, None)
                 found += [lost] * (len(problems) - len(found))
         return found
 
     def _ended(self) -> str:
-        """End the process, if it has not ended by itself, and say how it ended."""
+        """End the process, and describe how it ended."""
         hung = self._hung
         _end(self._process)
         return (
@@ -201,7 +201,7 @@ class Worker:
 
     def _ask(self, request: dict[str, Any]) -> None:
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended, which the missing answer shows
+        with contextlib.suppress(OSError):  # it has ended: the missing answer shows that
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
 

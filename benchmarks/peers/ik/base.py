@@ -221,7 +221,7 @@ def different_model(peer: Peer, robot: Robot) -> Absent | None:
     if (worst <= peer.fk_tolerance).all():
         return None
     return Absent(
-        f"its model differs from ours by {worst[0]:.1e} m and by {worst[1]:.1e} in the rotation matrix", "differs"
+        f"its model differs from optik's by {worst[0]:.1e} m, and by {worst[1]:.1e} in the rotation matrix", "differs"
     )
 
 

@@ -29,7 +29,7 @@ class EAIK(Peer):
         self.robot = robot
         arm = HomogeneousRobot(zero_frames(robot))
         if not arm.hasKnownDecomposition():
-            raise InvalidInput("robot", "axes without a known decomposition", "arms that decompose into subproblems")
+            raise InvalidInput("robot", "axes without a known decomposition", "an arm that decomposes into subproblems")
         self.arm: Any = arm
         self.call = arm.IK
 

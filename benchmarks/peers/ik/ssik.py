@@ -37,9 +37,7 @@ class SSIK(Peer):
         transforms = np.concatenate([robot.fixed, robot.tool[None]])
         arm = Manipulator.from_transforms(transforms, limits=np.stack([robot.limits.lower, robot.limits.upper], axis=1))
         if arm.dispatch_plan.needs_symbolic_precompute:
-            raise InvalidInput(
-                "robot", f"the class {arm.solver_name}", "arms whose module is generated in seconds, not minutes"
-            )
+            raise InvalidInput("robot", f"the class {arm.solver_name}", "an arm whose module is generated in seconds")
         self.arm: Any = arm
         self.call = partial(_module(arm).solve, max_solutions=1)
 
