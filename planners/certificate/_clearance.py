@@ -15,14 +15,14 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 
 Polynomials = tuple[Array, Array, Array, Flags]
-"""A motion as kernels take it: coefficients (6, m, n), knots (m + 1,) [s], the pieces' extrema of orders 0 to 3
+"""A motion as arguments of kernels: coefficients (6, m, n), knots (m + 1,) [s], the pieces' extrema of orders 0 to 3
 (4, m, n, 2), and at which knots (m + 1,) the velocities are continuous."""
 EndMotion = tuple[Array, Array, Array, Array]
-"""What is known of the ends of capsules around the middle of an interval: points (m, 2, 3) [m]; and relative to each link
-(n + 1): velocity (m, 2, n + 1, 3) [m/s], and bounds on the displacement and on the acceleration (m, 2, n + 1) [m, m/s²]."""
+"""Motion of the ends of capsules in an interval: points (m, 2, 3) at its middle [m]; and relative to each link (n + 1):
+velocity (m, 2, n + 1, 3) at its middle [m/s], and bounds on displacement and acceleration (m, 2, n + 1) [m, m/s²]."""
 SearchOptions = tuple[float, float, float, float, int]
-"""Margin to the scene [m]; share of the least distance found, and distance [m], within which a bound is close; shortest half
-interval [s]; most intervals."""
+"""Margin to the scene [m]; fraction of the least distance found, and distance [m], within which a bound is close enough;
+shortest half interval [s]; largest number of intervals."""
 
 
 @inlined
@@ -40,7 +40,7 @@ def _length(a: Triple, b: Triple) -> float:
 def _locate_end(
     chain: Chain, frame: Array, link: int, point: Array, joint: Array, e: int, moved: EndMotion, k: int
 ) -> None:
-    """One end e of capsule k: its place, and its motion relative to each link before its own.
+    """Compute the position of end e of capsule k, and its motion relative to each link before its own.
 
     joint (4, n): velocities at the middle, and bounds over the interval on displacement, velocity and acceleration.
     """
@@ -80,7 +80,7 @@ def _locate_capsule(
     moved: EndMotion,
     spheres: Array,
 ) -> None:
-    """Both ends of capsule k, and the sphere around its axis, unless they are known for this interval."""
+    """Compute both ends of capsule k and the sphere around its axis, unless they are known for this interval."""
     if spheres[k, 3] >= 0.0:
         return
     _locate_end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
@@ -94,9 +94,9 @@ def _locate_capsule(
 def _bound_joints(
     motion: Polynomials, first: int, last: int, span: Array, D: Array, joint: Array
 ) -> tuple[float, bool]:
-    """The middle of an interval over pieces first to last: derivatives D (1, 6, n) there, and `joint` as `_end` reads it.
+    """Compute derivatives D (1, 6, n) at the middle of an interval over pieces `first` to `last`, and `joint` of `_locate_end`.
 
-    Returns half  [s].
+    Returns half the length of the interval [s], and whether velocities are continuous in it.
     """
     c, knots, extrema, continuous = motion
     t = 0.5 * (span[0] + span[1])
@@ -126,7 +126,7 @@ def _bound_joints(
 
 @inlined
 def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
-    """Lower bound on the distance of an axis to the second body of a pair, by spheres around axes."""
+    """Return a lower bound on the distance of an axis to the second body of a pair, from spheres around axes."""
     if kind == BOX:
         T, edges = scene[0], scene[1]
         x, y, z = middle[0] - T[i, 0, 3], middle[1] - T[i, 1, 3], middle[2] - T[i, 2, 3]
@@ -146,7 +146,7 @@ def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Obje
 
 @inlined
 def _plane_distance(near: NearestPoint, moved: EndMotion, k: int, base: int, h: float) -> float:
-    """Lower bound on the distance of axis k over an interval, by the plane through the nearest point; see `clearance`."""
+    """Return a lower bound on the distance of axis k over an interval, from the plane at the nearest point; see `clearance`."""
     places, velocity, _away, bent = moved
     distance, share, w = near
     n0, n1, n2 = w[0] / distance, w[1] / distance, w[2] / distance
@@ -163,7 +163,7 @@ def _plane_distance(near: NearestPoint, moved: EndMotion, k: int, base: int, h: 
 
 @inlined
 def _target(found: float, own: int, wanted: SearchOptions) -> float:
-    """The lower bound that is close enough to the least distance found; never below the margin while that is not reached."""
+    """Return the lower bound that is close enough to the least distance found; above the margin unless that is reached."""
     margin, share, absolute = wanted[0] if own == 0 else 0.0, wanted[1], wanted[2]
     if found == np.inf:
         return found
@@ -175,10 +175,10 @@ def _judge(
     pair: tuple[int, int, int, int], thick: float, scene: Objects, moved: EndMotion, shift: float,
     interval: tuple[float, float, bool], least: Array,
 ) -> float:  # fmt: skip
-    """Lower bound on the distance of a pair (capsule, body, kind, base link) over an interval; thick is its radii and rounding.
+    """Return a lower bound on the distance of a pair (capsule, body, kind, base link) over an interval.
 
-    interval: its middle, half length, and whether it is smooth. least (4,), the least distance found of this kind, when, the
-    lowest bound and the pair, gets the distance at the middle.
+    thick: radii and rounding. interval: middle, half length, and whether it is smooth. least (4,): least distance found of this
+    kind, its time, the lowest bound and the pair; updated with the distance at the middle.
 
     Returns [m].
     """
@@ -195,7 +195,7 @@ def _judge(
 
 @compiled
 def _split(knots: Array, first: int, last: int, span: Array) -> tuple[float, int, int]:
-    """Where to divide an interval: the knot nearest to its middle, or that; last piece before, and first one behind it."""
+    """Return the instant that divides an interval, at a knot if there is one; and the pieces before and after it."""
     t = 0.5 * (span[0] + span[1])
     if first == last:
         return t, first, first
@@ -211,12 +211,12 @@ def _judge_level(
     chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions,
     nodes: tuple[Array, Indices], open_: tuple[Indices, Array], rest: tuple[Indices, Array], least: Array,
 ) -> Indices:  # fmt: skip
-    """Judge the open pairs of all intervals of one level.
+    """Bound the distances of the open pairs in all intervals of one level.
 
-    nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the open pairs. open_: pairs and their bounds so
-    far. rest: filled with those that stay open.
+    nodes: spans (k, 2), and (k, 4): first and last piece, start and number of the open pairs. open_: pairs and their bounds.
+    rest: output, pairs that remain open.
 
-    Returns (k, 2).
+    Returns start and number (k, 2) of the remaining pairs of each interval.
     """
     (link, ends_a, ends_b, radius), scene, pairs = bodies
     count, n = link.shape[0], chain[1].shape[0]
@@ -266,8 +266,8 @@ def _judge_level(
 def search(chain: Chain, bodies: Bodies, motion: Polynomials, wanted: SearchOptions, least: Array) -> int:
     """Find and prove the least distances over a motion, of pairs with the scene and of pairs of the arm's own capsules.
 
-    All intervals of one length are judged before their halves, so that the least distance found is soon near the least there
-    is. The search ends with the first level at which a pair comes to the margin, or when no pair is open.
+    All intervals of one length are bounded before their halves, so that the least distance found soon approaches the true one.
+    The search ends at the first level where a pair reaches the margin, or when no pair is open.
 
     Shapes and units: least (2, 4) [m] (overwritten).
     """

@@ -15,9 +15,9 @@ from planners.limits._motion import plain
 class Binding(NamedTuple):
     """Path speed and active constraint of each of the m segments of a motion.
 
-    ``t`` and ``s`` (m + 1,) are times [s] and places [m, or rad] of their ends, ``speed`` (m,) is the mean of ds/dt.
-    ``ratio`` (m,) is the worst value over its limit on the segment [1], 0 where nothing is limited; ``limit`` (m,) names that
-    limit and ``joint`` (m,) its joint, ``"tool"`` for limits of the tool.
+    ``t`` and ``s`` (m + 1,) are times [s] and path parameters [m, or rad] of their ends, ``speed`` (m,) is the mean of ds/dt.
+    ``ratio`` (m,) is the peak ratio to a limit on the segment [1], 0 where nothing is limited; ``limit`` (m,) names that limit
+    and ``joint`` (m,) its joint, ``"tool"`` for limits of the tool.
     """
 
     t: Array
@@ -28,7 +28,7 @@ class Binding(NamedTuple):
     joint: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files; infinite and undefined numbers as None."""
+        """Return plain data for files; None for infinite and undefined numbers."""
         numbers = {k: plain(getattr(self, k)) for k in ("t", "s", "speed", "ratio")}
         return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
 

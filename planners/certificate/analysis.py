@@ -25,7 +25,7 @@ PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest")
 
 
 class MotionAnalysis(LimitedMotion):
-    """A motion of an arm along a path, if it has one, and what is computed of it; `enough` [m, rad] is a small path error."""
+    """A motion of an arm, along a path if it has one, and its computed values; `enough` [m, rad] is a small path error."""
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class MotionAnalysis(LimitedMotion):
         self._enough = min(enough[0], ERROR_FLOOR), min(enough[1], ERROR_FLOOR)
 
     def along_path(self, path: Path | None, enough: tuple[float, float]) -> MotionAnalysis:
-        """Return the analysis of the same motion along a path, without computing again what does not depend on the path."""
+        """Return the analysis of the same motion along a path; values that do not depend on the path are reused."""
         motion, known = MotionAnalysis(self.robot, self.trajectory, path, enough), vars(self)
         if path is self._path and motion._enough == self._enough:
             return self
@@ -83,12 +83,12 @@ class MotionAnalysis(LimitedMotion):
         return tool_speed(self.robot, self.trajectory, self.bounds)
 
     def tool_speed_bound(self, part: int) -> tuple[float, float]:
-        """Return a proved bound on the tool's speed [m/s, rad/s], and when it is nearly reached [s]."""
+        """Return a proved bound on the tool's speed [m/s, rad/s], and the time of the peak [s]."""
         found = self.tool_speed
         return (found.rotation, found.t_rotation) if part else (found.speed, found.t_speed)
 
     def tool_speed_ratio(self, on_pieces: Array, part: int) -> tuple[float, float]:
-        """Return a proved bound on the tool's speed over the limit of the path's piece, and when it is nearly reached [s]."""
+        """Return a proved bound on the ratio of the tool's speed to the limits of the path's pieces, and its time [s]."""
         return segment_speed(self.bounds, self.path, self.along[1], on_pieces, part)
 
     def tool_speed_ends(self, part: int) -> tuple[Array, Array]:

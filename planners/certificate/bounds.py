@@ -1,9 +1,9 @@
-"""Bounds on how fast a tool's motion can change between instants, from the joints' polynomials alone; proved, compiled.
+"""Proved bounds on the derivatives of a tool's motion between instants, from the joints' polynomials; compiled.
 
-The tool is at p = Σ_l R_l f_l, the sum over the arm's links of fixed vectors turned by all joints before them. If the joints
-before link l turn with |q̇| + … ≤ S₁, |q̈| + … ≤ S₂ and so on, then |dᵏR_l/dtᵏ| ≤ B_k(S₁, …, S_k), the complete Bell polynomial:
-it holds for one joint by Faà di Bruno's formula, and products of rotations add their S (Bell polynomials are of binomial
-type). A joint that slides adds R_j z q_j, by Leibniz's rule.
+The tool is at p = Σ_l R_l f_l, the sum over the arm's links of fixed vectors rotated by all joints before them. If the joints
+before link l have Σ |q̇| ≤ S₁, Σ |q̈| ≤ S₂ and so on, then |dᵏR_l/dtᵏ| ≤ B_k(S₁, …, S_k), the complete Bell polynomial. For one
+joint this is Faà di Bruno's formula; for products of rotations the S are added, because Bell polynomials are of binomial type.
+A prismatic joint adds R_j z q_j, by Leibniz's rule.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from planners.trajectory import Trajectory
 
 @compiled
 def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotation: Array, spin: Array) -> None:
-    """Bounds on the tool's derivatives within intervals, from bounds on the joints'.
+    """Compute bounds on the derivatives of the tool's motion within intervals from bounds on those of the joints.
 
     Shapes and units: links (n + 1,) [m], prismatic (n,), D (k, 6, n) [rad/s^i, m/s^i], position (k, 6) [m/s^i], rotation (k, 6)
     [1/s^i], spin (k,) [rad/s⁵].
@@ -54,7 +54,7 @@ def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotat
 
 @compiled
 def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
-    """Bounds on the derivatives of quintics over [t, t + h] from those at t: their Taylor sums.
+    """Compute bounds on the derivatives of quintics over [t, t + h]: the Taylor sums of those at t.
 
     Shapes and units: derivatives (k, 6, n) [rad/s^i, m/s^i], h (k,) [s], D (k, 6, n) [rad/s^i, m/s^i].
     """
@@ -70,7 +70,7 @@ def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
 
 @compiled
 def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
-    """Derivatives of order 0 to 5 of quintic pieces at instants.
+    """Compute derivatives of order 0 to 5 of quintic pieces at instants.
 
     Shapes and units: c (6, m, n) [rad/s^i, m/s^i], piece (k,), u (k,) [s], out (k, 6, n) [rad/s^i, m/s^i].
     """
@@ -89,8 +89,8 @@ def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
 class Instants(NamedTuple):
     """A motion at instants t (k,).
 
-    ``joints`` (k, 6, n) are the derivatives of q of order 0 to 5, ``poses`` (k, 4, 4) the tool's, ``motion`` (k, 3, 6) its
-    twist and that one's first two derivatives in the base frame.
+    ``joints`` (k, 6, n) are the derivatives of q of order 0 to 5, ``poses`` (k, 4, 4) the tool poses, ``motion`` (k, 3, 6)
+    the tool's twist and its first two derivatives in the base frame.
     """
 
     t: Array
@@ -105,7 +105,7 @@ class MotionBounds:
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
         self.robot = robot
         self._c = trajectory.padded
-        self.knots: Array = trajectory.knots.copy()  # writable as other times: no kernel is compiled for both
+        self.knots: Array = trajectory.knots.copy()  # writable like other times, so that kernels are compiled once
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
 
     @cached_property
@@ -121,17 +121,17 @@ class MotionBounds:
         return self._moving(self.knots[:-1], first), self._moving(self.knots[1:], last)
 
     def joints_at(self, piece: Indices, t: Array) -> Array:
-        """Derivatives of the joints at instants of given pieces."""
+        """Return the derivatives of the joints at instants of given pieces."""
         joints = np.empty((t.size, 6, self.robot.n))
         instants(self._c, piece, t - self.knots[piece], joints)
         return joints
 
     def at(self, piece: Indices, t: Array) -> Instants:
-        """The motion at instants of given pieces."""
+        """Return the motion at instants of given pieces."""
         return self._moving(t, self.joints_at(piece, t))
 
     def _moving(self, t: Array, joints: Array) -> Instants:
-        """The motion at instants, from the joints' derivatives (k, 6, n) there."""
+        """Return the motion at instants from the joints' derivatives (k, 6, n)."""
         robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
         q = np.ascontiguousarray(joints[:, 0])
@@ -140,7 +140,7 @@ class MotionBounds:
         return Instants(t, joints, poses, motion)
 
     def between(self, left: Instants, h: Array) -> tuple[Array, Array, Array]:
-        """Bounds on the tool's derivatives over [t, t + h]."""
+        """Return bounds on the tool's derivatives over [t, t + h]."""
         D = np.empty_like(left.joints)
         joint_bounds(left.joints, h, D)
         position, rotation, spin = np.empty((h.size, 6)), np.empty((h.size, 6)), np.empty(h.size)
@@ -149,10 +149,10 @@ class MotionBounds:
 
 
 def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array) -> Array:
-    """Bound on the norm over [0, h] of curves with given values and rates at both ends and bounded fourth derivatives.
+    """Return bounds on the norms over [0, h] of curves with given values and rates at both ends and bounded fourth derivatives.
 
-    A curve is within fourth · h⁴ / 384 of the cubic through its ends (de Boor, A Practical Guide to Splines, ch. IV; the
-    bound holds for vectors, along every direction), and the cubic within the hull of its Bézier points.
+    A curve is within fourth · h⁴ / 384 of its cubic Hermite interpolant (de Boor, A Practical Guide to Splines, ch. IV; applied
+    in every direction). The cubic is in the convex hull of its Bézier points.
     """
     bound = np.empty(h.size)
     left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
@@ -162,7 +162,7 @@ def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array
 
 @compiled
 def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
-    """`hermite_bound` of one curve, with values and rates (d,).
+    """Return `hermite_bound` of one curve, with values and rates (d,).
 
     Shapes and units: left, left_rate, right, right_rate (d,) [as the curve], h [s].
     """

@@ -1,4 +1,4 @@
-"""Certificate: what a trajectory keeps, from its polynomials and not from samples, whatever law made it."""
+"""Certificate: proved properties of a trajectory, from its polynomials and not from samples, for any time law."""
 
 from __future__ import annotations
 
@@ -34,67 +34,67 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 RATIO_ROUNDING = 1e-12
-"""What rounding may add to a ratio of exactly 1."""
+"""Largest excess of a ratio over 1 that counts as rounding error."""
 ENOUGH = 1.1
-"""Share of the tolerance, inverted, at which a bound on the path error need not be finer."""
+"""Ratio of the tolerance to the path error above which the bound on the path error is not refined."""
 MOST_LIMITS = 7
-"""Largest number of limits in a summary; those nearest to their bounds are shown."""
+"""Largest number of limits in a summary, by decreasing ratio."""
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """What a trajectory keeps: the sum of independent judgements. Certificates are equal only where they are the same object.
+    """Proved properties of a trajectory. Two certificates are equal only if they are the same object.
 
     Attributes
     ----------
     joint_names : tuple of str
         In the order of all arrays.
     law : str
-        Name of the law that made it.
+        Name of the time law of the trajectory.
     enforced : tuple of str
-        The limits that are enforced: `is_valid` judges exactly these, and the position limits.
+        Enforced limits: `is_valid` judges these and the position limits.
     velocity, acceleration, jerk : Extreme
-        Exact worst values over the limits; NaN ratios where there is no limit. Infinite jerk where acceleration jumps.
+        Exact peak values and their ratios to the limits, NaN without a limit. The jerk is infinite if the acceleration jumps.
     torque, torque_rate : Extreme
         Proved bounds on the torques [N·m, N], with Coulomb friction, and on their rates [N·m/s, N/s], without it, for this
-        model of the arm's masses; NaN where they are not limited.
+        model of the arm's masses; NaN if they are not limited.
     extra : mapping of str to Extreme or ToolExtreme
-        The same of further kinds of limits, by name (``MotionLimits(extra=...)``).
+        Peak values of further kinds of limits, by name (``MotionLimits(extra=...)``).
     energy : Energy or None
-        Mechanical energy and largest power found, where the torque is limited.
+        Mechanical energy and largest power found; None if neither the torque nor its rate is limited.
     friction_steps : tuple of FrictionStep
-        Steps of the torque by Coulomb friction, which ``torque_rate`` does not count, where torque or its rate is limited.
+        Steps of the torque by Coulomb friction, which ``torque_rate`` excludes; empty if neither of them is limited.
     sampled_jerk : (n,) array
-        Largest difference of accelerations at the controller's rate, over its period [rad/s³]: what a controller sees.
+        Largest difference of accelerations at consecutive samples of the controller, over its period [rad/s³].
     rate : float
-        That rate [1/s].
+        Rate of the controller [1/s].
     position_margin : (n,) array
-        Least distance to the position limits, exact [rad or m]; negative where one is violated.
+        Least distance to the position limits, exact [rad or m]; negative if one is violated.
     path_error : PathError
-        Tool against path: proved bounds for every instant.
+        Proved bounds on the deviation of the tool from the path.
     tolerance : (2,) tuple of float, or None
-        Largest distance [m] and angle [rad] to the path with which it is valid; None where no tolerance is set.
+        Largest distance [m] and angle [rad] to the path of a valid motion; None without a tolerance.
     tool_speed, rotation_speed : ToolExtreme
-        Greatest speed of the tool's point [m/s] and of its rotation [rad/s]: proved bounds, their ratios to the limits (NaN
-        where there is none) and when.
+        Proved bounds on the speed of the tool's point [m/s] and of its rotation [rad/s], their ratios to the limits (NaN
+        without a limit) and the times of the peaks.
     singular_value, t_singular_value : float
-        Smallest singular value of the Jacobian, and when: the least of a grid, refined around its least places.
+        Smallest singular value of the Jacobian, and its time: the minimum of a grid that is refined around it.
     binding : Binding
         Path speed and active constraint of each segment.
     coverage : Coverage
-        Which part of the path the motion runs through.
+        Part of the path that the motion covers.
     continuous : int
-        How many derivatives are continuous, standstill before a start and after an end at rest included: 0 to 3; −1
-        where the position itself jumps.
+        Highest order, 0 to 3, up to which all derivatives are continuous; −1 if the position jumps. A motion that starts or
+        ends at rest continues there with standstill.
     rest : (2,) tuple of bool
         Whether the velocity is zero at the start and at the end.
     clearance : Clearance or None
-        Proved least distance between arm and scene and between links, for these shapes; None where no scene was given, and
-        nothing is said of contact.
+        Proved least distance between arm and scene and between links, for these shapes; None without a scene: then contact is
+        not checked.
     jump : Jump or None
-        The largest jump of the position, or else of the velocity.
+        Largest jump of the position, or of the velocity if the position is continuous.
     t_position_margin : (n,) array
-        When the least distances to the position limits are reached [s].
+        Times of the least distances to the position limits [s].
     """
 
     joint_names: tuple[str, ...]
@@ -130,7 +130,7 @@ class Certificate:
         return "\n".join(summary_lines(self))
 
     def extreme(self, field: str) -> Extreme | ToolExtreme:
-        """Return the worst value of a limit, its ratio and its time.
+        """Return the peak value of a limited quantity, its ratio to the limit and its time.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Certificate:
         return self.extra[field]
 
     def worst(self, field: str) -> tuple[float, str, float]:
-        """Worst ratio of a limit, its joint (``"tool"`` for the tool's) and its time; NaN where nothing is limited.
+        """Return the largest ratio to a limit, its joint (``"tool"`` for the tool) and its time; NaN if nothing is limited.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Certificate:
 
     @cached_property
     def violations(self) -> tuple[Violation, ...]:
-        """The violations; empty where the certificate is valid."""
+        """The violations; empty if the certificate is valid."""
         moving = [] if self.rest[1] else [Violation("the motion does not end at rest", self.duration, "limits")]
         return (
             *self._limit_violations(),
@@ -205,21 +205,21 @@ class Certificate:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Texts of the violations; empty where the certificate is valid."""
+        """Texts of the violations; empty if the certificate is valid."""
         return tuple(violation.words for violation in self.violations)
 
     @property
     def is_valid(self) -> bool:
         """Whether every enforced limit is respected at every instant, and the motion follows its whole path.
 
-        The motion respects the limits in ``enforced`` and the position limits. Position and velocity do not jump. The tool
-        stays within the tolerance, if there is one. The motion passes the whole path forwards and ends at rest. With a scene,
-        every distance is proved to be above the margin.
+        The motion respects the limits in ``enforced`` and the position limits. Position and velocity are continuous. The tool
+        stays within the tolerance, if there is one. The motion covers the whole path forwards and ends at rest. With a scene,
+        every distance is proved to exceed the margin.
         """
         return not self.violations
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files; infinite and undefined numbers as None."""
+        """Return plain data for files; None for infinite and undefined numbers."""
         out: dict[str, Any] = {
             "law": self.law, "enforced": list(self.enforced), "is_valid": self.is_valid, "reasons": list(self.reasons),
             "duration": self.duration, "rate": self.rate, "continuous": self.continuous, "rest": list(self.rest),
@@ -245,14 +245,14 @@ def certify(
     tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
     scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None, analysis: MotionAnalysis | None = None,
 ) -> Certificate:  # fmt: skip
-    """Certify the limits that a trajectory respects at every instant.
+    """Return the certificate of a trajectory: the limits that it respects at every instant.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     path : Path or None
-        The path that the tool should follow; None for a joint motion: the path error is NaN, and positions are times.
+        Path of the tool; None for a joint motion: then the path error is NaN, and path parameters are times.
     trajectory, limits : Trajectory, and MotionLimits, optional
         The motion and its limits, by default the robot's own.
     law, enforced : str, and tuple of str, optional
@@ -260,29 +260,29 @@ def certify(
     rate : float
         The controller's rate [1/s], for `Certificate.sampled_jerk`.
     tolerance : (2,) tuple of float, optional
-        Largest distance [m] and angle [rad] to the path with which the certificate is valid.
+        Largest distance [m] and angle [rad] to the path of a valid motion.
     span : (2,) tuple of float, optional
-        Path parameters at which the motion should begin and end [m, rad]; by default the ends of the path.
+        Path parameters of the required start and end [m, rad]; by default the ends of the path.
     scene : Scene, optional
         Obstacles and the margin to them; self-contact is checked too. By default there is no collision check.
     before : (2,) tuple, optional
         Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
     analysis : MotionAnalysis, optional
-        What is already computed of this trajectory, by `planners.timing.TimeLaw.run_with_analysis`.
+        Analysis of this trajectory, from `planners.timing.TimeLaw.run_with_analysis`, whose results are reused.
 
     Returns
     -------
     Certificate
-        Exact extrema of the polynomials include the one-sided values at jumps.
+        Proved properties; the exact extrema include the one-sided values at jumps.
 
     Raises
     ------
     InvalidInput
-        An invalid argument, arguments that do not belong together, an unknown limit in ``enforced``, an arm without shapes.
+        An invalid argument, inconsistent arguments, an unknown limit in ``enforced``, or an arm without shapes.
     """
     limits = _check_kinds(robot, path, trajectory, limits)
     if path is None and (tolerance is not None or span is not None):
-        raise InvalidInput("path", "None, with a tolerance or a span", "the Path that they belong to")
+        raise InvalidInput("path", "None, with a tolerance or a span", "the Path of the tolerance and the span")
     span = (0.0, trajectory.end) if path is None else check_span(span, path)
     enforced = limits.names if enforced is None else enforced
     if unknown := [field for field in enforced if field not in limits.names]:
@@ -298,7 +298,7 @@ def certify(
 
 
 class _Criteria(NamedTuple):
-    """What a motion is judged by besides its limits, as `certify` describes it."""
+    """Criteria of a certificate besides the limits; see `certify`."""
 
     law: str
     enforced: tuple[str, ...]
@@ -311,7 +311,7 @@ class _Criteria(NamedTuple):
 def _certify(
     motion: MotionAnalysis, limits: MotionLimits, promise: _Criteria, span: tuple[float, float]
 ) -> Certificate:
-    """The certificate of checked arguments: all judgements."""
+    """Return the certificate for checked arguments."""
     law, enforced, rate, tolerance, scene, before = promise
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
@@ -344,7 +344,7 @@ def _certify(
 
 
 def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
-    """Energy and steps of friction, where torque or its rate is limited."""
+    """Return the energy and the friction steps, if the torque or its rate is limited."""
     if all(limits.value(name) is None for name in LOADED):
         return {}
     torques = motion.torques
@@ -353,7 +353,7 @@ def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, A
 
 
 def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
-    """Distance to the path, places (m + 1,) at the knots, and the part of the path that is covered."""
+    """Return the path error, the path parameters (m + 1,) at the knots, and the covered part of the path."""
     if not motion.has_path:
         end, nothing = motion.trajectory.end, (0.0, 0.0)
         covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
@@ -363,7 +363,7 @@ def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tu
 
 
 def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
-    """Return the limits; raise InvalidInput for arguments of another kind, or another number of joints."""
+    """Return the limits; raise InvalidInput for arguments of a wrong type or with a wrong number of joints."""
     limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
     kinds = {
         "robot": (robot, Robot),

@@ -1,4 +1,4 @@
-"""Clearance: the least distance between an arm and a scene, and between the arm's links, proved for every instant."""
+"""Clearance: proved least distance between an arm and a scene, and between the arm's links, over a motion."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 
 CLOSE = (0.05, 1e-4)
-"""A bound is close enough within this share of the least distance found, or this distance [m], whichever is larger."""
+"""A bound is refined until it is within this fraction of the least distance found, or this distance [m], if that is larger."""
 MOST_INTERVALS = 200_000
-"""Most intervals of a motion: a hundred times what a long motion past a shelf takes. What is left then is not proved."""
+"""Largest number of intervals: a hundred times that of a long motion past a shelf. The remaining intervals are not proved."""
 POSITION_STEP, VELOCITY_STEP = 1e-11, 1e-10
-"""Steps at a knot [rad or m, and per s] below which a motion counts as smooth: they move no point by `DISTANCE_ROUNDING`."""
+"""Steps at a knot [rad or m, and per s] below which a motion counts as smooth: points move by less than `DISTANCE_ROUNDING`."""
 
 
 class Closest(NamedTuple):
@@ -30,11 +30,11 @@ class Closest(NamedTuple):
     Attributes
     ----------
     value : float
-        Proved: at no instant are two shapes nearer [m]. −infinity where they touch, since the search ends there.
+        Proved lower bound on the distance [m]; −infinity for contact, where the search ends.
     found : float
-        The least distance at the instants examined [m]: the true least distance is between `value` and this one.
+        Least distance at the examined instants [m]; the true least distance is between `value` and this one.
     time : float
-        When [s].
+        Its time [s].
     pair : (2,) tuple of str
         The shape of the arm, and the object or the other shape.
     """
@@ -46,7 +46,7 @@ class Closest(NamedTuple):
 
 
 NOTHING = Closest(np.inf, np.inf, 0.0, ("", ""))
-"""The least distance where no pair is examined."""
+"""The least distance if no pair is examined."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Clearance:
     Attributes
     ----------
     scene, own : Closest or None
-        Between the arm and the scene, and between the arm's own links; None where there is no pair to examine.
+        Between the arm and the scene, and between the arm's own links; None without a pair to examine.
     margin : float
-        What those to the scene must exceed [m]; links must not touch each other.
+        Required distance to the scene [m]; links must not touch each other.
     left_out : tuple of (str, str, str)
-        Pairs that were not examined, and why.
+        Pairs that were not examined, with reasons.
     """
 
     scene: Closest | None
@@ -70,7 +70,7 @@ class Clearance:
 
     @property
     def _kinds(self) -> list[tuple[Closest, float]]:
-        """Each kind that was examined, and what its distances must exceed."""
+        """Each examined kind, and its required distance."""
         return [(kind, least) for kind, least in ((self.scene, self.margin), (self.own, 0.0)) if kind is not None]
 
     @property
@@ -80,7 +80,7 @@ class Clearance:
 
     @property
     def value(self) -> float:
-        """Proved: at no instant is any examined pair nearer [m]; −infinity where one touches, infinite without pairs."""
+        """Proved lower bound on the distances of all examined pairs [m]; −infinity for contact, infinite without pairs."""
         return min((kind.value for kind, _ in self._kinds), default=np.inf)
 
     @property
@@ -90,26 +90,26 @@ class Clearance:
 
     @property
     def time(self) -> float:
-        """When it was found [s]."""
+        """Time of the least distance found [s]."""
         return self._least.time
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Which shapes it was found between."""
+        """Shapes with the least distance found."""
         return self._least.pair
 
     @property
     def touches(self) -> bool:
-        """Whether a contact was found: links that touch, or a distance to the scene at or below the margin."""
+        """Whether links touch, or a distance to the scene at or below the margin was found."""
         return any(kind.found <= least for kind, least in self._kinds)
 
     @property
     def proved(self) -> bool:
-        """Whether at every instant no links touch, and all distances to the scene are above the margin."""
+        """Whether it is proved that no links touch and all distances to the scene exceed the margin."""
         return all(kind.value > least for kind, least in self._kinds)
 
     def find_violations(self) -> tuple[Violation, ...]:
-        """Contact, or that there is none is not proved; empty where the motion is free."""
+        """Return a contact, or a distance that is not proved; empty if the motion is collision-free."""
         if self.proved:
             return ()
         kind, least = min(self._kinds, key=lambda each: each[0].found - each[1])
@@ -125,7 +125,7 @@ class Clearance:
         return (Violation(words, kind.time, word),)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files; infinite numbers as None."""
+        """Return plain data for files; None for infinite numbers."""
         kinds = {"scene": self.scene, "own": self.own}
         out: dict[str, Any] = {name: None if kind is None else _plain(kind) for name, kind in kinds.items()}
         whole = Closest(self.value, self.found, self.time, self.pair)
@@ -138,7 +138,7 @@ def _plain(kind: Closest) -> dict[str, Any]:
 
 
 def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
-    """Prove the least distance between an arm and a scene, and between its links, over a motion.
+    """Return the proved least distances between an arm and a scene, and between its links, over a motion.
 
     On an interval with the middle m and half length h, let D be the distance of two convex bodies at m, one of them the axis of
     a capsule of the arm: the segment between two points e, which moves relative to the other body. Two bounds hold within the
@@ -176,7 +176,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
 
 
 def _is_continuous(trajectory: Trajectory) -> Flags:
-    """At which knots (m + 1,) positions and velocities are continuous to rounding."""
+    """Return at which knots (m + 1,) positions and velocities are continuous to rounding."""
     smooth = np.ones(trajectory.knots.size, np.bool_)
     for order, step in enumerate((POSITION_STEP, VELOCITY_STEP)):
         smooth[1:-1] &= (np.abs(trajectory.jumps(order)) <= step).all(axis=1)

@@ -1,4 +1,4 @@
-"""Where derivatives of a motion jump, each joint judged on its own scale, and whether it begins and ends at rest."""
+"""Discontinuities of a motion's derivatives, for each joint on its own scale, and rest at its start and end."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 
 JUMP = 1e-5
-"""Difference of one-sided values, as a share of the joint's largest value of that derivative, above which it is a jump."""
+"""Difference of one-sided values above which it is a jump, relative to the joint's largest value of that derivative."""
 STEP_ROUNDING = 1e-14
-"""Rounding of a derivative: this share of q, over the shorter piece's duration to the power of the derivative's order."""
+"""Rounding error of a derivative: this fraction of q, over the shorter piece's duration to the power of the order."""
 FROM_AFAR = 0.1
-"""Least q [rad or m] whose rounding counts: what is left of a motion that ends at 0 has the rounding of where it came from."""
+"""Least q [rad or m] in the rounding error: a motion that ends at 0 keeps the rounding error of its earlier positions."""
 AT_REST = 1e-9
-"""Final velocity, as a share of the joint's largest one, below which it is at rest; rounding is added to it."""
+"""Final velocity, relative to the joint's largest one, below which it is at rest; the rounding error is added."""
 
 
 class Jump(NamedTuple):
@@ -29,7 +29,7 @@ class Jump(NamedTuple):
 
 
 def jumps(trajectory: Trajectory) -> Flags:
-    """Where a joint's derivative steps by more than rounding, each joint on its own scale."""
+    """Return where a joint's derivative steps by more than rounding error, each joint on its own scale."""
     standing = rest(trajectory)
     size = np.abs(np.stack([steps(trajectory, order, standing) for order in range(4)]))
     worst = np.stack([trajectory.extrema(order).worst for order in range(4)])
@@ -37,7 +37,7 @@ def jumps(trajectory: Trajectory) -> Flags:
 
 
 def _rounding(trajectory: Trajectory) -> Array:
-    """What rounding may make of derivatives (4, m + 1, n) at the knots, where the shorter piece's duration divides it."""
+    """Return the rounding errors of derivatives (4, m + 1, n) at the knots, from the shorter of the adjacent pieces."""
     h = np.diff(trajectory.knots)
     shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
     size = np.maximum(trajectory.extrema(0).worst, FROM_AFAR)
@@ -45,9 +45,9 @@ def _rounding(trajectory: Trajectory) -> Array:
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:
-    """Whether a motion starts and ends at rest, each joint on its own scale.
+    """Return whether a motion starts and ends at rest, each joint on its own scale.
 
-    A start counts as rest only within rounding: a motion that is planned anew just after its start is slow but moves.
+    The start is at rest only within rounding error: a motion that is replanned just after its start is slow but moves.
     """
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
@@ -60,9 +60,9 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
 
 
 def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
-    """How far a derivative steps at all knots; an end at rest counts as standstill before or after it."""
+    """Return the steps of a derivative at all knots; an end at rest continues with standstill."""
     first, last = trajectory.ends(order)
-    # the position of a standstill is that of the end beside it: it cannot jump
+    # the position of a standstill is that of the adjacent end: it cannot jump
     start, end = (standing or rest(trajectory)) if order else (False, False)
     before = first[:1] if start else np.zeros_like(first[:1])
     after = -last[-1:] if end else np.zeros_like(last[-1:])
@@ -70,7 +70,7 @@ def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None
 
 
 def continuous_order(jumping: Flags) -> int:
-    """How many derivatives of a motion are continuous."""
+    """Return the highest order up to which all derivatives of a motion are continuous; −1 if the position jumps."""
     return next((order - 1 for order in range(4) if jumping[order].any()), 3)
 
 

@@ -1,4 +1,4 @@
-"""Which part of its path a motion runs through, forwards."""
+"""Part of its path that a motion covers, forwards."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from planners.certificate.violation import Violation
 from planners.paths.base import Path
 
 FALLS = 100
-"""Largest number of backward stretches that are measured, the longest first; each takes 65 twists."""
+"""Largest number of measured backward stretches, the longest first; each needs 65 twists."""
 COVERED = (1e-5, 1e-5)
-"""How far along the path [m, rad] a motion may begin and end from where it should, and go back, where no tolerance is given:
-the tolerance of `planners.plan`."""
+"""Largest distance along the path [m, rad] of start and end from their required positions, and of backward stretches, without
+a tolerance: the default tolerance of `planners.plan`."""
 SIMPSON_INTERVALS = 64
-"""Intervals of Simpson's rule for the length of a stretch: an even number, exact to 1e-6 on any arc of these paths."""
+"""Number of intervals of Simpson's rule for the length of a stretch, even: exact to 1e-6 on any arc of these paths."""
 
 
 class Coverage(NamedTuple):
-    """Which part of its path a motion runs through.
+    """Part of its path that a motion covers.
 
-    ``begin`` and ``end`` are the places where it begins and ends, ``wanted`` those where it should; ``back`` and ``t_back`` are
-    the place at the end of its longest backward stretch, and when it is there [s]. ``missing`` says how far
-    along the path [m, rad] it begins away from where it should, ends away from where it should, and goes back.
+    ``begin`` and ``end`` are the path parameters of start and end, ``wanted`` the required ones; ``back`` and ``t_back`` are
+    the path parameter and the time [s] of the end of its longest backward stretch. ``missing`` are distances along the path
+    [m, rad]: of the start and of the end from their required positions, and of the longest backward stretch.
     """
 
     begin: float
@@ -39,7 +39,7 @@ class Coverage(NamedTuple):
     missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
     def find_violations(self, tolerance: Tolerance | None, duration: float) -> list[Violation]:
-        """In which ways the motion does not run through its path, forwards."""
+        """Return the violations: a wrong start, a wrong end, and a backward stretch."""
         late, early, back = (not np.less_equal(x, tuple(tolerance or COVERED)).all() for x in self.missing)
         found = []
         if late:
@@ -55,7 +55,7 @@ class Coverage(NamedTuple):
 
 
 def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
-    """Find which part of its path a motion runs through, and how far it goes back on the way."""
+    """Return the part of its path that a motion covers, and its longest backward stretch."""
     begin, end = float(passage.s[0]), float(passage.s[-1])
     back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
     for t, high, low in _find_backward_stretches(passage):
@@ -85,7 +85,7 @@ def _find_backward_stretches(passage: Passage) -> Array:
 
 
 def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
-    """How far the tool moves and turns along a path between two places, by Simpson's rule."""
+    """Return how far the tool moves and turns between two positions along a path, by Simpson's rule."""
     s = np.linspace(min(a, b), max(a, b), SIMPSON_INTERVALS + 1)
     twist = path.twist(s)
     weights = np.array([1.0, *[4.0, 2.0] * (SIMPSON_INTERVALS // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
@@ -94,10 +94,10 @@ def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
 
 
 def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
-    """Return the part of a path that a motion should run through."""
+    """Return the part of a path that a motion must cover; raise InvalidInput for an invalid one."""
     if span is None:
         return 0.0, path.end
-    expected = f"two places on the path, in [0, {path.end:.9g}], the second not before the first"
+    expected = f"two increasing path parameters in [0, {path.end:.9g}]"
     if not isinstance(span, tuple | list) or len(span) != 2:
         raise InvalidInput("span", repr(span)[:60], expected)
     begin, end = (check_number(x, "span", expected, least=0.0) for x in span)

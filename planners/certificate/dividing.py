@@ -1,4 +1,4 @@
-"""Proved bounds over a motion: its intervals are divided until the bound is close to the largest value found."""
+"""Proved bounds over a motion: its intervals are subdivided until the bound is close to the largest value found."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from optik.types import Array, Flags, Indices
 
 MOST_PARTS = 8
-"""Parts that an interval is divided into at most at once."""
+"""Largest number of parts into which an interval is divided at once."""
 NARROWEST_SHARE = 1e-9
-"""Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
+"""Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
 
 Side = TypeVar("Side", bound=Any)
 """A NamedTuple of arrays (k, ...) that begins with the times ``t`` (k,): the motion at the left or right ends of intervals."""
 
 
 class Closeness(NamedTuple):
-    """When a bound is close enough: at most `factor` times the largest value found, or times `floor` where that is larger.
+    """Accuracy of a bound: at most `factor` times the largest value found, or times `floor` if that is larger.
 
-    ``most`` is how many intervals there may be; a motion that needs more keeps the bound it has then.
+    ``most`` is the largest number of intervals; a motion that needs more keeps a looser bound.
     """
 
     factor: float
@@ -30,38 +30,38 @@ class Closeness(NamedTuple):
 
 
 def select_ends(side: Side, which: Flags) -> Side:
-    """Return some of the ends of intervals."""
+    """Return the selected ends of intervals."""
     some: Side = type(side)(*(x[which] for x in side))
     return some
 
 
 def join_ends(first: Side, second: Side) -> Side:
-    """Return ends of intervals, and others behind them."""
+    """Return two arrays of ends of intervals as one."""
     both: Side = type(first)(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
     return both
 
 
 def repeat_ends(x: Any, times: int) -> Any:
-    """Return an array several times behind one another."""
+    """Return an array repeated several times."""
     return x if times == 1 else np.concatenate([x] * times)
 
 
 class SubdivisionBound(ABC, Generic[Side]):
-    """Bounds on two values of a motion at every instant, such as distance and angle.
+    """Proved bounds on two values of a motion over time, such as distance and angle.
 
-    A subclass says how the values are bounded within intervals, and finds them at instants.
+    A subclass bounds the values within intervals, and computes them at instants.
 
     Parameters
     ----------
     duration : float
         Of the motion [s].
     close : Closeness
-        When a bound is close enough.
+        Required accuracy of the bounds.
 
     Attributes
     ----------
     found, when : (2,) array
-        The largest values found, and at which times [s].
+        Largest values found, and their times [s].
     """
 
     def __init__(self, duration: float, close: Closeness) -> None:
@@ -70,21 +70,21 @@ class SubdivisionBound(ABC, Generic[Side]):
 
     @abstractmethod
     def between(self, left: Side, right: Side) -> Array:
-        """Bounds on both values within intervals."""
+        """Return bounds on both values within intervals."""
 
     @abstractmethod
     def within(self, piece: Indices, left: Side, right: Side, shares: Array) -> Side:
-        """The motion inside intervals."""
+        """Return the motion inside intervals, at fractions `shares` of their durations."""
 
     @abstractmethod
     def values(self, side: Side) -> Array:
-        """Both values at instants."""
+        """Return both values at instants."""
 
     def record_closed(self, which: Flags, left: Side) -> None:
-        """Take note of the intervals of the last `between` that are not divided any more."""
+        """Record the intervals of the last `between` that are not divided further."""
 
     def bound(self, piece: Indices, left: Side, right: Side) -> Array:
-        """Divide intervals until the bounds are close."""
+        """Return the bounds on both values, by subdividing intervals until the bounds are close enough."""
         for side in (left, right):
             _keep_largest(side.t, self.values(side), self.found, self.when)
         proved, count = np.zeros(2), 0
@@ -107,14 +107,14 @@ class SubdivisionBound(ABC, Generic[Side]):
 
 
 def _keep_largest(t: Array, values: Array, found: Array, when: Array) -> None:
-    """Keep the largest values (2,) found, and their times, of values (k, 2) at instants (k,)."""
+    """Update the largest values (2,) found, and their times, with values (k, 2) at instants (k,)."""
     for i, k in enumerate(values.argmax(axis=0)):
         if values[k, i] > found[i]:
             found[i], when[i] = values[k, i], t[k]
 
 
 def _count_parts(over: Array) -> int:
-    """Parts to divide intervals into, from their bounds over the target: errors of cubics fall by parts⁴."""
+    """Return the number of parts for intervals from their bounds over the target: errors of cubics fall with parts⁴."""
     if over.max() <= 2.0**4:
         return 2
     return int(np.clip(np.ceil(np.median(over) ** 0.25), 2, MOST_PARTS))

@@ -1,4 +1,4 @@
-"""What a motion asks of its motors: energy, power, and the steps of Coulomb friction where joints start, reverse and stop."""
+"""Load of a motion on its motors: energy, power, and steps of Coulomb friction where joints start, reverse and stop."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from planners.trajectory import Trajectory
 
 
 class Energy(NamedTuple):
-    """Mechanical energy and power at the joints, friction included, of the load that needs more.
+    """Mechanical energy and power at the joints, friction included, for the load that needs more.
 
     Attributes
     ----------
     net : float
         ∫ Σ τ q̇ dt [J], by quadrature.
     drawn : float
-        The same of the joints that drive alone: braking joints give nothing back [J].
+        The same for driving joints only: braking joints recover no energy [J].
     power : float
-        Largest power Σ τ q̇ found at the ends and in the middle of the pieces [W]: no proved bound.
+        Largest power Σ τ q̇ at the ends and in the middle of the pieces [W]; not a proved bound.
     time : float
-        When [s].
+        Its time [s].
     """
 
     net: float
@@ -34,7 +34,7 @@ class Energy(NamedTuple):
 
 
 class FrictionStep(NamedTuple):
-    """A step of a joint's torque by Coulomb friction: when [s], the joint, and its size [N·m, N]."""
+    """A step of a joint's torque by Coulomb friction: its time [s], joint and size [N·m, N]."""
 
     t: float
     joint: str
@@ -48,7 +48,7 @@ def energy(torques: TorqueBounds) -> Energy:
 
 
 def _energy(model: Model, ends: Ends) -> Energy:
-    """Quadrature from powers at both ends and the middle of every piece, and their rates at the ends: exact for quintics."""
+    """Return the energy of one load, by quadrature from powers and their rates at the ends and in the middle of every piece."""
     h, coulomb = (ends.t1 - ends.t0)[:, None], model[1].coulomb
     half = at_middle(model, ends)
     powers, rates = [], []
@@ -68,7 +68,7 @@ def _energy(model: Model, ends: Ends) -> Energy:
 
 
 def _positive(a: Array, b: Array) -> Array:
-    """Mean of the positive part of what goes linearly from a to b."""
+    """Return the mean of the positive part of a linear function from a to b."""
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = 0.5 * np.maximum(a, b) ** 2 / np.abs(a - b)
     return np.where(a * b < 0.0, crossing, 0.5 * (np.maximum(a, 0.0) + np.maximum(b, 0.0)))
@@ -77,7 +77,7 @@ def _positive(a: Array, b: Array) -> Array:
 def friction_steps(
     robot: Robot, trajectory: Trajectory, torques: TorqueBounds, rest: tuple[bool, bool]
 ) -> tuple[FrictionStep, ...]:
-    """Return the steps of Coulomb friction, by f where a joint starts or stops, by 2 f where it reverses."""
+    """Return the steps of Coulomb friction: f where a joint starts or stops, 2 f where it reverses."""
     coulomb, still, found = torques.models[0][1].coulomb, rest_velocity(torques.ends[0]), []
     least, greatest = trajectory.piece_range(1)
     for i in np.flatnonzero(coulomb > 0.0):
@@ -92,7 +92,7 @@ def friction_steps(
 
 
 def _roots(trajectory: Trajectory, piece: int, joint: int) -> Array:
-    """Times at which a joint's velocity is 0 inside a piece."""
+    """Return the times at which a joint's velocity is 0 inside a piece."""
     start, end = trajectory.knots[piece : piece + 2]
     roots = np.roots(np.polyder(trajectory.padded[:, piece, joint]))
     real = roots.real[np.abs(roots.imag) <= 1e-9 * (end - start)]

@@ -1,4 +1,4 @@
-"""Places of a path that are nearest to a tool, around a guess: Newton's method, and a search at cusps."""
+"""Positions along a path nearest to a tool, near a guess: Gauss–Newton steps, and a search at cusps."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from planners.paths._nearest import embed_poses
 from planners.paths.base import Path
 
 NEAREST_TURN = 1e-3
-"""Metres that a radian counts for in the distance of a place: the position decides where it moves."""
+"""Metres per radian in the distance to the path: where the tool moves, its position decides."""
 PATH_STILL = 1e-6
-"""Share of the path's greatest rate below which it stands still: there, at a cusp, the nearest place is not defined."""
+"""Fraction of the path's greatest rate below which it is at standstill: at such a cusp no position is nearest."""
 NEAREST_ENOUGH = 3e-14
-"""Convergence tolerance of the nearest place, as a share of the path."""
+"""Convergence tolerance of the nearest position, as a fraction of the path."""
 CUSP, CUSP_PLACES, CUSPS_AT_ONCE = 0.5, 65, 1024
-"""Share of the path's greatest rate below which a place may be at a cusp; places searched around it; and instants searched at
-once, which bounds the memory."""
+"""Fraction of the path's greatest rate below which a position may be at a cusp; number of positions searched around it; and
+number of instants searched at once, which bounds the memory."""
 BACK_TIME = 1e-2
-"""Time [s] by which the backward speed along the path is multiplied to count as a distance."""
+"""Time [s] that converts the backward speed along the path into a distance."""
 NEAREST_STEPS = 20
-"""Most Newton steps to the nearest place; one or two are usual."""
+"""Largest number of Newton steps; one or two are usual."""
 TOOL_ON_PATH = 1e-9
-"""Distance [m, rad] to the path at which a place needs no further search."""
+"""Distance [m, rad] to the path below which a position needs no further search."""
 
 
 class PathPositions(NamedTuple):
-    """Where on the path (k,) the tool is at some instants, how fast it goes there, and the path's pose and twist."""
+    """Path parameters (k,) of the tool at instants, its speed along the path, and the path's poses and twists there."""
 
     s: Array
     speed: Array
@@ -40,28 +40,28 @@ class PathPositions(NamedTuple):
 
 
 class Nearest:
-    """Nearest places of a path to a tool: Gauss and Newton's steps, quartered where they lead away.
+    """Nearest positions along a path to a tool: Gauss–Newton steps, quartered if the distance increases.
 
-    Any place gives a valid bound, and the nearest place the least. Near a cusp, where the path almost stops and turns back,
-    several places are equally near; the one is looked for, among places around the guess, where position and rotation agree and
-    the tool moves forwards along the path.
+    Any position gives a valid bound, and the nearest one the least. Near a cusp, where the path almost stops and turns back,
+    several positions are equally near. Then a search around the guess selects the one where position and rotation agree and the
+    tool moves forwards along the path.
     """
 
     def __init__(self, path: Path) -> None:
         self._path, self._breaks = path, path.breaks
         bounds = path.known_bounds
         rate = bounds[:, :, 0].max(axis=0)
-        self._still = float(PATH_STILL * np.hypot(rate[0], NEAREST_TURN * rate[1])) ** 2  # at a cusp nothing tells
+        self._still = float(PATH_STILL * np.hypot(rate[0], NEAREST_TURN * rate[1])) ** 2
         self._slow = CUSP * float(np.hypot(rate[0], CHORD_TURN * rate[1]))
         bend = np.hypot(bounds[:, 0, 1], CHORD_TURN * (bounds[:, 1, 1] - bounds[:, 1, 0] ** 2))  # ‖R''‖ ≤ |ω'| + |ω|²
         bend = np.where(
             bend > 1e-6 * self._slow, bend, np.inf
-        )  # around a straight piece it is a corner beside it that counts
+        )  # beside a straight piece, that of its neighbours counts
         least = np.minimum(bend, np.minimum(np.append(bend[1:], np.inf), np.append(np.inf, bend[:-1])))
         self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 
     def places(self, instants: Instants, guess: Array) -> PathPositions:
-        """Find the places that are nearest to a tool, near a guess."""
+        """Return the positions along the path that are nearest to a tool, near a guess."""
         guess = np.clip(guess, 0.0, self._path.end)
         found, cost = self._descend(instants.poses, instants.motion, guess)
         rate = np.hypot(
@@ -79,7 +79,7 @@ class Nearest:
         return found
 
     def _likeliest(self, tool: Array, motion: Array, guess: Array) -> Array:
-        """Of places around a guess (k,), those that fit best."""
+        """Return the best of the positions around a guess (k,)."""
         piece = np.clip(np.searchsorted(self._breaks, guess, side="right") - 1, 0, self._width.size - 1)
         around = self._width[piece][:, None] * np.linspace(-1.0, 1.0, CUSP_PLACES)
         s = np.clip(guess[:, None] + around, 0.0, self._path.end)
@@ -89,7 +89,7 @@ class Nearest:
         return np.asarray(s[np.arange(guess.size), misfit.argmin(axis=1)])
 
     def _descend(self, tool: Array, motion: Array, s: Array) -> tuple[PathPositions, Array]:
-        """Places from a guess (k,), and their squared distances."""
+        """Return the positions after Newton steps from a guess (k,), and their squared distances."""
         path = self._path
         poses, twist = path.frames(s)
         cost, step, speed = np.empty((3, s.size))
@@ -101,7 +101,7 @@ class Nearest:
             new_poses, new_twist = path.frames(after)
             new_cost, new_step, new_speed = np.empty((3, s.size))
             _step(tool, motion, new_poses, new_twist, self._still, new_cost, new_step, new_speed)
-            nearer = new_cost <= 1.000001 * cost  # and what rounding may add
+            nearer = new_cost <= 1.000001 * cost  # with rounding error
             step = np.where(nearer, new_step, 0.25 * step)
             new = after, new_cost, new_speed, new_poses, new_twist
             if nearer.all():
@@ -114,7 +114,7 @@ class Nearest:
 
 
 def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:
-    """Squared distances (k,) of position and rotation, and of the way that the tool goes back in `BACK_TIME`."""
+    """Return squared distances (k,) of position, rotation, and backward motion in `BACK_TIME`."""
     weight = np.array([1.0, 1.0, 1.0, CHORD_TURN, CHORD_TURN, CHORD_TURN])
     along = np.einsum("ki,ki->k", twist * weight, motion[:, 0] * weight)
     size = np.linalg.norm(twist * weight, axis=1)
@@ -126,9 +126,9 @@ def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:
 def _step(
     tool: Array, motion: Array, poses: Array, twist: Array, still: float, cost: Array, step: Array, speed: Array
 ) -> None:
-    """Squared distances of poses of the tool from those of the path, steps along the path to less, and the tool's speed.
+    """Compute squared distances of tool poses from path poses, Newton steps along the path, and the tool's speed along it.
 
-    A turn of 1 rad counts as `NEAREST_TURN`; along the path means by position, and by rotation where the position stands.
+    A rotation of 1 rad counts as `NEAREST_TURN`.
     """
     e = np.empty(6)
     for k in range(tool.shape[0]):
@@ -152,7 +152,7 @@ def _step(
 
 @compiled
 def _skew(A: Array, B: Array, i: int, j: int) -> float:
-    """Entry (i, j) of A Bᵀ minus entry (j, i), of their rotations."""
+    """Return entry (i, j) minus entry (j, i) of A Bᵀ, of the rotations of two poses."""
     value = 0.0
     for m in range(3):
         value += A[i, m] * B[j, m] - A[j, m] * B[i, m]

@@ -45,7 +45,7 @@ def limited_parts(
 
 
 def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
-    """Return the worst judgement of each kind of limit over the parts; infinite where a derivative jumps between two."""
+    """Return the peak values of each kind of limit over the parts; infinite if a derivative jumps between two parts."""
     n = motion.robot.n
     found: dict[str, Any] = {}
     for kind in parts[-1].limits.kinds:
@@ -66,7 +66,7 @@ def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[
 
 
 def _select_worse(first: Any, second: Any) -> Extreme | ToolExtreme:
-    """Return the judgement with the larger ratio for each joint, or with the larger value if neither is limited."""
+    """Return for each joint the peak with the larger ratio, or with the larger value if neither is limited."""
     free = np.isnan(first.ratio) & np.isnan(second.ratio)
     a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))
     chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]

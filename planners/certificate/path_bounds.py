@@ -15,8 +15,8 @@ from planners.paths.base import Path
 class ComparedInstants(NamedTuple):
     """Tool and path at instants t (k,).
 
-    ``joints`` (k, 6, n), ``poses`` (k, 4, 4) and ``motion`` (k, 3, 6) are those of `Instants`. ``s`` (k,) are the places of
-    the path that the tool is at, ``speed`` (k,) is ṡ there, ``path_poses`` (k, 4, 4) and ``twist`` (k, 6) are the path's.
+    ``joints`` (k, 6, n), ``poses`` (k, 4, 4) and ``motion`` (k, 3, 6) are those of `Instants`. ``s`` (k,) are the
+    path parameters of the tool, ``speed`` (k,) is ṡ, ``path_poses`` (k, 4, 4) and ``twist`` (k, 6) are those of the path.
     """
 
     t: Array
@@ -31,7 +31,7 @@ class ComparedInstants(NamedTuple):
 
 @compiled
 def _turn(A: Array, B: Array, out: Array) -> None:
-    """E = R_tool R_pathᵀ of two poses, into out (3, 3)."""
+    """Compute E = R_tool R_pathᵀ of two poses, into out (3, 3)."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
@@ -39,13 +39,13 @@ def _turn(A: Array, B: Array, out: Array) -> None:
 
 @compiled
 def _angle(norm: float) -> float:
-    """Angle of a rotation E whose ‖E − I‖ (Frobenius) is known: it is 2√2 sin(angle / 2)."""
+    """Return the angle of a rotation E from ‖E − I‖ (Frobenius), which is 2√2 sin(angle / 2)."""
     return float(2.0 * np.arcsin(min(norm / (2.0 * np.sqrt(2.0)), 1.0)))
 
 
 @compiled
 def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
-    """Errors (12,) of position and of rotation, E − I, and how fast they change, the path being run through at a speed."""
+    """Compute the errors (12,) of position and of rotation, E − I, and their rates, for a speed along the path."""
     E = np.empty((3, 3))
     _turn(tool, pose, E)
     for i in range(3):
@@ -69,13 +69,13 @@ class PieceBounds(NamedTuple):
 
     @classmethod
     def of(cls, path: Path) -> PieceBounds:
-        """Return those of a path."""
+        """Return the bounds of a path."""
         return cls(np.ascontiguousarray(path.breaks), path.known_bounds)
 
 
 @compiled
 def _bounds_on_stretch(limits: PieceBounds, low: float, high: float, out: Array) -> None:
-    """Bounds (2, 4) on the path's derivatives between two places: the largest of the pieces that are touched."""
+    """Compute bounds (2, 4) on the path's derivatives between two positions: the largest of the pieces between them."""
     last = limits.bounds.shape[0] - 1
     first = min(max(np.searchsorted(limits.breaks, low) - 1, 0), last)
     final = min(max(np.searchsorted(limits.breaks, high, side="right") - 1, 0), last)
@@ -90,9 +90,9 @@ def _bounds_on_stretch(limits: PieceBounds, low: float, high: float, out: Array)
 def path_rates(
     limits: PieceBounds, places: tuple[float, float], speeds: tuple[float, float], h: float, out: Array
 ) -> None:
-    """Bounds on the derivatives in time of a path's position and rotation at a cubic s(t) over h (Faà di Bruno).
+    """Compute bounds on the time derivatives of a path's position and rotation for a cubic s(t) over h (Faà di Bruno).
 
-    s(t) is given by its ends; its Bézier points bound the places that it comes to, its derivatives the rates.
+    s(t) is given by its ends; its Bézier points bound its range.
 
     Shapes and units: places, speeds (2,) [m, or rad], h [s], out (2, 5) [m/s^i].
     """
@@ -116,7 +116,7 @@ def path_rates(
 
 @compiled
 def _clip_speed(v: float, before: float, after: float, h: float) -> float:
-    """A rate of s, cut so that the Bézier points of its cubic stay on the path, which reaches so far back and on."""
+    """Return a rate of s, clipped so that the Bézier points of its cubic stay on the path (lengths before and after)."""
     return min(max(v, -3.0 * before / h), 3.0 * after / h)
 
 
@@ -131,7 +131,7 @@ def intervals(
     out: Array,
     fall: Array,
 ) -> None:
-    """Bounds on distance and angle within intervals of time; s(t) is the cubic through their ends.
+    """Compute bounds on distance and angle within intervals of time; s(t) is the cubic through their ends.
 
     Shapes and units: links (n + 1,) [m], prismatic (n,), end [m, or rad], out (k, 2) [m, rad], fall (k, 2) [m, or rad].
     """
@@ -156,7 +156,7 @@ def intervals(
 
 @compiled
 def product_bound(a: Array, b: Array) -> float:
-    """Bound on the Frobenius norm of the fourth derivative of R_tool R_pathᵀ.
+    """Return a bound on the Frobenius norm of the fourth derivative of R_tool R_pathᵀ.
 
     Shapes and units: a, b (5,) [1/s^i]. Returns [1/s⁴].
     """
@@ -166,10 +166,10 @@ def product_bound(a: Array, b: Array) -> float:
 
 @compiled
 def _fall(s0: float, v0: float, s1: float, v1: float) -> tuple[float, float]:
-    """Ends of the longest backward stretch of the cubic with these values and slopes at 0 and 1; equal where it has none."""
+    """Return the ends of the longest backward stretch of the cubic with these values and slopes at 0 and 1; equal if none."""
     c3, c2 = 2.0 * (s0 - s1) + v0 + v1, 3.0 * (s1 - s0) - 2.0 * v0 - v1
     root = c2 * c2 - 3.0 * c3 * v0
-    turns = (0.0, 1.0)  # where it turns, in order: the roots of 3 c₃ u² + 2 c₂ u + v₀
+    turns = (0.0, 1.0)  # turning points in order: the roots of 3 c₃ u² + 2 c₂ u + v₀
     if root > 0.0 and c2 + np.copysign(np.sqrt(root), c2) != 0.0:
         w = -(c2 + np.copysign(np.sqrt(root), c2))
         a, b = v0 / w, (w / (3.0 * c3) if c3 != 0.0 else 2.0)

@@ -1,4 +1,4 @@
-"""How far a motion's tool leaves its path at most, at every instant: a proved bound beside the largest value found."""
+"""Path error of a motion: a proved bound on the deviation of the tool at every instant, and the largest value found."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 ERROR_EXCESS = 1.048
-"""Largest ratio of the bound to the largest value found; with rounding it stays below 1.05."""
+"""Largest ratio of the bound to the largest value found; below 1.05 with rounding."""
 ERROR_FLOOR = 1e-9
-"""Value [m or rad] below which the excess is counted from here: far below what any arm repeats."""
+"""Least value [m or rad] that the excess is relative to: far below the repeatability of any arm."""
 ERROR_INTERVALS = 400_000
-"""Most intervals: minutes of computing; a motion that needs more keeps the bound it has then."""
+"""Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
 LOOK_PARTS = 64
-"""Most parts of a piece of the motion on a first look for the places that it comes to."""
+"""Largest number of parts of a piece of the motion in the first search for positions along the path."""
 ERROR_ROUNDING = 2e-15
-"""What rounding may take from a computed distance [m] or angle [rad]."""
+"""Largest rounding error of a computed distance [m] or angle [rad]."""
 DISTANCE_AND_TURN = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]] * 4)
-"""Sums squared differences of two poses (16,) to the squared distance and to 8 sin² of half the angle."""
+"""Matrix from squared differences of two poses (16,) to the squared distance and 8 sin² of half the angle."""
 
 
 class PathError(NamedTuple):
-    """Bounds on the tool's distance [m] from its path and on its angle [rad] to it, proved for every instant.
+    """Proved bounds on the tool's distance [m] and angle [rad] to its path, with the largest values found and their times [s].
 
-    The largest values found and their times are given too: the true maximum lies between value and bound.
+    The true maximum is between the value found and the bound.
     """
 
     distance: float
@@ -46,21 +46,21 @@ class PathError(NamedTuple):
     t_angle: float
 
     def to_dict(self) -> dict[str, float | None]:
-        """Plain data for files; undefined numbers, of a motion without a path, as None."""
+        """Return plain data for files; None for the undefined numbers of a motion without a path."""
         return {name: x if np.isfinite(x) else None for name, x in self._asdict().items()}
 
     def find_violations(self, tolerance: Tolerance | None) -> list[Violation]:
-        """How the tool leaves its path by more than the tolerance.
+        """Return the deviations of the tool from its path above the tolerance.
 
         Parameters
         ----------
         tolerance : (2,) tuple of float, or None
-            Largest distance [m] and angle [rad]; None where no tolerance is set.
+            Largest distance [m] and angle [rad]; None without a tolerance.
 
         Returns
         -------
         list of Violation
-            Empty where it does not.
+            Empty if the tool stays within the tolerance.
         """
         if tolerance is None:
             return []
@@ -101,12 +101,12 @@ def path_error(
     bounds: MotionBounds | None = None,
     enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
 ) -> tuple[PathError, Passage]:
-    """Bound the distance and the angle between the tool and its path at every instant of a motion.
+    """Return bounds on the distance and the angle between the tool and its path over a motion, and its passage along the path.
 
-    The tool is compared with the path at s(t), the places that the motion as a whole is at
-    (`planners.certificate.progress`), each the nearest around. Between instants the error is
-    bounded by its cubic and the fourth derivatives of both motions (`planners.certificate.bounds`), which is true whatever
-    s(t) is; intervals are divided until the bound is at most 1.05 times the largest value found, or 1 nm (1 nrad).
+    The tool is compared with the path at s(t), the projection of the whole motion onto the path
+    (`planners.certificate.progress`). Between instants the error is bounded by its cubic interpolant and the fourth derivatives
+    of both motions (`planners.certificate.bounds`); the bound holds for any s(t). Intervals are divided until it is at most
+    1.05 times the largest value found, or 1 nm (1 nrad).
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = Nearest(path)
@@ -126,12 +126,12 @@ def path_error(
 
 
 def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants:
-    """The tool at instants beside the places of the path that are nearest around a guess."""
+    """Return the tool at instants, and the nearest positions along the path from a guess."""
     return ComparedInstants(*side, *nearest.places(side, guess))
 
 
 class _Errors(SubdivisionBound[ComparedInstants]):
-    """Distance and angle between tool and path, and the stretches on which the motion goes back."""
+    """Distance and angle between tool and path, and the backward stretches of the motion."""
 
     def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, duration: float, floor: Array) -> None:
         super().__init__(duration, Closeness(ERROR_EXCESS, floor, ERROR_INTERVALS))
@@ -164,9 +164,9 @@ class _Errors(SubdivisionBound[ComparedInstants]):
 
 
 def _first_intervals(bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flags]:
-    """Intervals in which the tool stays within about `BEND` of the straight way: their pieces, their ends, one-sided.
+    """Return intervals in which the tool is within about `BEND` of a straight line: their pieces and their one-sided ends.
 
-    Also which of the k + 1 instants between them are knots of the motion.
+    Also return which of the k + 1 instants between them are knots of the motion.
     """
     t = bounds.knots
     piece = np.arange(t.size - 1)
@@ -182,17 +182,19 @@ def _first_intervals(bounds: MotionBounds) -> tuple[Indices, Instants, Instants,
 
 
 def _count_parts(left: Instants, right: Instants) -> Indices:
-    """Equal parts (k,) of intervals in which the tool bends away from the straight way by `BEND` at most, by |a| h²/8."""
+    """Return the numbers (k,) of equal parts in which the tool is within `BEND` of a straight line, by |a| h²/8."""
     way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
     size = (way * way) @ np.ones(3)
     a = np.stack([left.motion[:, 1, :3], right.motion[:, 1, :3]])
-    along = ((a * way) @ np.ones(3)) ** 2 / np.where(size > 0.0, size, 1.0)  # along the way nothing bends
+    along = ((a * way) @ np.ones(3)) ** 2 / np.where(
+        size > 0.0, size, 1.0
+    )  # acceleration along the line does not bend it
     bend = np.sqrt(np.maximum((a * a) @ np.ones(3) - along, 0.0).max(axis=0)) * (right.t - left.t) ** 2 / 8.0
     return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
 
 
 def _interpolate(u: Array, times: int, left: ComparedInstants, right: ComparedInstants) -> tuple[Array, Array]:
-    """Instants after shares u of intervals, all of them `times` times, and the places on the cubic through their ends."""
+    """Return instants at fractions u of intervals, repeated `times` times, and s on the cubics through their ends."""
     t0, h = repeat_ends(left.t, times), repeat_ends(right.t - left.t, times)
     s0, v0, s1, v1 = (repeat_ends(x, times) for x in (left.s, left.speed, right.s, right.speed))
     w = 1.0 - u

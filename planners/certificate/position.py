@@ -1,4 +1,4 @@
-"""Whether a motion stays within the position limits of its joints: exact, from the extrema of the polynomials."""
+"""Distances of a motion to the position limits of its joints: exact, from the extrema of the polynomials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planners.trajectory import Trajectory
 
 
 def position_margins(robot: Robot, trajectory: Trajectory) -> Array:
-    """Least distance of every joint to its position limits over a motion."""
+    """Return the least distance of every joint to its position limits over a motion."""
     reach = trajectory.extrema(0)
     return np.minimum(reach.least - robot.limits.lower, robot.limits.upper - reach.greatest)
 

@@ -1,4 +1,4 @@
-"""Where on its path a motion is, instant by instant: the cheapest way along the path's chords, in the order of time."""
+"""Projection of a whole motion onto its path: the cheapest sequence of the path's chords in the order of time."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from planners.paths._nearest import chords, embed_poses
 from planners.paths.base import Path
 
 CHORD_TURN = 0.1
-"""Metres that a radian counts for, so that places of a path are distinguished where only the rotation differs."""
+"""Metres per radian: positions along a path are distinct also where only the rotation differs."""
 BEND = 1e-5
 """Largest distance of the path from its chords, and of the tool between two instants from its chord [m]."""
 CHORD_CELLS = 12
-"""Least number of chords of a piece that bends: also a piece shorter than `BEND` is resolved."""
+"""Least number of chords of a curved piece, which resolves also pieces shorter than `BEND`."""
 CHORD_ROOM, ROOM_FACTOR = 1e-4, 8.0
-"""Distance of the tool from the path's chords [m] that is searched first, and the factor by which it grows where that fails."""
+"""First search distance of the tool from the path's chords [m], and its growth factor if the search fails."""
 MOST_PAIRS = 20_000_000
-"""Most pairs of an instant and a chord; a motion that needs more is far from its path."""
+"""Largest number of pairs of an instant and a chord; a motion that needs more is far from its path."""
 
 
 def positions_along(path: Path, poses: Array, bend: float = BEND) -> Array:
-    """Places (k,) on the path of a tool that moves through poses (k, 4, 4), none left out between two of them.
+    """Return the path parameters (k,) of a tool that moves through poses (k, 4, 4).
 
-    The motion is put on the path as a whole, not pose by pose: among all ways to run through chords of the path one after
-    the other while staying near them, the one with the least sum of squared distances (dynamic programming). Going on
-    costs nothing and needs the tool to pass near every corner between; going back costs. So two legs of a path that lie
-    close together, or cross, are told apart by the order in which the tool gets there.
+    The motion is projected onto the path as a whole, not pose by pose. Dynamic programming finds the sequence of adjacent
+    chords with the least sum of squared distances. A step forwards is free, if the tool passes near every vertex between; a
+    step backwards has a cost. So legs of a path that are close together, or cross, are distinguished by the order in time.
     """
     edges, off, z = _chords(path)
     y = np.ascontiguousarray(embed_poses(poses, CHORD_TURN))
@@ -52,7 +51,7 @@ def _chords(path: Path) -> tuple[Array, Array, Array]:
 
 
 def _nearest_on_chords(edges: Array, z: Array, y: Array, cell: Indices) -> Array:
-    """Places (k,) on the chords of given cells that are nearest to points y."""
+    """Return the path parameters (k,) on given chords that are nearest to points y."""
     a, e = z[cell], z[cell + 1] - z[cell]
     size = np.einsum("ij,ij->i", e, e)
     part = np.einsum("ij,ij->i", y - a, e) / np.where(size > 0.0, size, 1.0)
@@ -60,12 +59,12 @@ def _nearest_on_chords(edges: Array, z: Array, y: Array, cell: Indices) -> Array
 
 
 FOUND, TOO_FAR, TOO_MANY = range(3)
-"""How the search for the places ended: found, the motion is off its path, or more places than can be held."""
+"""Results of the search: found, the motion is off its path, or too many pairs of an instant and a chord."""
 
 
 @compiled
 def _distance2(x: Array, a: Array, b: Array) -> float:
-    """Squared distance of a point from the chord between two others."""
+    """Return the squared distance of a point from the chord between two others."""
     along, size, off = 0.0, 0.0, 0.0
     for j in range(x.shape[0]):
         e, d = b[j] - a[j], x[j] - a[j]
@@ -81,7 +80,7 @@ def _distance2(x: Array, a: Array, b: Array) -> float:
 
 @compiled
 def _grow(x: Indices, count: int) -> Indices:
-    """The array, copied into a larger one where it has fewer entries than `count`."""
+    """Return the array, copied into a larger one if it has fewer entries than `count`."""
     if count <= x.shape[0]:
         return x
     more = np.empty(2 * count, np.int64)
@@ -92,10 +91,10 @@ def _grow(x: Indices, count: int) -> Indices:
 
 @compiled
 def _find_cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) -> int:
-    """Dynamic programming: the chord of z (m + 1, d) of every point y (k, d), into cell (k,).
+    """Find the chord of z (m + 1, d) for every point y (k, d), into cell (k,), by dynamic programming.
 
-    A state is a chord within `room` of the point. From one point to the next it stays or goes over vertices that the way
-    between the points passes within `room`: going on costs nothing, going back costs `room` times the chord's length.
+    A state is a chord within `room` of the point. From one point to the next it crosses only vertices within `room` of the
+    segment between the points. A step forwards is free; a step backwards costs `room` times the chord's length.
     """
     m, k, limit = z.shape[0] - 1, y.shape[0], room * room
     cost, new, origin = np.full(m, np.inf), np.full(m, np.inf), np.empty(m, np.int64)
@@ -145,7 +144,7 @@ def _find_cheapest(z: Array, y: Array, room: float, most: int, cell: Indices) ->
 
 @compiled
 def _trace_back(cost: Array, cells: Indices, before: Indices, first: int, cell: Indices) -> int:
-    """Follow the cheapest of the states from `first` on back to the start, into `cell`; TOO_FAR where there is none."""
+    """Trace the cheapest sequence of states back to the start and write it into `cell`; return TOO_FAR if there is none."""
     if first == cells.shape[0]:
         return TOO_FAR
     at, least = first, np.inf
@@ -160,9 +159,9 @@ def _trace_back(cost: Array, cells: Indices, before: Indices, first: int, cell: 
 
 @compiled
 def _find_touched(z: Array, a: Array, b: Array, limit: float, active: Indices, near: Flags, touched: Indices) -> int:
-    """Chords that the way from a to b may reach from the active ones, in order, into `touched`; how many.
+    """Write the chords that the segment from a to b can reach from the active ones, in order, into `touched`; return how many.
 
-    near[i] is set where vertex i lies within the limit of that way.
+    near[i] is set if vertex i is within the limit of the segment.
     """
     m, number, next_free = z.shape[0] - 1, 0, 0
     for i in active:

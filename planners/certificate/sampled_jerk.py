@@ -1,4 +1,4 @@
-"""The jerk that a controller sees: differences of accelerations at its rate."""
+"""Sampled jerk: differences of accelerations at the rate of a controller."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from optik.types import Array
 from planners.trajectory import Trajectory
 
 RATES = (1e-6, 1e9)
-"""Range of a controller's rate [1/s]: beyond it, differences do not describe the motion."""
+"""Range of a controller's rate [1/s], in which differences describe the motion."""
 PERIODS = 1_000_000
-"""Most periods of a controller that are all looked at: half a minute of computing."""
+"""Largest number of periods that are all evaluated: half a minute of computing."""
 
 
 def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
-    """Largest difference of accelerations over whole periods of a controller, over the period."""
+    """Return the largest difference of accelerations over one period of a controller, divided by the period."""
     if not RATES[0] <= check_number(rate, "rate", "samples per second") <= RATES[1]:
         raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
     periods = max(int(trajectory.end * rate + 1e-9), 1)
     first = np.arange(min(periods, PERIODS))
-    if periods > PERIODS:  # a motion of days: those around the knots, where accelerations change fastest, and a sample
+    if (
+        periods > PERIODS
+    ):  # a motion of days: periods around the knots, where accelerations change fastest, and a sample
         around = np.floor(trajectory.knots[:, None] * rate) + np.arange(-1, 2)
         first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])
     begin, end = (np.minimum(np.floor(i) / rate, trajectory.end) for i in (first, first + 1))

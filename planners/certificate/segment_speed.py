@@ -1,4 +1,4 @@
-"""Greatest ratio of the tool's speed to limits that differ from stretch to stretch of the path: a proved upper bound."""
+"""Ratio of the tool's speed to limits that differ between segments of the path: a proved upper bound."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from planners.certificate.tool_speed import SPEED_EXCESS, SPEED_INTERVALS, speed
 from planners.paths.base import Path
 
 RATIO_FLOOR = 1e-6
-"""Ratio to a limit below which the excess of the bound is counted from here."""
+"""Least ratio to a limit that the excess of the bound is relative to."""
 CROSSING_ROUNDING = 1e-12
-"""Share of the path, and of the duration, below which a place and a break, or two instants, are the same: rounding is near."""
+"""Fraction of the path, and of the duration, below which two positions, or two instants, are the same: rounding is near."""
 CROSSING_STEPS = 60
-"""Most steps to the instant at which a break is passed; Newton's method usually needs three."""
+"""Largest number of steps to the instant at which a break is passed; three Newton steps are usual."""
 
 
 class LimitedInstants(NamedTuple):
-    """A motion at instants, as `Instants`, with the limit (k,) of the stretch of time that each belongs to."""
+    """A motion at instants, as `Instants`, with the limit (k,) of the time interval of each."""
 
     t: Array
     joints: Array
@@ -35,10 +35,10 @@ class LimitedInstants(NamedTuple):
 def segment_speed(
     bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array, part: int
 ) -> tuple[float, float]:
-    """Bound the ratio of the tool's speed to the limit of the piece of the path that the tool is on, at every instant.
+    """Return a bound on the ratio of the tool's speed to the limit of the current piece of the path, and its time.
 
-    Which piece it is on is told by the place s(t) that is nearest to the tool (`planners.certificate.path_error`). Where s(t)
-    goes back within an interval, the least limit of all pieces that it comes to counts.
+    The current piece is that of s(t), the projection onto the path (`planners.certificate.path_error`). If s(t) decreases
+    within an interval, the least limit of all its pieces counts.
     """
     piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
     ratios = _Ratios(bounds, float(bounds.knots[-1]), part)
@@ -72,7 +72,7 @@ class _Ratios(SubdivisionBound[LimitedInstants]):
 def _stretches(
     bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array
 ) -> tuple[Indices, Array, Array, Array]:
-    """Intervals of time (k,) in which one limit holds: their pieces of the motion, begins, ends [s] and limits."""
+    """Return intervals of time (k,) with one limit each: their pieces of the motion, starts, ends [s] and limits."""
     t, s, inner = passage.t, passage.s, path.breaks[1:-1]
     low, high = np.minimum(s[:-1], s[1:]), np.maximum(s[:-1], s[1:])
     back = s[1:] < s[:-1]
@@ -102,7 +102,7 @@ def _stretches(
 
 
 def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Array, Array], places: Array) -> Array:
-    """Instants (k,) between two, at which a motion passes places of its path: Newton's method inside of a bisection."""
+    """Return the instants (k,) at which a motion passes positions along its path: Newton's method within a bisection."""
     nearest, (low, high) = Nearest(path), ends
     t, shortest = 0.5 * (low + high), CROSSING_ROUNDING * float(bounds.knots[-1])
     for _ in range(CROSSING_STEPS):

@@ -1,4 +1,4 @@
-"""How near a motion comes to a singular configuration: the smallest singular value of the Jacobian along it."""
+"""Smallest singular value of the Jacobian along a motion: its distance to singular configurations."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from optik.types import Array
 from planners.trajectory import Trajectory
 
 GRID_INSTANTS, FINER_INSTANTS = 121, 9
-"""Instants of the first grid, which sees every minimum that lasts 1 % of the motion, and of each finer one around its least."""
+"""Number of instants of the first grid, which resolves minima of 1 % of the motion, and of each finer grid."""
 GRID_WIDTH = 1e-4
-"""Share of the duration below which a grid is not made finer: around a flat minimum the value is right to 1e-8 of it."""
+"""Fraction of the duration below which a grid is not refined: at a smooth minimum the value is correct to 1e-8."""
 
 
 def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
-    """Least of a grid of instants, then of finer ones around the least of them."""
+    """Return the smallest singular value along a motion, and its time, from a grid that is refined around its minimum."""
     end = trajectory.end
     low, high, count = 0.0, end, GRID_INSTANTS
     while True:
@@ -32,7 +32,7 @@ def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float
 
 @compiled
 def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array) -> None:
-    """Smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
+    """Compute the smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
     q = np.empty((t.shape[0], c.shape[2]))
     for k in range(t.shape[0]):
         i = min(max(np.searchsorted(knots, t[k], side="right") - 1, 0), c.shape[1] - 1)

@@ -1,4 +1,4 @@
-"""Greatest speed of the tool's point and of its rotation along a trajectory: proved upper bounds, not samples."""
+"""Greatest speeds of the tool's point and of its rotation along a trajectory: proved upper bounds."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from planners.certificate.dividing import Closeness, SubdivisionBound, repeat_en
 from planners.trajectory import Trajectory
 
 SPEED_EXCESS = 1e-6
-"""Largest excess of the bound over the largest speed found, as a share of it."""
+"""Largest excess of the bound over the largest speed found, as a fraction of it."""
 SPEED_FLOOR = 1e-6
-"""Speed [m/s or rad/s] below which the excess is counted from here."""
+"""Least speed [m/s or rad/s] that the excess is relative to."""
 SPEED_INTERVALS = 200_000
-"""Most intervals: minutes of computing; a motion that needs more keeps the bound it has then."""
+"""Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
 MOVES_AND_TURNS = np.repeat(np.eye(2), 3, axis=0)
-"""Sums squares of a twist (6,) to those of |v| and |ω|."""
+"""Matrix from the squares of a twist (6,) to |v|² and |ω|²."""
 
 
 class ToolSpeed(NamedTuple):
-    """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool at every instant, and when they are nearly reached [s]."""
+    """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool over a motion, and the times of the peaks [s]."""
 
     speed: float
     rotation: float
@@ -33,10 +33,10 @@ class ToolSpeed(NamedTuple):
 
 
 def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeed:
-    """Bound the tool's speeds at every instant of a motion.
+    """Return proved bounds on the tool's speeds over a motion.
 
-    Between instants v and ω are bounded by their cubics and their fourth derivatives (`planners.certificate.bounds`);
-    intervals are divided until they exceed the largest value found by 1e-6 of it at most.
+    Between instants v and ω are bounded by their cubic interpolants and fourth derivatives (`planners.certificate.bounds`).
+    Intervals are divided until the bounds exceed the largest values found by at most 1e-6 of them.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     speeds = _Speeds(bounds, trajectory.end)
@@ -68,7 +68,7 @@ class _Speeds(SubdivisionBound[Instants]):
 
 @compiled
 def speeds_within(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
-    """Bounds on |v| and |ω| of the tool within intervals of time.
+    """Compute bounds on |v| and |ω| of the tool within intervals of time.
 
     Shapes and units: links (n + 1,) [m], prismatic (n,), out (k, 2) [m/s, rad/s].
     """

@@ -1,8 +1,8 @@
-"""Greatest torque and greatest rate of the torque of every joint along a trajectory: proved upper bounds, not samples.
+"""Greatest torques and torque rates of every joint along a trajectory: proved upper bounds.
 
-Coulomb friction counts in the torque as f sign(q̇) where the sign of the velocity is proved constant on an interval, and as
-the whole set [−f, f] where a joint rests or reverses: in an interval with a change of sign, and at instants of rest.
-The rate is that of the torque without Coulomb friction, which jumps there.
+Coulomb friction in the torque is f sign(q̇) where the sign of the velocity is proved constant on an interval, and the whole set
+[−f, f] where a joint rests or reverses: in an interval with a change of sign, and at instants of rest. The torque rate excludes
+Coulomb friction, which jumps there.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from planners.certificate.torque_bounds import (
 from planners.limits._motion import TorqueRatios
 
 TORQUE_EXCESS = 1e-5
-"""Largest excess of the bound over the largest value found, as a share of it."""
+"""Largest excess of the bound over the largest value found, as a fraction of it."""
 TORQUE_FLOOR = 1e-2
-"""Share of a limit below which the excess is counted from here: a joint that uses less of it needs no finer figure."""
+"""Least fraction of a limit that the excess is relative to."""
 TORQUE_INTERVALS = 200_000
-"""Most intervals: a second of computing; a motion that needs more keeps the bound it has then."""
+"""Largest number of intervals: a second of computing; a motion that needs more has a looser bound."""
 NARROWEST = 1e-9
-"""Share of a motion's duration below which an interval is not divided any more: rounding in t is near."""
+"""Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
 STANDSTILL = 1e-9
-"""Share of the largest velocity of all joints below which a joint is at rest at an instant: rounding of the polynomials."""
+"""Fraction of the largest velocity of all joints below which a joint is at rest: it is rounding error of the polynomials."""
 
 
 class Ends(NamedTuple):
@@ -67,13 +67,13 @@ class Ends(NamedTuple):
 
 
 ALL, GRAVITY, MOTION = 0, 1, 2
-"""What counts of the torque: all but Coulomb friction, only what holds the arm against gravity, or what moves its masses."""
+"""Parts of the torque: all without Coulomb friction, that of gravity, or that which accelerates the masses."""
 Model = tuple[Chain, Load, Sizes, int]
-"""An arm, what its joints move, the sizes of both, and what counts of the torque."""
+"""An arm, its load, the sizes of both, and the part of the torque."""
 
 
 class TorqueBounds:
-    """A motion with its torques: those at the ends of its pieces are computed once."""
+    """A motion with its torques; the torques at the ends of its pieces are cached."""
 
     def __init__(self, robot: Robot, knots: Array, first: Array, last: Array, *, still: bool = False) -> None:
         self.models: tuple[Model, ...] = tuple(
@@ -92,7 +92,7 @@ class TorqueBounds:
     def bound_ratios(
         self, bound: Array, *, rate: bool, excess: float = TORQUE_EXCESS, most: int = TORQUE_INTERVALS
     ) -> TorqueRatios:
-        """Bound the torques, or their rates, over their limits at every instant; found once, then kept."""
+        """Return bounds on the ratios of the torques, or of their rates, to their limits; results are cached."""
         key = (rate, np.array([*np.ravel(bound), excess, most]).tobytes())
         if key not in self._kept:
             each = [
@@ -103,7 +103,7 @@ class TorqueBounds:
         return self._kept[key]
 
     def piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Larger of the ratios at both ends of every piece."""
+        """Return the larger of the ratios at both ends of every piece."""
         lower, upper = bound
         worst = np.zeros((len(self.ends[0].t0), upper.size))
         for model, ends in zip(self.models, self.ends, strict=True):
@@ -114,13 +114,13 @@ class TorqueBounds:
 
 
 def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
-    """The worse of two loads, joint by joint."""
+    """Return the larger ratios of two loads, joint by joint."""
     first = a.ratio >= b.ratio
     return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
 def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
-    """The bounds of one load; how: whether of the rates, the excess, and how often an interval is halved at most."""
+    """Return the bounds for one load; how: whether for the rates, the excess, and the largest number of intervals."""
     rate, excess, most = how
     lower, upper = bound
     limits = np.stack([-lower, upper])
@@ -138,12 +138,12 @@ def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, 
 
 
 def rest_velocity(ends: Ends) -> float:
-    """Velocity below which a joint is at rest at an instant."""
+    """Return the velocity below which a joint is at rest."""
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
 
 def torques_at(model: Model, joints: Array, out: Array) -> None:
-    """Torques and their rates, without Coulomb friction."""
+    """Compute torques and their rates, without Coulomb friction."""
     chain, load, _, part = model
     states = np.ascontiguousarray(joints[:, :4])
     torques_batch(chain, load.bodies, load.viscous if part == ALL else _nothing(load.viscous), states, out)
@@ -155,14 +155,14 @@ def torques_at(model: Model, joints: Array, out: Array) -> None:
 
 
 def _nothing(like: Array) -> Array:
-    """Zeros of the kind of an array: read-only where it is, so that no kernel is compiled anew."""
+    """Return zeros like an array, read-only if it is, so that kernels are compiled once."""
     zeros = np.zeros_like(like)
     zeros.setflags(write=like.flags.writeable)
     return zeros
 
 
 def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
-    """Return a motion in the middle of every piece."""
+    """Return the joints' derivatives and the torques in the middle of every piece."""
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
     _advance(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
     torques_at(model, joints, values)
@@ -171,7 +171,7 @@ def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
 
 @compiled
 def _advance(joints: Array, t: Array, out: Array) -> None:
-    """Derivatives of quintics (k, 6, n) later by t (k,), from those at instants."""
+    """Compute the derivatives of quintics (k, 6, n) after times t (k,), from those at instants."""
     for k in range(joints.shape[0]):
         for i in range(joints.shape[2]):
             for order in range(6):
@@ -182,19 +182,19 @@ def _advance(joints: Array, t: Array, out: Array) -> None:
 
 
 RatioTerms = tuple[Array, Array, bool, float]
-"""What is bounded: Coulomb friction (n,) that counts, weights (2, n) of the lower and the upper side, which are 1 over the
-sizes of the limits, whether of the rates, and the velocity of a joint at rest."""
+"""Terms of the ratios: Coulomb friction (n,), weights (2, n) of the lower and the upper side, which are 1 over the absolute
+limits, whether for the rates, and the velocity of a joint at rest."""
 
 
 def _divide(
     model: Model, ends: Ends, what: RatioTerms, most: int, close: tuple[float, float, float],
     results: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
-    """Bound all pieces: into results, proved, found and when (2, n).
+    """Bound the ratios over all pieces, into results: proved, found and their times (2, n).
 
-    Intervals are halved until their bounds are close to the largest values found, or narrow, or would be too many.
+    Intervals are halved until their bounds are close to the largest values found, or they are too short or too many.
 
-    close: the factor, the floor and the narrowest interval.
+    close: the factor, the floor and the shortest interval.
     """
     t, h, joints, left, right = ends.t0, ends.t1 - ends.t0, ends.first, ends.left, ends.right
     proved, found, when = results
@@ -222,7 +222,7 @@ def _divide(
 
 @compiled
 def _update_largest(t: Array, joints: Array, values: Array, what: RatioTerms, found: Array, when: Array) -> None:
-    """Keep the largest ratios (2, n) at instants, and their times."""
+    """Update the largest ratios (2, n) and their times with those at instants."""
     coulomb, weights, rate, rest = what
     for k in range(t.shape[0]):
         for i in range(coulomb.shape[0]):
@@ -241,7 +241,7 @@ def _update_largest(t: Array, joints: Array, values: Array, what: RatioTerms, fo
 def _find_loose(
     bound: Array, h: Array, found: Array, close: tuple[float, float, float], room: int, proved: Array
 ) -> Flags:
-    """Intervals (k,) that are divided: their bounds (k, 2, n) are not close to the largest values; those of others count.
+    """Return the intervals (k,) to divide, whose bounds (k, 2, n) are not close enough; update `proved` with the others.
 
     Returns (k,).
     """
@@ -263,7 +263,7 @@ def _find_loose(
 
 @compiled
 def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> None:
-    """Bounds (k, n) on the fourth derivatives in intervals, from the joints' derivatives at their starts (k, 6, n)."""
+    """Compute bounds (k, n) on the fourth derivatives in intervals, from the joints' derivatives at their starts (k, 6, n)."""
     D, space = np.empty(joints.shape), np.empty((2, joints.shape[2] + 1, 7))
     joint_bounds(joints, h, D)
     for k in range(h.shape[0]):
@@ -274,7 +274,7 @@ def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> No
 def _between(
     what: RatioTerms, h: Array, joints: Array, fourths: Array, values: tuple[Array, Array], bound: Array
 ) -> None:
-    """Bounds (k, 2, n) on the ratios to both sides in intervals, from the joints' derivatives at their starts (k, 6, n).
+    """Compute bounds (k, 2, n) on the ratios of both sides in intervals, from the joints' derivatives (k, 6, n).
 
     fourths: bounds (k, n) on the fourth derivatives; values: torques and rates (k, 2, n) at the starts and at the ends.
     """
@@ -292,8 +292,6 @@ def _between(
             low, high = low - off, high + off
             f = coulomb[i]
             if f > 0.0:
-                sense = direction(
-                    joints[k, 1:, i], h[k]
-                )  # 0: both sides; rest at an end of the interval is found there
+                sense = direction(joints[k, 1:, i], h[k])  # 0: both signs
                 low, high = low + (sense * f if sense != 0 else -f), high + (sense * f if sense != 0 else f)
             bound[k, 0, i], bound[k, 1, i] = -weights[0, i] * low, weights[1, i] * high

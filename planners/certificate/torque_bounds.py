@@ -1,7 +1,7 @@
 """Bounds on torques and their rates within intervals of time: values at both ends, and a bound on the fourth derivative.
 
-Inside a piece the torque τ of a joint is smooth, and at both ends of an interval of length h it and its rate are known exactly.
-With H, the cubic through these four numbers,
+Inside a piece the torque τ of a joint is smooth. At both ends of an interval of length h it and its rate are known exactly. For
+the cubic H through these four numbers,
 
     |τ − H| ≤ h⁴ / 384 · max|τ⁗|        and        |τ̇ − Ḣ| ≤ √3 h³ / 216 · max|τ⁗|
 
@@ -42,7 +42,7 @@ RATE_REMAINDER = float(np.sqrt(3.0)) / 216.0
 """Largest distance of a function's derivative from that of its cubic Hermite interpolant, over h³ and its fourth derivative."""
 
 Sizes = tuple[Array, Flags, Array, Array, Array, Array, float]
-"""Sizes of an arm and its load: lengths of the fixed vectors before the joints (n,) [m], which joints slide (n,), masses (n,)
+"""Sizes of an arm and its load: lengths of the fixed vectors before the joints (n,) [m], prismatic joints (n,), masses (n,)
 [kg], distances of the centres of mass from the joints' origins (n,) [m], halves of the traces of the inertias (n,) [kg·m²],
 viscous friction (n,) [N·m·s/rad, N·s/m], and the size of gravity [m/s²]."""
 
@@ -60,7 +60,7 @@ def sizes(robot: Robot, load: Load) -> Sizes:
 
 @compiled
 def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) -> None:
-    """Bounds on |τ⁗| of every joint within an interval.
+    """Compute bounds on |τ⁗| of every joint within an interval.
 
     Shapes and units: D (6, n) [rad/s^i, m/s^i], work (2, n + 1, 7) [1], out (n,) [N·m/s⁴, N/s⁴].
     """
@@ -103,7 +103,7 @@ def fourth_bounds(arm: Sizes, D: Array, still: bool, work: Array, out: Array) ->
 
 @compiled
 def cubic_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float, float]:
-    """Least and greatest value on [0, h] of the cubic with given values and rates at both ends.
+    """Return the least and the greatest value on [0, h] of the cubic with given values and rates at both ends.
 
     Shapes and units: a, b [as the cubic], c, d [as the cubic, over s], h [s]. Returns [as the cubic].
     """
@@ -126,7 +126,7 @@ def cubic_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float
 
 @compiled
 def slope_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float, float]:
-    """Least and greatest rate on [0, h] of the cubic of `cubic_range`.
+    """Return the least and the greatest rate on [0, h] of the cubic of `cubic_range`.
 
     Shapes and units: a, b [as the cubic], c, d [as the cubic, over s], h [s]. Returns [as the cubic, over s].
     """
@@ -142,7 +142,7 @@ def slope_range(a: float, b: float, c: float, d: float, h: float) -> tuple[float
 
 @compiled
 def direction(rates: Array, h: float) -> int:
-    """Sense in which a joint moves within an interval of time, proved: the Bernstein coefficients of its velocity.
+    """Return the proved sign of a joint's velocity in an interval, from its Bernstein coefficients; 0 if it may change.
 
     Shapes and units: rates (5,) [rad/s^i, m/s^i], h [s].
     """

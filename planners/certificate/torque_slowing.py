@@ -1,7 +1,7 @@
-"""By how much a motion is slowed, or may be hastened, so that its torques or their rates just keep their limits.
+"""Factor by which a motion is stretched in time until its torques or their rates just respect their limits.
 
-A motion that runs x times as fast has the torques g + b x + a x², with the torque g against gravity, viscous friction b and the
-rest a; Coulomb friction stays. Their rates are g' x + b' x² + a' x³. So no slow-down helps where gravity alone passes a limit.
+A motion that is x times as fast has the torques g + b x + a x², with the torque g of gravity, viscous friction b and inertia a;
+Coulomb friction is unchanged. Its torque rates are g' x + b' x² + a' x³. No factor suffices if gravity alone exceeds a limit.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from optik.types import Array
 from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, rest_velocity, torques_at
 
 MOST_HASTENED = 1e6
-"""Greatest factor of speed that is tried: a motion that keeps its limits there too is not limited by them."""
+"""Greatest factor of speed that is tried: a motion that respects its limits there is not limited by them."""
 SLOWING_ROUNDS = 100
-"""Steps of the search for the factor at most: it needs about ten."""
+"""Largest number of steps of the search for the factor; about ten are usual."""
 
 
 class _Parts(NamedTuple):
-    """Of k instants: what goes with powers 0 to 3 of the speed (k, 4, n), and friction of both sides (k, 2, n)."""
+    """Coefficients of powers 0 to 3 of the speed (k, 4, n), and friction on both sides (k, 2, n), at k instants."""
 
     powers: Array
     friction: Array
 
 
 def stretch_factor(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
-    """Least factor by which a motion is stretched in time so that it keeps the limits at the ends of its pieces.
+    """Return the least factor by which a motion is stretched in time to respect the limits at the ends of its pieces.
 
-    What the proved bound of each joint has over its largest value there is added to the values, as a part that goes with the
-    highest power of the speed: so the motion that results nearly has the proof that it needs.
+    The excess of each joint's proved bound over its largest value there is added, with the highest power of the speed. So the
+    proof of the stretched motion nearly succeeds.
     """
     proved = torques.bound_ratios(bound, rate=rate).ratio
     parts = [_parts(model, ends, rate) for model, ends in zip(torques.models, torques.ends, strict=True)]
@@ -46,7 +46,7 @@ def stretch_factor(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
 
 
 def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
-    """The parts of the torques, or of their rates, at both ends of all pieces."""
+    """Return the parts of the torques, or of their rates, at both ends of all pieces."""
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
     load = model[1]
     kinetic = np.empty_like(values)
@@ -66,13 +66,13 @@ def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
 
 
 _RatioTerms = tuple[Array, Array, Array, Array, int]
-"""What the ratios are made from: powers, friction, weights (2, n) of both sides, which are 1 over the limits, what the bounds
-have over the largest ratios (n,), and the power of the speed that it goes with."""
+"""Terms of the ratios: powers, friction, weights (2, n) of both sides, which are 1 over the limits, the excess (n,) of the
+bounds over the largest ratios, and its power of the speed."""
 
 
 @compiled
 def _worst(kept: _RatioTerms, x: float, out: Array) -> float:
-    """Largest ratio of each joint (n,), into out, at x times the speed; and of all.
+    """Compute the largest ratio of each joint (n,) at x times the speed; return the largest of all.
 
     Returns [1].
     """
@@ -91,7 +91,7 @@ def _worst(kept: _RatioTerms, x: float, out: Array) -> float:
 
 @compiled
 def _least(kept: _RatioTerms) -> float:
-    """The factor, from the fastest speed near 1 at which the largest ratio is 1: regula falsi (Illinois)."""
+    """Return the factor, from the speed at which the largest ratio is 1, by regula falsi (Illinois)."""
     spare = np.empty(kept[3].shape[0])
     low, high = 0.0, 1.0
     f_high = _worst(kept, high, spare) - 1.0

@@ -98,10 +98,10 @@ class LimitedMotion(Protocol):
         """Return the steps (m + 1, n) of a derivative at the knots."""
 
     def tool_speed_bound(self, part: int) -> tuple[float, float]:
-        """Return a proved bound on the tool's speed [m/s, rad/s], and when it is nearly reached [s]."""
+        """Return a proved bound on the tool's speed [m/s, rad/s], and the time of the peak [s]."""
 
     def tool_speed_ratio(self, on_pieces: Array, part: int) -> tuple[float, float]:
-        """Return a proved bound on the tool's speed over the limit of the path's piece, and when it is nearly reached [s]."""
+        """Return a proved bound on the ratio of the tool's speed to the limits of the path's pieces, and its time [s]."""
 
     def tool_speed_ends(self, part: int) -> tuple[Array, Array]:
         """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
