@@ -58,10 +58,7 @@ def _point_at(a: Triple, d: Triple, s: float) -> Triple:
 
 @compiled
 def segment_segment(a: Triple, b: Triple, c: Triple, d: Triple) -> NearestPoint:
-    """Return the least distance of two segments; each may be a point.
-
-    Shapes and units: a, b [m], c, d [m]. Returns [m].
-    """
+    """Return the least distance of two segments; each may be a point: a, b [m], c, d [m]. Returns [m]."""
     # The nearest point of the second segment is one of its ends, or between them: two breakpoints. All three pieces are
     # tried, because rounding may change the order of breakpoints of nearly parallel segments.
     u = (b[0] - a[0], b[1] - a[1], b[2] - a[2])

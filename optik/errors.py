@@ -28,12 +28,8 @@ class InvalidInput(OptikError, ValueError):
 
     Attributes
     ----------
-    argument : str
-        Name of the argument.
-    got : str
-        The value that was passed, in words.
-    expected : str
-        The values that are allowed, in words.
+    argument, got, expected : str
+        Name of the argument, the value that was passed, and the values that are allowed, in words.
     """
 
     def __init__(self, argument: str, got: object, expected: str) -> None:
@@ -52,10 +48,8 @@ class RobotModelError(OptikError, ValueError):
 
     Attributes
     ----------
-    robot : str
-        Name of the robot.
-    problem : str
-        What is wrong with it.
+    robot, problem : str
+        Name of the robot, and what is wrong with it.
     """
 
     def __init__(self, robot: str, problem: str) -> None:
@@ -69,14 +63,10 @@ class UnknownName(OptikError, LookupError):
 
     Attributes
     ----------
-    kind : str
-        Kind of the named thing ("robot", "IK method", ...).
-    name : str
-        The unknown name.
-    known : tuple of str
-        All names that exist.
-    nearest : tuple of str
-        The known names with similar spelling.
+    kind, name : str
+        Kind of the named thing ("robot", "IK method", ...), and the unknown name.
+    known, nearest : tuple of str
+        All names that exist, and those with similar spelling.
 
     The message ends with the ``advice`` of the constructor.
     """
@@ -99,10 +89,8 @@ class MissingDependency(OptikError, ImportError):
 
     Attributes
     ----------
-    package : str
-        The package that could not be imported.
-    needed_by : str
-        Feature that needs it.
+    package, needed_by : str
+        The package that could not be imported, and the feature that needs it.
 
     The message ends with the installation: an ``extra`` of this distribution, or ``how`` if pip cannot install it.
     """
@@ -123,10 +111,8 @@ class NoSolution(OptikError, RuntimeError):
         Path parameter at which planning failed, in the path's unit (metres; radians for a pure rotation).
     joint : str or None
         Joint whose limit is violated, or None.
-    reason : str
-        Why it failed, with numbers.
-    advice : str
-        What to change.
+    reason, advice : str
+        Why it failed, with numbers, and what to change.
     """
 
     def __init__(self, reason: str, *, s: float | None = None, joint: str | None = None, advice: str = "") -> None:
@@ -161,10 +147,8 @@ class OutputError(OptikError, OSError):
 
     Attributes
     ----------
-    path : str
-        The file or folder.
-    problem : str
-        What is wrong with it.
+    path, problem : str
+        The file or folder, and what is wrong with it.
     """
 
     def __init__(self, path: object, problem: str) -> None:

@@ -58,10 +58,7 @@ def frames(chain: Chain, q: Array, out: Array) -> None:
 
 @compiled
 def tool_pose(chain: Chain, frame: Array, out: Array) -> None:
-    """Write the tool pose for given joint frames.
-
-    Shapes and units: frame (n, 4, 4) [1, m], out (4, 4) [1, m] (overwritten).
-    """
+    """Write the tool pose for given joint frames: frame (n, 4, 4) [1, m], out (4, 4) [1, m] (overwritten)."""
     _fixed, _prismatic, tool = chain
     last = frame.shape[0] - 1
     for r in range(3):
@@ -134,10 +131,7 @@ def error_of_pose(chain: Chain, target: Array, q: Array, frame: Array, T: Array,
 
 @compiled
 def fk_batch(chain: Chain, q: Array, out: Array) -> None:
-    """Write the tool poses of many configurations.
-
-    Shapes and units: q (k, n) [rad, m], out (k, 4, 4) [1, m] (overwritten).
-    """
+    """Write the tool poses of many configurations: q (k, n) [rad, m], out (k, 4, 4) [1, m] (overwritten)."""
     frame = np.empty((q.shape[1], 4, 4))
     for k in range(q.shape[0]):
         frames(chain, q[k], frame)

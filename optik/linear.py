@@ -19,20 +19,14 @@ MOST_SWEEPS = 30
 
 @compiled
 def copy_vector(a: Array, out: Array) -> None:
-    """Copy a vector.
-
-    Shapes and units: a (n,) [as given], out (n,) [as a] (overwritten).
-    """
+    """Copy a vector: a (n,) [as given], out (n,) [as a] (overwritten)."""
     for i in range(a.shape[0]):  # a slice assignment takes seconds to compile
         out[i] = a[i]
 
 
 @compiled
 def copy_matrix(A: Array, out: Array) -> None:
-    """Copy a matrix.
-
-    Shapes and units: A (m, n) [as given], out (m, n) [as A] (overwritten).
-    """
+    """Copy a matrix: A (m, n) [as given], out (m, n) [as A] (overwritten)."""
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             out[i, j] = A[i, j]
@@ -117,10 +111,7 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 
 @compiled
 def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
-    """Return the smallest singular value, to 1e-10 of itself or rounding of the largest.
-
-    Shapes and units: J (m, n) [as given].
-    """
+    """Return the smallest singular value, to 1e-10 of itself or rounding of the largest: J (m, n) [as given]."""
     m, n = J.shape
     tall = m >= n
     k, rest = (n, m) if tall else (m, n)

@@ -90,10 +90,7 @@ def polish(chain: Chain, target: Array, rows: Array, values: Array, steps: int, 
 
 @compiled
 def polish_batch(chain: Chain, q: Array, targets: Array, steps: int) -> None:
-    """Polish many configurations to their target poses.
-
-    Shapes and units: q (k, n) [rad, m] (overwritten), targets (k, 4, 4) [1, m].
-    """
+    """Polish many configurations to their target poses: q (k, n) [rad, m] (overwritten), targets (k, 4, 4) [1, m]."""
     no_rows, no_values = np.empty((0, q.shape[1])), np.empty(0)
     for k in range(q.shape[0]):
         polish(chain, targets[k], no_rows, no_values, steps, q[k])

@@ -44,12 +44,9 @@ class Inertia:
         Centres of mass in the joint frames [m].
     tensor : (n, 3, 3) array
         Inertia about the centres of mass, in the axes of the joint frames [kg·m²].
-    motor : scalar or (n,) array, optional
-        Inertia of the motors and gears, reflected to the joints [kg·m², kg].
-    viscous : scalar or (n,) array, optional
-        Viscous friction [N·m·s/rad, N·s/m].
-    coulomb : scalar or (n,) array, optional
-        Coulomb friction [N·m, N].
+    motor, viscous, coulomb : scalar or (n,) array, optional
+        Inertia of the motors and gears, reflected to the joints [kg·m², kg]; viscous friction [N·m·s/rad, N·s/m]; Coulomb
+        friction [N·m, N].
     source : str, optional
         Source of the numbers.
 

@@ -49,7 +49,7 @@ class Robot(ArmDynamics):
         By default joint1, joint2, ….
     gravity : (3,) array, optional
         Direction of gravity in the base frame, of any length [1]; −z by default.
-    source : str
+    source : str, optional
         Source of the numbers.
     gravity_magnitude : float, optional
         Acceleration of free fall [m/s²]; 9.80665 by default, 0 without weight.
@@ -359,10 +359,8 @@ class Robot(ArmDynamics):
         ----------
         other : Robot
             The other model, such as the same arm from a URDF.
-        position : float
-            Tolerance of the tool's position [m].
-        rotation : float
-            Tolerance of the tool's rotation [rad].
+        position, rotation : float
+            Tolerances of the tool's position [m] and rotation [rad].
 
         Returns
         -------

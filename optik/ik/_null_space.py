@@ -156,10 +156,7 @@ def _cost_in_task_frame(limits: Range, goal: Goal, objective: Objective, q: Arra
 
 @compiled
 def compute_cost(chain: Chain, limits: Range, goal: Goal, objective: Objective, q: Array) -> float:
-    """Return the cost of the objective at one configuration.
-
-    Shapes and units: q (n,) [rad, m]. Returns [1].
-    """
+    """Return the cost of the objective at one configuration: q (n,) [rad, m]. Returns [1]."""
     frame, T, J = workspace(q.shape[0])
     forward(chain, q, frame, T)
     jacobian_from(chain, frame, T, J)

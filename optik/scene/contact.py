@@ -108,19 +108,13 @@ def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
 
 @inlined
 def read_row(x: Array, i: int) -> Triple:
-    """Return a row of a matrix as a tuple.
-
-    Shapes and units: x (k, 3) [m]. Returns [m].
-    """
+    """Return a row of a matrix as a tuple: x (k, 3) [m]. Returns [m]."""
     return x[i, 0], x[i, 1], x[i, 2]
 
 
 @inlined
 def transform_point(frame: Array, link: int, p: Triple) -> Triple:
-    """Return a point of a link in the base frame.
-
-    Shapes and units: frame (n, 4, 4) [1, m], p [m]. Returns [m].
-    """
+    """Return a point of a link in the base frame: frame (n, 4, 4) [1, m], p [m]. Returns [m]."""
     if link == 0:
         return p
     T, j = frame, link - 1

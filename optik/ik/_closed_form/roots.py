@@ -61,10 +61,7 @@ def refine(chain: Chain, bounds: Range, target: Array, steps: int, q: Array) -> 
 
 @compiled
 def is_same_root(chain: Chain, a: Array, b: Array) -> bool:
-    """Return whether two configurations are equal up to 2π-multiples.
-
-    Shapes and units: a, b (n,) [rad, m].
-    """
+    """Return whether two configurations are equal up to 2π-multiples: a, b (n,) [rad, m]."""
     _fixed, prismatic, _tool = chain
     for i in range(a.shape[0]):
         d = a[i] - b[i]

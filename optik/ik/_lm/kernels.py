@@ -90,10 +90,7 @@ def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
 
 @inlined
 def write_answer(w: Array, n: int, answers: Answers, l: int, status: int) -> None:
-    """Write the result of a lane.
-
-    Shapes and units: w (ROWS, L) [as the rows say].
-    """
+    """Write the result of a lane: w (ROWS, L) [as the rows say]."""
     p = int(w[PROBLEM, l])
     for i in range(n):
         answers.q[p, i] = w[Q + i, l]

@@ -83,10 +83,7 @@ def wrap_inside(arm: Array, w: Array, n: int, start: Array, l: int) -> bool:
 
 @inlined
 def is_inside(arm: Array, w: Array, n: int, l: int) -> bool:
-    """Return whether a lane is inside the limits.
-
-    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say].
-    """
+    """Return whether a lane is inside the limits: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say]."""
     for i in range(n):  # noqa: SIM110  (a generator does not compile)
         if not (arm[AT_LOWER + i] <= w[Q + i, l] <= arm[AT_UPPER + i]):
             return False
