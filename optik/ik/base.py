@@ -23,6 +23,7 @@ from optik.ik._result import Tolerance as Tolerance
 from optik.ik._result import ToleranceLike as ToleranceLike
 from optik.ik._status import STATUS_OF_CODE
 from optik.ik._status import IKStatus as IKStatus
+from optik.plugins.options import defaults
 from optik.task import Task, as_task, judge
 from optik.types import Array
 
@@ -119,14 +120,8 @@ class IKSolver(ABC):
 
     @property
     def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values; a method adds its own."""
-        return {
-            "tolerance": self.tolerance,
-            "max_iterations": self.max_iterations,
-            "max_restarts": self.max_restarts,
-            "time_limit": self.time_limit,
-            "task": self.task,
-        }
+        """Options of the constructor with their values, which a method keeps as attributes of the same names."""
+        return {name: getattr(self, name) for name in defaults(type(self)) if hasattr(self, name)}
 
     def with_options(self, **changes: Any) -> Self:
         """Return a solver of the same method and robot with some options changed.

@@ -136,7 +136,7 @@ class ClosedForm(IKSolver):
         self._redundant = int(moving.sum()) > 6
         self._too_many = branches.has_too_many_windings(robot)
         self._backend = build_backend(backend, robot)
-        self._label = self._backend.name if self._backend else ENUMERATION
+        self.label = self._backend.name if self._backend else ENUMERATION
         self._starts = robot.limits.sample(np.random.default_rng(1), ENUMERATION_SEEDS)
         twists = np.random.default_rng(3).uniform(-PERTURBATION, PERTURBATION, (3, 6))
         self._nudges = [pose(exp_so3(sign * w[3:]), sign * w[:3]) for w in twists for sign in (1.0, -1.0)]
@@ -150,16 +150,6 @@ class ClosedForm(IKSolver):
         self.attempt(target, q, False, None)
         self._enumerate(target, q, False)
         branches.slide(self.robot, target, q, q, self._tight)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values."""
-        return {**super().options, "backend": self.backend}
-
-    @property
-    def label(self) -> str:
-        """Name of the backend: ``"eaik"``, ``"ssik"``, or that of a numerical enumeration."""
-        return self._label
 
     def branches(self, target: ArrayLike, q0: ArrayLike | None = None) -> Branches:
         """Find all configurations inside the limits whose tool pose is the target.
@@ -212,7 +202,7 @@ class ClosedForm(IKSolver):
         if count == 0 or doubt or (count < MOST_ROOTS and not solved):
             return self._choose_nearest(target, start, self._find_all(target, start, candidates, few=True))
         status = IKStatus.SOLVED if solved else IKStatus.OUTSIDE_LIMITS
-        return Attempt(q, status, 0, None, f"{self._label}: {count} branches without limits")
+        return Attempt(q, status, 0, None, f"{self.label}: {count} branches without limits")
 
     def _choose_nearest(self, target: Array, start: Array, found: _BranchSearch) -> Attempt:
         """Return the branch nearest to the initial guess, or the best configuration if there is none."""
@@ -278,7 +268,7 @@ class ClosedForm(IKSolver):
         With `few` only some of the branches are returned. `candidates` (k, n) are those of the closed form.
         """
         roots, singular = self._find_distinct(target, candidates)
-        told, exact = [self._label], self._backend is not None and not self._redundant
+        told, exact = [self.label], self._backend is not None and not self._redundant
         trusted, (wide, flat) = exact and bool(len(roots) and not singular.any()), (roots, singular)
         if exact and (len(roots) < MOST_ROOTS or singular.any()):
             beside = self._find_candidates_beside(target, len(self._nudges))

@@ -97,11 +97,6 @@ class DLS(IKSolver):
             [self.damping, self.step, self.tolerance.position, self.tolerance.rotation, float(self.as_printed)]
         )
 
-    @property
-    def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values."""
-        return {**super().options, "damping": self.damping, "step": self.step, "as_printed": self.as_printed}
-
     def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
         """Run the iteration once; it is so short that the time limit is checked only between attempts."""
         robot, limits = self.robot, self.robot.limits

@@ -87,11 +87,6 @@ class IPOPT(ProgrammeSolver):
         self._tight = min(self.tolerance.position, self.tolerance.rotation)
         self._build()
 
-    @property
-    def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values."""
-        return {**super().options, "form": self.form, "solver_options": self.solver_options}
-
     def _problem(self, m: Model, choice: bool) -> tuple[str, dict[str, Any], dict[str, Any]]:
         ipopt = _OPTIONS | {"max_iter": self.max_iterations, "constr_viol_tol": 0.1 * self._tight}
         if choice:

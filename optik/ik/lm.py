@@ -99,6 +99,7 @@ class LM(IKSolver):
             raise InvalidInput("robot", f"{robot.n} joints", f"at most {MOST_JOINTS} for lm; dls takes any number")
         self.gain = check_number(gain, "gain", "a finite number ≥ 0", least=0.0)
         self.preference = Preference.from_options(robot, prefer, posture)
+        vars(self).update(self.preference.options)
         tolerance = self.tolerance
         self._numbers = np.array(
             [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
@@ -113,11 +114,6 @@ class LM(IKSolver):
         self._arm = pack(robot, self._reach, self._numbers)
         self._fast = self.task.is_pose and self.time_limit is None and not self.preference
         self._compare_models()
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values."""
-        return {**super().options, "gain": self.gain, **self.preference.options}
 
     def solve(self, target: ArrayLike, q0: ArrayLike, *, trace: bool = False, closest: bool = False) -> IKResult:
         """Find a configuration whose tool pose is the target."""

@@ -36,11 +36,7 @@ Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.Pa
 class MeshFolders:
     """The folders below which the meshes of a description must lie."""
 
-    def __init__(
-        self,
-        beside: Path | None = None,
-        package_dirs: Folders = None,
-    ) -> None:
+    def __init__(self, beside: Path | None = None, package_dirs: Folders = None) -> None:
         given = package_dirs or ()
         if isinstance(given, str | bytes) or not isinstance(given, Mapping | Sequence):
             raise InvalidInput("package_dirs", repr(given)[:60], "{package: folder}, or a list of folders")
@@ -100,10 +96,7 @@ class MeshFolders:
         return [(root, root / path) for root in roots]  # an absolute path replaces the root
 
 
-def find_mesh_folders(
-    source: str | os.PathLike[str],
-    package_dirs: Folders,
-) -> MeshFolders:
+def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders) -> MeshFolders:
     """Return the folders below which the meshes of a description must lie."""
     text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
     return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)

@@ -66,11 +66,7 @@ class Shapes:
             raise InvalidInput("shapes.names", f"{len(names)} names", f"one for each of {m} capsules")
         if not isinstance(self.source, str):
             raise InvalidInput("shapes.source", format_value(self.source), "a word")
-        checked = {
-            "capsules": capsules,
-            "names": names,
-            "excess": check_excess(self.excess, m, "shapes.excess"),
-        }
+        checked = {"capsules": capsules, "names": names, "excess": check_excess(self.excess, m, "shapes.excess")}
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         object.__setattr__(self, "apart", tuple(self._checked_apart(self.apart)))

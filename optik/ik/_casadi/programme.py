@@ -64,6 +64,7 @@ class ProgrammeSolver(IKSolver):
     ) -> None:
         super().__init__(robot, **options)
         self.preference = Preference.from_options(robot, prefer, posture)
+        vars(self).update(self.preference.options)
         self.limit_distance = check_number(limit_distance, "limit_distance", "a distance ≥ 0 [rad, m]", least=0.0)
         self.bounds = _tighten_limits(robot, self.limit_distance)
         self.free_joints = int((self.bounds.lower < self.bounds.upper).sum())
@@ -77,11 +78,6 @@ class ProgrammeSolver(IKSolver):
         self._first: Answer | None = None
         self._lock = threading.RLock()
         self._programme = cache(self._new_programme)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """All options of the constructor with their values."""
-        return {**super().options, **self.preference.options, "limit_distance": self.limit_distance}
 
     @property
     def has_second_stage(self) -> bool:
