@@ -55,17 +55,17 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
     t = np.arange(int(periods) + 1) / rate
     t = t[: 1 + np.count_nonzero(t[1:] < trajectory.end - 1e-6 / rate)]  # no period of rounding before the end
     t = np.append(t, trajectory.end)
-    return trajectory_through(t, *states(trajectory, t)[: points_of(interpolation)])
+    return trajectory_through(t, *sample_states(trajectory, t)[: count_derivatives(interpolation)])
 
 
-def points_of(interpolation: str) -> int:
+def count_derivatives(interpolation: str) -> int:
     """Return how many of q, q̇, q̈ an interpolation passes through."""
     if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS.index(interpolation) + 1
 
 
-def states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+def sample_states(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
     """Return q, q̇, q̈ at instants: the mean of both sides, which differ only at a discontinuity."""
     x, c = trajectory.knots, trajectory.coefficients
     sides = []

@@ -163,7 +163,7 @@ class HasMotion(Protocol):
         """The motion; raises `NoSolution` if there is none."""
 
 
-def motion_of(thing: Motion | HasMotion) -> Motion:
+def get_motion(thing: Motion | HasMotion) -> Motion:
     """Return the motion of a plan, or a motion itself."""
     motion = thing if isinstance(thing, Motion) else getattr(thing, "motion", None)
     if not isinstance(motion, Motion):

@@ -24,7 +24,7 @@ from planners.certificate.summary import plan_summary
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
 from planners.fit import fit, stretch_factor
-from planners.following.follow import DEFAULT_TOLERANCE, Followed, JointPath, PlanFailure, follow
+from planners.following.follow import DEFAULT_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
@@ -407,7 +407,7 @@ class PlanRequest:
         return self._fail(PlanStatus.LIMITS_EXCEEDED, joints, failure)
 
 
-def _time_path(request: PlanRequest, followed: Followed, duration: float | None, strict: bool) -> Plan:
+def _time_path(request: PlanRequest, followed: FollowResult, duration: float | None, strict: bool) -> Plan:
     """Return the plan of a joint path that is timed and certified, or its failure."""
     if followed.failure is not None:
         return request._fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)

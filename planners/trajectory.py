@@ -77,12 +77,12 @@ class Trajectory(PiecewiseCurve):
     @property
     def knots(self) -> Array:
         """Times of the knots (m + 1,) [s]."""
-        return _locked(self._x)
+        return _lock(self._x)
 
     @property
     def coefficients(self) -> Array:
         """Coefficients (6, m, n), highest power first, in the time since each piece's first knot."""
-        return _locked(self._c)
+        return _lock(self._c)
 
     @cached_property
     def padded(self) -> Array:
@@ -264,7 +264,7 @@ class Trajectory(PiecewiseCurve):
         return Trajectory(type(p)(p.c / float(factor) ** powers, p.x * float(factor), extrapolate=True), self.s)
 
 
-def _locked(array: Array) -> Array:
+def _lock(array: Array) -> Array:
     view = array.view()
     view.setflags(write=False)
     return view

@@ -10,7 +10,7 @@ from optik.file_io import check_suffix, read_bytes, write_atomically
 from optik.registry import build_method, names
 from planners.certificate.violation import Allow
 from planners.files.base import Format
-from planners.motion import HasMotion, Motion, motion_of
+from planners.motion import HasMotion, Motion, get_motion
 
 __all__ = ["Format", "formats", "load_motion", "save"]
 
@@ -63,7 +63,7 @@ def save(
     OutputError
         The file cannot be written.
     """
-    chosen, motion = _format(file, format, **({} if rate is None else {"rate": rate})), motion_of(motion)
+    chosen, motion = _format(file, format, **({} if rate is None else {"rate": rate})), get_motion(motion)
     motion.check_valid(allow)
     content = chosen.to_bytes(motion)
     write_atomically(file, lambda part: part.write_bytes(content))

@@ -33,7 +33,7 @@ class Npz(Format):
     def from_bytes(self, content: bytes) -> Motion:
         """As `Format.from_bytes`."""
         try:
-            header, knots, coefficients = _arrays(content, ("header", "knots", "coefficients"))
+            header, knots, coefficients = _read_arrays(content, ("header", "knots", "coefficients"))
         except InvalidInput:
             raise
         except Exception as error:  # zipfile and NumPy raise a dozen types on invalid bytes
@@ -50,7 +50,7 @@ class Npz(Format):
         return from_parts(Parts(data, knots, coefficients), digest)
 
 
-def _arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
+def _read_arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
     """Return arrays of an NPZ file, after checking their sizes before they are unpacked."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = [archive.getinfo(f"{name}.npy") for name in names]

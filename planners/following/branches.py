@@ -54,7 +54,7 @@ class Branch(NamedTuple):
     ended: TrackEnd | None
 
 
-def branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
+def find_branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
     """Return the branches of all configurations at the path's start: the best first, then those that end early.
 
     For an arm of up to six joints a configuration that is not singular has exactly one continuation, so these are

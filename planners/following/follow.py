@@ -21,7 +21,7 @@ from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
 from planners.following import march
-from planners.following.branches import branches
+from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck, make_collision_check
 from planners.following.course import Course, Nodes, make_empty_guide
 from planners.following.failure import (
@@ -40,7 +40,7 @@ from planners.following.track import Track, TrackEnd, track
 from planners.hermite import quintic_through
 from planners.paths.base import Path
 
-__all__ = ["FollowStatus", "Followed", "IKRecord", "JointPath", "PlanFailure", "follow"]
+__all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
 START_TOLERANCE = 1e-4
 """Largest distance of the tool from the path's start [m and rad]: the accuracy of a real arm's encoders and model."""
@@ -63,7 +63,7 @@ DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
 """Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 
 
-class Followed(NamedTuple):
+class FollowResult(NamedTuple):
     """The joint path, or on failure its valid part, and the failure. ``bool(followed)`` is success."""
 
     joint_path: JointPath | None
@@ -80,7 +80,7 @@ def follow(
     *,
     branch: str | None = None, samples: int = 151, tolerance: ToleranceLike = DEFAULT_TOLERANCE,
     scene: Scene | None = None,
-) -> Followed:  # fmt: skip
+) -> FollowResult:  # fmt: skip
     """Turn a Cartesian path into a joint path, by tracking one branch of configurations.
 
     Each step is predicted from exact derivatives and corrected by Newton's method to rounding. It is accepted if the joints
@@ -109,7 +109,7 @@ def follow(
 
     Returns
     -------
-    Followed
+    FollowResult
         On failure with the path parameter at which it ended, the reason and advice.
 
     Raises
@@ -174,7 +174,7 @@ class Follower:
         """The arm."""
         return self.solver.robot
 
-    def run(self) -> Followed:
+    def run(self) -> FollowResult:
         """Return the joint path of the tool's path, collision-free if there is a scene."""
         given = self.path.configurations(self.robot, self.grid)
         first = given[0] if given is not None else (self.q if self.branch == "start" else None)
@@ -183,7 +183,7 @@ class Follower:
             and first is not None
             and (failure := self.collision.check_start(first)) is not None
         ):
-            return Followed(None, failure)
+            return FollowResult(None, failure)
         followed = self._follow_poses() if given is None else self._follow_joints(given)
         if self.collision is None or not followed or followed.joint_path is None:
             return followed
@@ -203,7 +203,7 @@ class Follower:
             return "no other branch that was tried follows the whole path without collision; another path"
         return f'branch="best": from the start configuration {_format(other.joint_path.q[0])} the whole path is free'
 
-    def _follow_joints(self, q: Array) -> Followed:
+    def _follow_joints(self, q: Array) -> FollowResult:
         """Return the joint path of a path in joint space: only its limits are checked."""
         robot, path = self.robot, self.path
         if self.q is not None and np.abs(self.q - q[0]).max() > START_TOLERANCE:
@@ -224,18 +224,18 @@ class Follower:
             advice = "a path in joint space inside the limits"
             failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
         if good < 2:
-            return Followed(None, failure)
+            return FollowResult(None, failure)
         at = knots[:good]
         record = IKRecord(np.zeros(good), np.zeros(good), np.zeros(good, np.int64), at)
         chosen = np.isin(np.arange(good), thin_knots(at, path.breaks))
-        return Followed(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
+        return FollowResult(JointPath(robot, path, at, q[:good], dq[:good], record, chosen), failure)
 
-    def _follow_poses(self) -> Followed:
+    def _follow_poses(self) -> FollowResult:
         """Return the joint path of a Cartesian path, by the number of joints and the choice of branch."""
         robot = self.robot
         failure = find_rank_failure(robot)
         if failure is not None:
-            return Followed(None, failure)
+            return FollowResult(None, failure)
         if robot.n > 6:
             return self._choose_null_space_motion()
         course = Course(self.path, make_empty_guide(robot.n))
@@ -245,10 +245,10 @@ class Follower:
             return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
         return self._choose_branch(course, nodes)
 
-    def _choose_branch(self, course: Course, nodes: Nodes) -> Followed:
+    def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:
         """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
         best: Track | None = None
-        for candidate in branches(self.robot, self.path, self.q):
+        for candidate in find_branches(self.robot, self.path, self.q):
             if candidate.ended is not None and best is not None:
                 break
             way = track(self.robot, course, nodes, candidate.q, self.tolerance)
@@ -258,10 +258,10 @@ class Follower:
                 best = way
                 break
         if best is None:
-            return Followed(None, self._explain_no_start())
+            return FollowResult(None, self._explain_no_start())
         return self._finish(course, best, best.q[0])
 
-    def _choose_null_space_motion(self) -> Followed:
+    def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
         robot, best = self.robot, None
         is_free = None if self.collision is None else self.collision.are_free
@@ -278,7 +278,7 @@ class Follower:
                 best = way, course
                 break
         if best is None:
-            return Followed(None, self._explain_no_start())
+            return FollowResult(None, self._explain_no_start())
         way, course = best
         return self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
 
@@ -302,7 +302,7 @@ class Follower:
 
     # ------------------------------------------------------------ samples, the method's record, the joint path
 
-    def _finish(self, course: Course, way: Track, q_start: Array) -> Followed:
+    def _finish(self, course: Course, way: Track, q_start: Array) -> FollowResult:
         """Return the joint path through nodes and samples, after the IK method solved these; up to the first failure."""
         robot, path = self.robot, self.path
         samples = self.grid[self.grid <= way.s[-1]]
@@ -320,8 +320,8 @@ class Follower:
         if failure is not None and not failure.advice:
             failure = replace(failure, advice=self._find_advice(failure))
         if len(knots) < 2:
-            return Followed(None, failure)
-        return Followed(JointPath(robot, path, knots, q, dq, record, node), failure)
+            return FollowResult(None, failure)
+        return FollowResult(JointPath(robot, path, knots, q, dq, record, node), failure)
 
     def _solve_samples(self, samples: Array, tracked: Array, q_start: Array) -> tuple[IKRecord, PlanFailure | None]:
         """Solve the samples with the IK method, each from the result of the previous one, and compare with the track."""
@@ -371,7 +371,7 @@ class Follower:
             return f'branch="best" may find another null-space motion; {shorter}'
         if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
             return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
-        ways = branches(robot, path)
+        ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
             return (
                 f'branch="best": the start configuration {_format(ways[0].q)} reaches the end of the path; or {shorter}'

@@ -188,7 +188,7 @@ def find_null_spaces(chain: Chain, way: Array, first: Array, N: Array) -> float:
 
 
 @compiled
-def solve_blocks(D: Array, C: Array, b: Array) -> None:
+def solve_block_tridiagonal(D: Array, C: Array, b: Array) -> None:
     """Solve a symmetric positive definite block tridiagonal system, in place.
 
     Shapes and units: D (k, d, d) [1] (overwritten), C (k, d, d) [1], b (k, d) [1].
@@ -216,7 +216,7 @@ def solve_blocks(D: Array, C: Array, b: Array) -> None:
 def _assemble(
     ranges: Ranges, fractions: Array, keep_off: float, held: bool, way: Array, N: Array, system: tuple[Array, Array, Array]
 ) -> None:  # fmt: skip
-    """Write the Newton system of the cost ½ Σ |Δq|² / Δs + Σ barrier, in null-space coordinates, for `solve_blocks`."""
+    """Write the system of the cost ½ Σ |Δq|² / Δs + Σ barrier in null-space coordinates for `solve_block_tridiagonal`."""
     (k, n, d), (middle, half), (D, C, b) = N.shape, ranges, system
     pull, bend = np.empty(n), np.empty(n)
     for i in range(k):
@@ -265,7 +265,7 @@ def smooth(
     for _ in range(SMOOTHING_ROUNDS):
         find_null_spaces(chain, way, first, N)
         _assemble(ranges, fractions, keep_off, held, way, N, (D, C, b))
-        solve_blocks(D, C, b)
+        solve_block_tridiagonal(D, C, b)
         largest = 1e-12
         for i in range(k):
             for j in range(n):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.types import Array, Indices
-from planners.paths._rotation import vector_of
+from planners.paths._rotation import skew_vector
 
 TURN_WEIGHT = 1e-3
 """Distance [m] that a rotation by 1 rad counts for: negligible beside distances, but decisive where the tool only turns."""
@@ -128,7 +128,7 @@ def _slope(path: PosesAlong, poses: Array, s: Array) -> tuple[Array, Array]:
     r, v, w = at[:, :3, 3] - poses[:, :3, 3], first[:, :3], first[:, 3:]
     R, X = _rotations_of(at, poses)
     M = R @ np.swapaxes(X, 1, 2)
-    axis = vector_of(M)
+    axis = skew_vector(M)
     turn = np.einsum("kii->k", M) * np.einsum("ki,ki->k", w, w) - np.einsum("ki,kij,kj->k", w, M, w)
     half = 0.5 * TURN_WEIGHT**2
     slope = np.einsum("ki,ki->k", r, v) + half * np.einsum("ki,ki->k", w, axis)

@@ -45,7 +45,7 @@ def make_poses(R: Array, p: Array) -> Array:
     return out
 
 
-def vector_of(M: Array) -> Array:
+def skew_vector(M: Array) -> Array:
     """Return twice the vectors of the skew parts of matrices: 2 sin φ · axis for a rotation by φ."""
     return np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]], axis=1)
 
@@ -56,18 +56,18 @@ def angle_about(axis: Array, R: Array) -> Array:
     tr(exp(−θ n) R) = nᵀRn + cos θ (tr R − nᵀRn) + sin θ n·vec R is greatest there.
     """
     cosine = np.einsum("kii->k", R) - np.einsum("i,kij,j->k", axis, R, axis)
-    return np.asarray(np.arctan2(vector_of(R) @ axis, cosine))
+    return np.asarray(np.arctan2(skew_vector(R) @ axis, cosine))
 
 
 def rotation_derivative_norms(w: Array, w1: Array, w2: Array) -> Array:
     """Return the norms of R', R'', R''' by R' = ω×R and the product rule; R itself has norm 1."""
-    A, A1, A2 = (_crossing(v) for v in (w, w1, w2))
+    A, A1, A2 = (_skew(v) for v in (w, w1, w2))
     second = A1 + A @ A
     third = A2 + 2.0 * A1 @ A + A @ A1 + A @ A @ A
     return np.stack([np.linalg.norm(M, ord=2, axis=(1, 2)) for M in (A, second, third)], axis=1)
 
 
-def _crossing(w: Array) -> Array:
+def _skew(w: Array) -> Array:
     out = np.zeros((len(w), 3, 3))
     out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = w.T
     return out - np.swapaxes(out, 1, 2)

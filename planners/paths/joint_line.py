@@ -154,13 +154,13 @@ class JointLine(Path):
 
     def derivative_bounds(self) -> Array:
         """Return bounds (2, 4) on the derivatives of position and rotation."""
-        # The fourth is by reach alone (`_by_reach`). A lower one is at most its largest sample, plus half the distance
+        # The fourth is by reach alone (`_reach_bounds`). A lower one is at most its largest sample, plus half the distance
         # of the samples times the bound above it.
         return self._bounds.copy()
 
     @cached_property
     def _bounds(self) -> Array:
-        bounds = self._by_reach()
+        bounds = self._reach_bounds()
         if not self.end:
             return bounds
         cells = int(np.clip(np.ceil(BOUND_SAMPLES * self.end), BOUND_SAMPLES, 64 * BOUND_SAMPLES))
@@ -174,7 +174,7 @@ class JointLine(Path):
             bounds[:, k] = np.minimum(bounds[:, k], between)
         return bounds
 
-    def _by_reach(self) -> Array:
+    def _reach_bounds(self) -> Array:
         """Return bounds (2, 4) for any configurations: a link turns at most at the sum of the rates of the joints before it."""
         # A link vector t behind joint i gives |t_xy| Wᵢᵏ + |t_z| Wᵢ₋₁ᵏ with Wᵢ = Σ|q'| of the revolute joints up to i,
         # since joint i does not move points on its own axis; a prismatic joint at q gives |q| Wᵏ + k |q'|

@@ -99,8 +99,8 @@ class Polyline(Path):
 
     def __init__(self, waypoints: ArrayLike, *, blend: ArrayLike = 1e-3, blend_rotation: ArrayLike = 1e-2) -> None:
         self._given = _check_waypoints(waypoints)
-        self._blend = _tolerances(blend, "blend", "m", len(self._given) - 2)
-        self._blend_rotation = _tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
+        self._blend = _check_tolerances(blend, "blend", "m", len(self._given) - 2)
+        self._blend_rotation = _check_tolerances(blend_rotation, "blend_rotation", "rad", len(self._given) - 2)
         kept, room = _merge_waypoints(self._given, self._blend, self._blend_rotation)
         self.dropped = tuple(sorted(set(range(len(self._given))) - set(kept)))
         self.segments, self._kept = len(self._given) - 1, kept
@@ -117,8 +117,8 @@ class Polyline(Path):
         self.corners: Array = ends[:-1]
         _check_returns(chords / length[:, None], turns / length[:, None], kept)
         inner = np.array(kept[1:-1], dtype=np.int64)
-        half = _half_widths(chords, turns, length, *room[inner].T)
-        self._pieces = _pieces(self.waypoints, chords, turns, length, half)
+        half = _find_half_widths(chords, turns, length, *room[inner].T)
+        self._pieces = _build_pieces(self.waypoints, chords, turns, length, half)
         self._breaks: Array = np.append(_find_begins(self._pieces, length, half), self._end)
         self._turns = bool(turns.any())
 
@@ -284,7 +284,7 @@ def _check_waypoints(waypoints: Any) -> Array:
     return np.stack(checked)
 
 
-def _tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
+def _check_tolerances(value: Any, argument: str, unit: str, corners: int) -> Array:
     array = real_array(value, argument, f"a number [{unit}], or one for each of the {corners} inner waypoints")
     if array.ndim and array.shape != (corners,):
         raise InvalidInput(
@@ -309,18 +309,18 @@ def _merge_waypoints(waypoints: Array, blend: Array, blend_rotation: Array) -> t
     near[last] = SAME_POSE
     kept = [0]
     for i in range(1, last + 1):
-        if not _within(waypoints[kept[-1]], waypoints[i], near[i]):
+        if not _are_near(waypoints[kept[-1]], waypoints[i], near[i]):
             kept.append(i)
-        elif not _within(waypoints[kept[-1]], waypoints[i], np.full(2, SAME_POSE)):
+        elif not _are_near(waypoints[kept[-1]], waypoints[i], np.full(2, SAME_POSE)):
             room[kept[-1]] = np.minimum(room[kept[-1]], (1.0 - 2.0 * MERGED) * room[i])
-    while len(kept) > 2 and kept[-1] == last and _within(waypoints[kept[-2]], waypoints[last], near[kept[-2]]):
+    while len(kept) > 2 and kept[-1] == last and _are_near(waypoints[kept[-2]], waypoints[last], near[kept[-2]]):
         del kept[-2]
     if len(kept) < 2:
         raise InvalidInput("waypoints", f"{len(waypoints)} equal poses", "at least two poses that differ")
     return kept, room
 
 
-def _within(a: Array, b: Array, near: Array) -> bool:
+def _are_near(a: Array, b: Array, near: Array) -> bool:
     """Return whether two poses differ by at most a distance and an angle (2,)."""
     return bool((np.linalg.norm(se3.error(a, b).reshape(2, 3), axis=1) <= near).all())
 
@@ -337,7 +337,7 @@ def _check_returns(d: Array, w: Array, kept: list[int]) -> None:
         )
 
 
-def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:
+def _find_half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend_rotation: Array) -> Array:
     """Return half the width h (corners,) of each corner in s."""
     room = 0.5 * np.minimum(length[:-1], length[1:])
     for parts, tolerance in ((chords, blend), (turns, blend_rotation)):
@@ -347,7 +347,7 @@ def _half_widths(chords: Array, turns: Array, length: Array, blend: Array, blend
     return np.asarray(room)
 
 
-def _pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: Array) -> Pieces:
+def _build_pieces(waypoints: Array, chords: Array, turns: Array, length: Array, half: Array) -> Pieces:
     """Return the segments and corners; a segment that its corners cover completely has no piece."""
     d, w = chords / length[:, None], turns / length[:, None]
     starts = np.concatenate([[0.0], np.cumsum(length)[:-1]])

@@ -30,7 +30,7 @@ BEFORE_END = 1e-6
 """Latest time of a measured state with a velocity or an acceleration, counted back from the end of the motion [s]."""
 STANDING = 1e-6
 """Speed and acceleration along the path [1/s, 1/s²] below which a measured state counts as stopped."""
-SEVERAL = 3
+NEAREST_STARTS = 3
 """Number of instants from which the search for the instant nearest to a state starts."""
 
 
@@ -87,7 +87,7 @@ def build_moving_state(
             t = max(running.end - BEFORE_END, 0.0)
         own = _state_at(running, t)
         off = [float(np.abs(x - y).max()) for x, y in zip(given, own, strict=True)]
-        if not all(each <= most for each, most in zip(off, _tolerances(given), strict=True)):
+        if not all(each <= most for each, most in zip(off, _find_tolerances(given), strict=True)):
             return _build_state_off_motion(plan, running, given, t)
         error: tuple[float, float, float] | None = (off[0], off[1], off[2])
     else:
@@ -114,7 +114,7 @@ def limits_at(plan: Plan, t: float) -> MotionLimits:
 def s_at(plan: Plan, t: float) -> float:
     """Return the path parameter s of the plan's motion at a time [s]; raise InvalidInput if the motion is off its path."""
     running, joints = plan.trajectory, plan.joint_path
-    knots, places = _table(plan)
+    knots, places = _knot_table(plan)
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2))
     if t >= knots[-1]:
         return float(places[-1])
@@ -156,7 +156,7 @@ def _check_measured(plan: Plan, state: tuple[ArrayLike, ArrayLike, ArrayLike] | 
     return q.copy(), dq.copy(), ddq.copy()
 
 
-def _tolerances(given: State) -> tuple[float, float, float]:
+def _find_tolerances(given: State) -> tuple[float, float, float]:
     """Return the largest differences of position, velocity and acceleration that count as zero."""
     _, dq, ddq = given
     return OFF_PATH, OFF_PATH * max(1.0, float(np.abs(dq).max())), 1e2 * OFF_PATH * max(1.0, float(np.abs(ddq).max()))
@@ -172,7 +172,7 @@ def _build_state_off_motion(plan: Plan, running: Trajectory, given: State, t: fl
     acceleration = float(q1 @ (ddq - q2 * speed**2)) / size
     there = joints(s), q1 * speed, q1 * acceleration + q2 * speed**2
     names = ("position", "velocity", "acceleration")
-    for what, x, y, most in zip(names, given, there, _tolerances(given), strict=True):
+    for what, x, y, most in zip(names, given, there, _find_tolerances(given), strict=True):
         i = int(np.abs(x - y).argmax())
         if (off := abs(x[i] - y[i])) > most:
             raise InvalidInput(
@@ -190,7 +190,7 @@ def _build_state_off_motion(plan: Plan, running: Trajectory, given: State, t: fl
     return MovingState(plan, at, t, clock, still, None)
 
 
-def _table(plan: Plan) -> tuple[Array, Array]:
+def _knot_table(plan: Plan) -> tuple[Array, Array]:
     """Return times and path parameters of the plan's motion at its knots, from its law or else from its certificate."""
     running, binding = plan.trajectory, plan.certificate.binding
     return (binding.t, binding.s) if running.s is None else (running.knots, running.s)
@@ -198,7 +198,7 @@ def _table(plan: Plan) -> tuple[Array, Array]:
 
 def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:
     """Return the time at which the plan's motion passes s, and the rate and acceleration of a clock that gives the state."""
-    running, (knots, places) = plan.trajectory, _table(plan)
+    running, (knots, places) = plan.trajectory, _knot_table(plan)
     k = int(np.searchsorted(places, s))
     low, high = knots[max(k - 2, 0)], knots[min(k + 1, knots.size - 1)]
     t = find_nearest_between(running, given[0], float(low), float(high))
@@ -212,7 +212,7 @@ def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float,
 
 def _find_nearest_time(running: Trajectory, given: State) -> float:
     """Return the time [s] at which the running motion is nearest to a state in q, q̇ and q̈, by damped Gauss–Newton."""
-    weights = tuple(OFF_PATH / most for most in _tolerances(given))
+    weights = tuple(OFF_PATH / most for most in _find_tolerances(given))
     aim = np.concatenate([w * x for w, x in zip(weights, given, strict=True)])
 
     def off(t: Array, order: int = 0) -> Array:
@@ -222,7 +222,7 @@ def _find_nearest_time(running: Trajectory, given: State) -> float:
     knots = running.knots
     grid = np.unique(np.concatenate([knots, 0.5 * (knots[1:] + knots[:-1])]))
     size = np.linalg.norm(off(grid), axis=1)
-    found = [_descend(off, float(grid[k]), running.end) for k in np.argsort(size, kind="stable")[:SEVERAL]]
+    found = [_descend(off, float(grid[k]), running.end) for k in np.argsort(size, kind="stable")[:NEAREST_STARTS]]
     return min(found, key=lambda each: each[1])[0]
 
 

@@ -21,7 +21,7 @@ from planners.certificate.continuity import JUMP
 from planners.certificate.validity import check_valid
 from planners.certificate.violation import Allow, required_limits
 from planners.limits import DERIVATIVES
-from planners.motion import HasMotion, Motion, motion_of
+from planners.motion import HasMotion, Motion, get_motion
 from planners.ros.message import LONGEST_DURATION, Form, from_text, quoted, reconstruct, to_text
 from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
@@ -108,7 +108,7 @@ def to_ros(
     InvalidMotion
         The motion, before or after controller interpolation, has a violation that ``allow`` does not permit.
     """
-    suffix, motion = check_suffix(file, MESSAGE_SUFFIXES), motion_of(motion)
+    suffix, motion = check_suffix(file, MESSAGE_SUFFIXES), get_motion(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
     _form(motion, **options)
     _checked_rate(motion, rate, strict, keep_speed)
@@ -135,7 +135,7 @@ def ros_message(
 
     The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.
     """
-    motion = motion_of(motion)
+    motion = get_motion(motion)
     form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
     required = replace(motion, enforced=required_limits(motion.enforced, allow))
     message, analysis = fit_pace(required if keep_speed else replace(required, speed=None), form, rate, strict)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optik.errors import InvalidInput, MissingDependency
 from optik.file_io import parse_json
 from optik.types import Array
-from planners.controller import points_of, states, trajectory_through
+from planners.controller import count_derivatives, sample_states, trajectory_through
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
@@ -40,7 +40,9 @@ class Form(NamedTuple):
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
     """Return the message with a trajectory's exact states at some times."""
     t, order = times / SECOND, list(form.columns.values())
-    values: list[Any] = [x[:, order].tolist() for x in states(trajectory, t)[: points_of(form.interpolation)]]
+    values: list[Any] = [
+        x[:, order].tolist() for x in sample_states(trajectory, t)[: count_derivatives(form.interpolation)]
+    ]
     values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
     points = [
         {**dict(zip(POINT_FIELDS, point, strict=True)), "effort": [], "time_from_start": _time(int(ns))}
@@ -71,7 +73,7 @@ def reconstruct(message: Any, names: list[str], interpolation: str | None = None
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
         raise InvalidInput("points", "accelerations without velocities", "velocities too: no controller goes by these")
-    count = len(fields) if interpolation is None else points_of(interpolation)
+    count = len(fields) if interpolation is None else count_derivatives(interpolation)
     if count > len(fields):
         raise InvalidInput("interpolation", repr(interpolation), f"one through {', '.join(fields)}")
     fields = fields[:count]

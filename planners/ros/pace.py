@@ -11,7 +11,7 @@ import numpy as np
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.controller import POINTS, points_of
+from planners.controller import POINTS, count_derivatives
 from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
@@ -51,7 +51,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
 
 def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:
     """Return the enforced limits that the interpolation can respect."""
-    possible = [kind.name for kind in motion.limits.kinds if kind.order <= points_of(form.interpolation)]
+    possible = [kind.name for kind in motion.limits.kinds if kind.order <= count_derivatives(form.interpolation)]
     return tuple(field for field in motion.enforced if field in possible)
 
 

@@ -20,7 +20,7 @@ from optik.registry import load_method
 from planners import Line, MotionLimits, Trajectory, load_motion, plan, save
 from planners.files import formats
 from planners.files.base import Format
-from planners.motion import Motion, motion_of
+from planners.motion import Motion, get_motion
 from tests import oracles
 from tests.planners.cases import MOVE, START, moved, paper6r
 from tests.planners.motions import is_same, planned, readable_or_refused, small, write
@@ -41,7 +41,7 @@ def test_a_plan_comes_back_to_the_last_bit_with_the_same_certificate(law: str, s
     file = tmp_path / f"motion{suffix}"
     save(planned(law), file)
     back = load_motion(str(file))
-    assert is_same(back, motion_of(planned(law)))
+    assert is_same(back, get_motion(planned(law)))
     assert back.certify().to_dict() == planned(law).certificate.to_dict()
     again = tmp_path / f"again{suffix}"
     save(back, again)
@@ -188,7 +188,7 @@ def test_the_format_in_the_documentation_keeps_the_contract() -> None:
 
 @each_format
 def test_joint_names_may_hold_line_ends(suffix: str, tmp_path: Path) -> None:
-    motion = motion_of(planned())
+    motion = get_motion(planned())
     names = ("\r", "a\rb", "c\nd", "e\r\nf", '"', ",")
     named = replace(motion, robot=replace(motion.robot, joint_names=names))
     file = tmp_path / f"motion{suffix}"

@@ -19,7 +19,7 @@ from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
 from optik.types import Array
 from planners import Line, follow
-from planners.following.branches import branches
+from planners.following.branches import find_branches
 from planners.following.failure import FollowStatus
 from planners.following.joint_path import LEAST_SPACING, JointPath, thin_knots
 from planners.following.march import find_exit, piece_bound
@@ -173,7 +173,7 @@ def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float],
 @pytest.mark.parametrize("name", ["paper6r", "ur5e", "puma560"])
 def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_goes_all_the_way(name: str) -> None:
     robot, path = load(name), followed_lines(name)[0].path
-    found = branches(robot, path)
+    found = find_branches(robot, path)
     other = ClosedForm(robot, backend="enumeration").branches(path.pose(0.0))
     turns = np.exp(1j * other.q)
     distinct = [q for i, q in enumerate(turns) if all(np.abs(q - p).max() > 1e-3 for p in turns[:i])]
@@ -231,7 +231,7 @@ def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
     ]
     assert (0,) * 6 in fits
     free = wide(robot)
-    for branch in branches(robot, line, q):
+    for branch in find_branches(robot, line, q):
         way = follow(make_solver(free, "lm"), line, branch.q).joint_path
         assert way is not None and way.end == line.end
         q6 = way(np.linspace(0.0, line.end, 2001))[:, 5] + 2 * np.pi * np.arange(-2, 3)[:, None]
@@ -246,7 +246,7 @@ def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
 
 def test_a_start_anywhere_asks_for_the_nearest_branch() -> None:
     robot, path = load("ur5e"), followed_lines("ur5e")[0].path
-    whole = [branch for branch in branches(robot, path) if branch.ended is None]
+    whole = [branch for branch in find_branches(robot, path) if branch.ended is None]
     assert len(whole) > 2
     near = whole[-1].q + 0.05
     found = follow(make_solver(robot, "lm"), path, near, branch="best").joint_path

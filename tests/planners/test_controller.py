@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Trajectory, certify, make_law
-from planners.controller import simulate_controller, states
+from planners.controller import sample_states, simulate_controller
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import default_joint_path, default_line, paper6r
@@ -80,7 +80,7 @@ def test_states_are_the_exact_ones_and_the_mean_of_both_sides_where_acceleration
     rng = np.random.default_rng(seed)
     trajectory = cases.random_trajectory(rng, pieces=4, n=3, smooth=smooth)
     t = np.concatenate([trajectory.knots, rng.uniform(0.0, trajectory.end, 6)])
-    for order, values in enumerate(states(trajectory, t)):
+    for order, values in enumerate(sample_states(trajectory, t)):
         expected = np.array([exact(trajectory, x, order) for x in t])
         np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 

@@ -22,7 +22,7 @@ from optik.errors import InvalidInput, OptikError, OutputError
 from optik.file_io import parse_json
 from planners import MotionLimits
 from planners.files import load_motion, npz, save
-from planners.motion import Motion, motion_of
+from planners.motion import Motion, get_motion
 from tests.planners.motions import is_same, planned, readable_or_refused, same_bits, small, write
 
 SUFFIXES = (".npz", ".json", ".csv")
@@ -33,7 +33,7 @@ each_format = pytest.mark.parametrize("suffix", SUFFIXES)
 
 
 def test_a_csv_is_a_table_for_other_programs(tmp_path: Path) -> None:
-    motion = motion_of(planned())
+    motion = get_motion(planned())
     save(motion, tmp_path / "motion.csv")
     table = pl.read_csv(tmp_path / "motion.csv", comment_prefix="#")
     kinds = [f"{kind}_joint{i + 1}" for kind in ("q", "dq", "ddq") for i in range(6)]
@@ -44,7 +44,7 @@ def test_a_csv_is_a_table_for_other_programs(tmp_path: Path) -> None:
 
 
 def test_a_json_is_strict_json_and_an_npz_holds_plain_arrays(tmp_path: Path) -> None:
-    motion = motion_of(planned())
+    motion = get_motion(planned())
     save(motion, tmp_path / "motion.json")
     data = json.loads((tmp_path / "motion.json").read_text(), parse_constant=pytest.fail)
     assert data["format"] == "optik-motion/2"

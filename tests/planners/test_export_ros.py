@@ -22,7 +22,7 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
-from planners.motion import Motion, motion_of
+from planners.motion import Motion, get_motion
 from planners.ros.export import from_ros, to_ros
 from planners.ros.message import LONGEST_DURATION, SECOND, _to_yaml
 from planners.ros.pace import NEAR_KNOT
@@ -42,7 +42,7 @@ NAMES = [f"joint{i + 1}" for i in range(6)]
 
 @cache
 def planned(law: str = "ruckig") -> Motion:
-    return motion_of(plan(paper6r(), default_line(), START, timing=law))
+    return get_motion(plan(paper6r(), default_line(), START, timing=law))
 
 
 def hop(T: float = 0.5, size: float = 0.05, **options: Any) -> Motion:
@@ -238,7 +238,7 @@ def test_what_the_controller_would_exceed_is_slowed_and_said_or_refused(
 
 def weld(speed: float | None = 0.05) -> Motion:
     law = make_law("constant_speed", speed=speed)
-    return motion_of(plan(paper6r(), default_line(), START, timing=law))
+    return get_motion(plan(paper6r(), default_line(), START, timing=law))
 
 
 def tool_speeds(trajectory: Trajectory, t: Array) -> Array:

@@ -20,7 +20,7 @@ from optik.ik.dls import DLS
 from optik.types import Array
 from planners import Line, follow
 from planners.following.failure import FollowStatus
-from planners.following.follow import Followed
+from planners.following.follow import FollowResult
 from planners.following.joint_path import JointPath
 from tests import oracles
 from tests.oracles import PAPER
@@ -249,7 +249,7 @@ def test_a_pure_rotation_is_followed_in_radians() -> None:
 # ---------------------------------------------------------------- failures: where, why, and the good part
 
 
-def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line) -> None:
+def check_stopped(followed: FollowResult, status: FollowStatus, s: float, line: Line) -> None:
     """It stopped at the sample s, for that reason, and all before that sample is kept and good."""
     assert not followed
     assert followed.failure is not None
@@ -265,7 +265,7 @@ def check_stopped(followed: Followed, status: FollowStatus, s: float, line: Line
     check_good(followed.joint_path, line.start, line.goal)
 
 
-def check_ended(followed: Followed, status: FollowStatus, s: float, line: Line, within: float = 2e-6) -> None:
+def check_ended(followed: FollowResult, status: FollowStatus, s: float, line: Line, within: float = 2e-6) -> None:
     """The arm itself ended there, for that reason, and all up to that place is kept and good."""
     assert not followed
     assert followed.failure is not None

@@ -34,7 +34,7 @@ def test_a_block_tridiagonal_system_is_solved_as_a_dense_one(d: int) -> None:
     D = np.array([A[i * d : (i + 1) * d, i * d : (i + 1) * d] for i in range(k)])
     C = np.array([A[i * d : (i + 1) * d, max(i - 1, 0) * d : max(i, 1) * d] for i in range(k)])
     x = b.reshape(k, d).copy()
-    smoothing.solve_blocks(D, C, x)
+    smoothing.solve_block_tridiagonal(D, C, x)
     np.testing.assert_allclose(x.ravel(), np.linalg.solve(A, b), rtol=1e-9)
 
 

@@ -16,7 +16,7 @@ from optik.types import Array
 from planners import Line, follow
 from planners.following import march
 from planners.following.failure import FollowStatus
-from planners.following.follow import Followed
+from planners.following.follow import FollowResult
 from planners.following.joint_path import SMALL_DEVIATION, JointPath, deviation_bounds
 from tests import oracles
 
@@ -28,7 +28,7 @@ def middle(robot: Robot, rng: np.random.Generator) -> Array:
     return lower + (upper - lower) * rng.uniform(0.35, 0.65, robot.n)
 
 
-def check_proved(followed: Followed, tolerance: float = 1e-5) -> JointPath:
+def check_proved(followed: FollowResult, tolerance: float = 1e-5) -> JointPath:
     """The whole path, proved; densely sampled within the proof, inside the limits, and without a jump."""
     assert followed, followed.failure
     joint_path = followed.joint_path

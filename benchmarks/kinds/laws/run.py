@@ -32,7 +32,7 @@ from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
 from planners.certificate.certificate import certify
 from planners.certificate.violation import LIMIT_WORDS
-from planners.following.follow import Followed, JointPath, follow
+from planners.following.follow import FollowResult, JointPath, follow
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
 from planners.timing.base import TimeLaw
@@ -174,7 +174,7 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
     """Rows of one line."""
     solver = make_solver(line.robot, block.solver)
 
-    def follow_it() -> Followed:
+    def follow_it() -> FollowResult:
         return follow(solver, line.path, line.q_start, samples=block.samples)
 
     ms, followed = _median_ms(follow_it, block.rounds)

@@ -15,7 +15,7 @@ from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
 from planners.cell.drives._setpoints import Setpoints
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
-from planners.controller import states
+from planners.controller import sample_states
 from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
@@ -329,7 +329,7 @@ class Run:
         whole = result is not None and result.state is GoalState.SUCCEEDED
         count = t.size if whole else max(int(np.searchsorted(t, self.ended, side="right")), 1)
         period = float(np.median(np.diff(t))) if t.size > 1 else self.drive.period
-        stream = Setpoints(period, t[:count], *states(self.motion, np.minimum(t[:count], self.motion.end)))
+        stream = Setpoints(period, t[:count], *sample_states(self.motion, np.minimum(t[:count], self.motion.end)))
         sent = self.goal.accepted
         return Execution(
             self.drive.name, self.drive.robot, status, reason, advice, self.plan, self.stop,

@@ -12,7 +12,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.controller import SAME_INSTANT, states
+from planners.controller import SAME_INSTANT, sample_states
 from planners.following.follow import PlanFailure
 from planners.motion import Motion
 from planners.plan import Plan, PlanStatus
@@ -120,7 +120,7 @@ def make_setpoints(motion: Trajectory | Motion | Plan, period: float = PERIOD) -
     """
     trajectory = motion if isinstance(motion, Trajectory) else motion.trajectory
     t: Array = np.arange(count_periods(trajectory, period) + 1, dtype=np.float64) * period
-    return Setpoints(period, t, *states(trajectory, np.minimum(t, trajectory.end)))
+    return Setpoints(period, t, *sample_states(trajectory, np.minimum(t, trajectory.end)))
 
 
 def count_periods(motion: Trajectory, period: float) -> int:

@@ -24,7 +24,7 @@ from planners.cell.view._facts import (
 )
 from planners.certificate.certificate import Certificate
 from planners.following.follow import JointPath
-from planners.motion import HasMotion, Motion, motion_of
+from planners.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -143,7 +143,7 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     InvalidInput
         Neither of them.
     """
-    found = motion_of(motion)
+    found = get_motion(motion)
     proof = getattr(motion, "certificate", None)
     if not isinstance(proof, Certificate):
         proof = found.certify()
