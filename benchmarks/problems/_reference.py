@@ -1,4 +1,4 @@
-"""Known solutions: what counts as reachable, decided before and apart from the methods that a block compares."""
+"""Known solutions, which define the reachable targets, computed before the comparison and independently of it."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ REFERENCE_RESTARTS = 100
 """Restarts of `lm` for one target. On the paper's workspace 20, 50, 100 and 500 solve the same 2,733 targets of 4,305."""
 
 MOST_BRANCHED = 6
-"""Joints that move of an arm whose targets have finitely many solutions; with more, closed forms only sample them."""
+"""Largest number of moving joints for finitely many solutions; with more, closed forms only sample them."""
 
 
 class Known(NamedTuple):
-    """What is known about some targets.
+    """Known solutions of some targets.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Known(NamedTuple):
 
     @property
     def found(self) -> Flags:
-        """Which targets (k,) have a known solution."""
+        """Whether each target (k,) has a known solution."""
         return np.asarray(np.isfinite(self.q).all(axis=1))
 
 
@@ -57,7 +57,7 @@ def known_solutions(robot: Robot, targets: Array, starts: Array, *, restarts: in
 
 @dataclass(frozen=True)
 class _Asked:
-    """Arguments of `known_solutions`, equal where their content is."""
+    """Arguments of `known_solutions`, compared by content."""
 
     key: Hashable
     robot: Robot = field(compare=False)
@@ -68,7 +68,7 @@ class _Asked:
 
 @lru_cache(maxsize=2)  # blocks of a suite share a set: the paper's workspace is solved once, not once for each of them
 def _solved(asked: _Asked) -> Known:
-    """Known solutions, or those found before for the same arguments."""
+    """Return the known solutions, cached by arguments."""
     robot, targets, starts = asked.robot, asked.targets, asked.starts
     batch = make_solver(robot, "lm", max_restarts=asked.restarts).solve_batch(targets, starts)
     q = np.where(batch.solved[:, None], batch.q, np.nan)
@@ -84,7 +84,7 @@ def _solved(asked: _Asked) -> Known:
 def searched(
     robot: Robot, targets: Array, starts: Array, group: NDArray[np.str_], *, restarts: int = REFERENCE_RESTARTS
 ) -> ProblemSet:
-    """Problem set out of targets of which it is not known by construction whether the arm reaches them."""
+    """Return a problem set of targets that are not reachable by construction; a search decides which are."""
     known = known_solutions(robot, targets, starts, restarts=restarts)
     sigma, found = np.full(len(targets), np.nan), known.found
     if found.any():

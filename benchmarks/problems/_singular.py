@@ -14,7 +14,7 @@ WRIST, ELBOW, SHOULDER = 4, 2, 1
 DET_SAMPLES, DET_BISECTIONS = 61, 60
 """Values of a joint at which the sign of det J is sampled, and bisections of a sign change, down to rounding."""
 DRAWS, RANK_STEPS = 40, 30
-"""Draws before an arm counts as having no singular configurations, and Gauss–Newton steps of each."""
+"""Attempts until an arm counts as having no singular configurations, and Gauss–Newton steps of each."""
 RANK_LOST = 1e-9
 """Smallest singular value below which a configuration counts as singular [1]: rounding of the searches."""
 
@@ -43,7 +43,7 @@ def _some(rng: np.random.Generator, shape: tuple[int, ...], but: int | None) -> 
 
 
 def singular(robot: Robot, rng: np.random.Generator, count: int, joint: int, *, on_limits: bool) -> Array:
-    """Singular configurations inside the limits, to rounding."""
+    """Return singular configurations inside the limits, up to rounding."""
     found: list[Array] = []
     for _ in range(DRAWS):
         q = robot.limits.sample(rng, 2 * count)
@@ -88,7 +88,7 @@ def by_one_joint(robot: Robot, rng: np.random.Generator, q: Array, joint: int) -
 
 
 def by_all_joints(robot: Robot, q: Array) -> Array:
-    """Gauss–Newton steps of least length on Jᵀu = 0, uᵀu = 1, in q and u together, clamped to the limits."""
+    """Solve Jᵀu = 0, uᵀu = 1 for q and u by minimum-norm Gauss–Newton steps, clamped to the limits."""
     u = np.linalg.svd(robot.jacobian(q))[0][:, :, -1]
     for _ in range(RANK_STEPS):
         J = robot.jacobian(q)

@@ -34,7 +34,7 @@ def from_solutions(
     spread: float = 0.1,
     start_deg: ArrayLike | None = None,
 ) -> ProblemSet:
-    """Problem set whose targets are the tool poses of known configurations, with one or several kinds of starts.
+    """Return a problem set whose targets are the tool poses of known configurations, with one or several kinds of starts.
 
     Random starts are drawn for each group by itself, one problem after another: the first problems of a group are the same
     for any larger count.
@@ -61,7 +61,7 @@ def from_solutions(
 def check_starts(
     starts: str | Sequence[str] | None, start_deg: ArrayLike | None = None, known: Sequence[str] = START_KINDS
 ) -> tuple[str, ...]:
-    """Return the kinds of starts that were asked for."""
+    """Return the requested kinds of starts."""
     if start_deg is not None:
         if starts is not None:
             raise InvalidInput("starts", f"{starts!r} together with start_deg", "either starts or start_deg")
@@ -73,7 +73,7 @@ def check_starts(
 
 
 def named(group: str, kind: str, kinds: Sequence[str]) -> str:
-    """Return the name of a group, with its kind of start where there are several."""
+    """Return the name of a group, with its kind of start if there are several kinds."""
     return group if len(kinds) == 1 else f"{group}, {kind} start"
 
 
@@ -89,7 +89,7 @@ def start_configurations(limits: JointLimits, rng: np.random.Generator, q: Array
 
 
 def _opposite(limits: JointLimits, q: Array) -> Array:
-    """Configurations half of the range away on every joint; π [rad, m] away where a limit is infinite."""
+    """Return configurations half of the range away on every joint; π [rad, m] away if a limit is infinite."""
     width = np.where(limits.bounded, 2.0 * limits.half, 1.0)
     lower = np.where(limits.bounded, limits.lower, 0.0)
     wrapped = lower + np.mod(q - lower + 0.5 * width, width)

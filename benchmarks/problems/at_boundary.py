@@ -79,7 +79,7 @@ def at_boundary(
 
 
 def _farthest(robot: Robot, q: Array, d: Array) -> Array:
-    """Configurations (k, n) from which no single joint moves the tool farther along d (k, 3): coordinate ascent."""
+    """Return configurations (k, n) in which no single joint moves the tool farther along d (k, 3), by coordinate ascent."""
     q = q.copy()
     active = np.arange(len(q))
     for _ in range(BOUNDARY_SWEEPS):
@@ -93,7 +93,7 @@ def _farthest(robot: Robot, q: Array, d: Array) -> Array:
 
 
 def _best_value(robot: Robot, q: Array, d: Array, joint: int) -> Array:
-    """Value (k,) of one joint inside its limits with the largest d·p: linear in a prismatic joint, else a sinusoid."""
+    """Return the value (k,) of one joint inside its limits with the largest d·p: linear if prismatic, else a sinusoid."""
     lower, upper = robot.limits.lower[joint], robot.limits.upper[joint]
     frames = robot.frames(q)
     z = frames[:, joint, :3, 2]

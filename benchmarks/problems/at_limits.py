@@ -71,7 +71,7 @@ def at_limits(
 
 
 def _drawn(robot: Robot, seed: int, count: int, number: int) -> Array:
-    """Configurations (count, n) with a number of joints at their limits."""
+    """Return configurations (count, n) with a number of joints at their limits."""
     which, side, inside = (stream(seed, "at_limits", str(number), word) for word in ("which", "side", "inside"))
     q = robot.limits.sample(inside, count)
     movable = np.flatnonzero(robot.limits.bounded)

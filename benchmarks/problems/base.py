@@ -58,7 +58,7 @@ class ProblemSet:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 over the bytes of targets and starts: two runs with the same have solved the same problems."""
+        """SHA-256 of targets and starts: two runs with the same hash have solved the same problems."""
         return _digest(self.targets, self.starts)
 
     def chosen(self, most: int | None) -> NDArray[np.int64]:
@@ -82,7 +82,7 @@ class ProblemSet:
         return np.sort(order[np.argsort(~self.known[order], kind="stable")][:most])
 
     def frame(self, robot: Robot) -> pl.DataFrame:
-        """Table with one row per problem: group, target, distance from the start, what is known.
+        """Return a table with one row per problem: group, target, distance from the start, known solution.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ def sha256_of(problems: pl.DataFrame) -> str:
 
 
 def _digest(targets: Array, starts: Array) -> str:
-    """SHA-256 of targets (k, 16 or 4, 4) and starts (k, n) as little-endian doubles, behind their numbers k and n."""
+    """Return the SHA-256 of k and n, targets (k, 16 or 4, 4) and starts (k, n) as little-endian doubles."""
     k, n = starts.shape
     content = hashlib.sha256(f"{k} problems, {n} joints\n".encode())
     for array in (targets, starts):
@@ -144,13 +144,13 @@ class Draws(Protocol):
 
 
 def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
-    """Robot and problems of a block."""
+    """Return the robot and the problems of a block."""
     robot = load(block.robot)
     return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:
-    """Start configuration of a set in SI units, from the degrees and millimetres of a suite."""
+    """Return a start configuration in SI units, from the degrees and millimetres of a suite."""
     q = robot.configuration(start_deg, "start_deg") / unit_factors(robot)
     if not robot.limits.contains(q):
         raise InvalidInput("start_deg", start_deg, f"a configuration within the joint limits of {robot.name}")

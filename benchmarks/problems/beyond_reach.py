@@ -1,4 +1,4 @@
-"""Targets beyond reach, each with a proof: what a method reports of them shows whether it recognises the unreachable."""
+"""Targets that are proved unreachable, to test whether methods recognise them."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _proved(targets: Array, bound: Array) -> Flags:
 
 
 def _moved_out(targets: Array, bound: Array, excess: Array) -> Array:
-    """Targets (k, 4, 4) moved along the line between the two points of the bound (8,) until these are too far apart."""
+    """Return targets (k, 4, 4) moved along the line between the two points of the bound (8,) until these are too far apart."""
     moved = targets.copy()
     point = np.einsum("kij,j->ki", targets[:, :3, :3], bound[3:6]) + targets[:, :3, 3] - bound[:3]
     distance = np.linalg.norm(point, axis=1)

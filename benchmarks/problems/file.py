@@ -28,7 +28,7 @@ def file(
     start_deg: ArrayLike | None = None,
     reference_restarts: int = REFERENCE_RESTARTS,
 ) -> ProblemSet:
-    """Targets out of a file: the poses that an application really needs.
+    """Targets from a file: the poses of an application.
 
     A CSV file has a header and one row for each target: ``x_m, y_m, z_m`` [m], the rotation as ``qw, qx, qy, qz`` or as
     ``r11, r12 … r33`` [1], and perhaps the start as ``q1_rad … qn_rad`` (``q3_m`` for a prismatic joint) and ``group``.
@@ -71,7 +71,7 @@ def file(
 
 
 def _starts(robot: Robot, seed: int, kind: str, poses: Poses, start_deg: ArrayLike | None) -> Array:
-    """Starts (k, n) of one kind."""
+    """Return the starts (k, n) of one kind."""
     k = len(poses.targets)
     if start_deg is not None:
         return np.tile(start_of(robot, start_deg), (k, 1))

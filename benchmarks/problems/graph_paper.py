@@ -75,7 +75,7 @@ def graph_paper(
 def _grids(
     T0: Array, normals: Sequence[str], offsets_m: Sequence[float], half_size_m: float, spacing_m: float
 ) -> tuple[list[Array], list[str]]:
-    """Target poses (4, 4) of all grid points around the pose T0, and the plane that each of them belongs to."""
+    """Return the target poses (4, 4) of all grid points around the pose T0, and the plane of each."""
     steps = round(half_size_m / spacing_m)
     whole, shifted = np.arange(-steps, steps + 1) * spacing_m, (np.arange(-steps, steps) + 0.5) * spacing_m
     targets, group = [], []

@@ -14,7 +14,7 @@ from optik.check import check_count
 from optik.types import Array
 
 POOL = 200
-"""Configurations drawn for each one that a stratum asks for: strata near singularities are rare."""
+"""Samples per requested configuration of a stratum: configurations near singularities are rare."""
 
 
 def near_start(
@@ -72,7 +72,7 @@ def near_start(
 def _stratified(
     robot: Robot, rng: np.random.Generator, count: int, edges: Sequence[float]
 ) -> tuple[Array, NDArray[np.str_]]:
-    """At most `count` random configurations in each stratum of the smallest singular value, and their strata."""
+    """Return at most `count` random configurations in each stratum of the smallest singular value, and their strata."""
     pool = robot.limits.sample(rng, POOL * count)
     sigma = robot.singular_values(pool)[:, -1]
     strata = {f"{low:g} ≤ σ < {high:g}": pool[(sigma >= low) & (sigma < high)][:count] for low, high in pairwise(edges)}

@@ -20,16 +20,16 @@ JOINT_OF = {"wrist": WRIST, "elbow": ELBOW, "shoulder": SHOULDER}
 """Index of the joint whose motion leads through each kind of singularity of a six-joint arm."""
 
 LEAST_EDGE = 1e-8
-"""Smallest lower edge of a shell [1]: ten times what the search counts as singular."""
+"""Smallest lower edge of a shell [1]: ten times the bound of the search for singular configurations."""
 
 SHELL_CHUNK, IDLE_CHUNKS = 64, 30
 """Configurations searched at a time, and how many times more than there are problems: each shall find one on average."""
 
 FARTHEST_STEP, NEAREST_STEP = 2.0, 1e-10
-"""Largest and smallest distance from the singular configuration that is looked at [rad]."""
+"""Largest and smallest searched distance from the singular configuration [rad]."""
 
 SHELL_TICKS, SHELL_BISECTIONS = 60, 60
-"""Distances, in geometric progression, at which the singular value is looked at; bisections down to rounding."""
+"""Number of searched distances, in geometric progression, and of bisections, down to rounding."""
 
 STILL_SINGULAR = 1e-12
 """Smallest singular value that counts as zero after joint 2 has moved [1]: rounding. On arms without a wrist whose axes meet,
@@ -96,7 +96,7 @@ def singular_shells(
 
 
 def _shells(edges: Sequence[float]) -> list[tuple[float, float]]:
-    """Shells between edges, checked."""
+    """Check the edges, and return the shells between them."""
     if len(edges) < 2 or list(edges) != sorted(set(edges)):
         raise InvalidInput("edges", repr(edges)[:60], "two or more increasing numbers")
     for edge in edges:
@@ -105,7 +105,7 @@ def _shells(edges: Sequence[float]) -> list[tuple[float, float]]:
 
 
 def _kinds(robot: Robot, which: Sequence[str] | None) -> tuple[str, ...]:
-    """Kinds of singularities, checked."""
+    """Check and return the kinds of singularities."""
     if robot.n < 6:
         raise InvalidInput("robot", f"{robot.name} with {robot.n} joints", "an arm of six joints or more")
     known = (*JOINT_OF, "any") if robot.n == 6 else ("any",)
@@ -117,7 +117,7 @@ def _kinds(robot: Robot, which: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, float]) -> Array:
-    """Configurations (count, n) beside one kind of singularity, in one shell."""
+    """Return configurations (count, n) near one kind of singularity, in one shell."""
     found: list[Array] = []
     for chunk in range(count + IDLE_CHUNKS):
         rng = stream(seed, "singular_shells", kind, repr(shell), str(chunk))
@@ -141,7 +141,7 @@ def _shell(robot: Robot, seed: int, count: int, kind: str, shell: tuple[float, f
 
 
 def _singular(robot: Robot, rng: np.random.Generator, kind: str) -> Array:
-    """Some singular configurations (j, n) inside the limits, of one kind."""
+    """Return some singular configurations (j, n) of one kind inside the limits."""
     q = robot.limits.sample(rng, SHELL_CHUNK)
     q = by_all_joints(robot, q) if kind == "any" else by_one_joint(robot, rng, q, JOINT_OF[kind])
     q = q[robot.limits.contains(q) & (robot.singular_values(q)[:, -1] < RANK_LOST)]
@@ -149,7 +149,7 @@ def _singular(robot: Robot, rng: np.random.Generator, kind: str) -> Array:
 
 
 def _persists(robot: Robot, q: Array) -> Flags:
-    """Whether configurations (j, n) stay singular when joint 2 moves, which decides over the shoulder's singularity."""
+    """Say which configurations (j, n) remain singular when joint 2 moves: these are shoulder singularities."""
     stays = np.ones(len(q), dtype=bool)
     for step in (-0.5, 0.3):
         moved = q.copy()
@@ -159,7 +159,7 @@ def _persists(robot: Robot, q: Array) -> Flags:
 
 
 def _moved(robot: Robot, q: Array, away: Array, wanted: Array) -> Array:
-    """Configurations (j, n) moved away until the smallest singular value is first the wanted one (j,), by bisection."""
+    """Return configurations (j, n) moved to the nearest point with the wanted smallest singular value (j,), by bisection."""
 
     def sigma(distance: Array) -> Array:
         values: Array = robot.singular_values(q + distance[:, None] * away)

@@ -1,4 +1,4 @@
-"""Targets one after another along a smooth motion, each started from the known solution of the one before."""
+"""Sequences of targets along a smooth motion; each start is the known solution of the previous target."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 HARMONICS = 4
-"""Harmonics of the motion of each joint: it turns round a few times in a loop."""
+"""Harmonics of the motion of each joint: it reverses a few times in a loop."""
 
 LOOP_SAMPLES = 20_001
-"""Places of a loop at which the length of the tool's way is summed up."""
+"""Samples of a loop for the length of the tool's path."""
 
 
 def tracking(
@@ -28,7 +28,7 @@ def tracking(
     steps_m: Sequence[float] = (0.001, 0.01, 0.05),
     range_share: float = 0.8,
 ) -> ProblemSet:
-    """Sequences of targets as a controller gives them: equally far apart on the tool's way, each from the last solution.
+    """Sequences of targets at equal distances along the tool's path, each started from the previous solution.
 
     All joints move round a smooth closed curve inside their limits, the same for every step; where it ends, it begins
     again. Targets follow each other at equal distances of the tool's way. The start of each is the curve's configuration
@@ -78,7 +78,7 @@ def tracking(
 
 
 class _Loop:
-    """Closed curve in joint space: for each joint a sum of sines whose amplitudes add up to its part of the range."""
+    """Closed curve in joint space: for each joint a sum of sines whose amplitudes add up to a fraction of its range."""
 
     def __init__(self, robot: Robot, rng: np.random.Generator, range_share: float) -> None:
         weights = rng.random((HARMONICS, robot.n)) / np.arange(1, HARMONICS + 1)[:, None]
@@ -93,11 +93,11 @@ class _Loop:
             raise InvalidInput("robot", f"{robot.name}, whose tool does not move", "an arm whose joints move its tool")
 
     def places(self, distance: Array) -> Array:
-        """Places u (k,) at distances (k,) along the tool's way [m], round after round."""
+        """Return the parameters u (k,) at distances (k,) along the tool's closed path [m]."""
         return np.asarray(np.interp(np.mod(distance, self._length[-1]), self._length, self._u))
 
     def __call__(self, u: Array) -> Array:
-        """Configurations (k, n) at u (k,), of period 1."""
+        """Return configurations (k, n) at u (k,), with period 1."""
         turns = 2.0 * np.pi * u[:, None] * np.arange(1, HARMONICS + 1)
         waves = np.sin(turns[:, :, None] + self._phase)
         q: Array = self._limits.clip(self._middle + np.einsum("hn,khn->kn", self._amplitude, waves))
