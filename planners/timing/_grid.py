@@ -1,4 +1,4 @@
-"""Places along a path that lie close where its pieces are short: all breaks, and cells that grow slowly between; compiled."""
+"""Grids along a path that are fine where its pieces are short: all breaks, and cells that grow slowly between; compiled."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from optik.types import Array
 GROWTH = 1.25
 """Largest ratio of the lengths of neighbouring cells."""
 FIRST_CELL = 0.01
-"""Length of the first cell and of the last, over that of others: from rest, places go with the cube of time."""
+"""Length of the first and of the last cell, relative to others: from rest, s grows with the cube of time."""
 
 
 def make_graded_grid(breaks: Array, end: float, count: int, per_piece: int) -> Array:
-    """Places from 0 to the end, with a least number of cells in the path and in each piece between two breaks.
+    """Return path parameters from 0 to the end, with a least number of cells in the path and in each piece between breaks.
 
     The first and the last cell are a hundredth of that, and neighbours differ little.
     """
@@ -24,7 +24,7 @@ def make_graded_grid(breaks: Array, end: float, count: int, per_piece: int) -> A
 
 @compiled
 def _add_cells(length: float, left: float, right: float, most: float, out: Array, begin: int) -> int:
-    """Cells of a piece into out, from index `begin` on, as long as `left` and `right` at its ends and `most` between."""
+    """Write the cells of a piece from index `begin` on, of lengths `left` and `right` at its ends and up to `most` between."""
     x, y, k, size = 0.0, length, begin, left
     after = 0
     while True:  # from both ends in turn, the shorter first, until they meet
@@ -47,9 +47,9 @@ def _add_cells(length: float, left: float, right: float, most: float, out: Array
 
 @compiled
 def _make_grid(breaks: Array, count: int, per_piece: int, first: float) -> Array:
-    """Places (m,), all breaks among them, with a least number of cells in the path and in each piece.
+    """Return path parameters (m,) that include all breaks, with a least number of cells in the path and in each piece.
 
-    They begin and end with a share `first` of that, and neighbours differ little.
+    The first and the last cell have the fraction `first` of the length of others, and neighbours differ little.
 
     Returns (m,).
     """

@@ -1,4 +1,4 @@
-"""The one call to Ruckig: from one (speed, acceleration) to another, in the least time, on one axis."""
+"""Call of Ruckig: time-optimal motion from one (speed, acceleration) to another on one axis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optik.errors import NoSolution
 def velocity_control(
     start: tuple[float, float], goal: tuple[float, float], acceleration: float, jerk: float
 ) -> list[tuple[float, float]]:
-    """Phases (duration, jerk) of the time-optimal motion between two states (Berscheid and Kröger, RSS 2021).
+    """Return the phases (duration, jerk) of the time-optimal motion between two states (Berscheid and Kröger, RSS 2021).
 
     Ruckig's velocity interface: it has no target position that could be overshot, and its polynomial roots stay well apart. The
     position interface ends the whole process where a distance is just the least one (0.19.4: an exception that cannot

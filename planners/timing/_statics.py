@@ -1,4 +1,4 @@
-"""Whether a path can be run at all: the torque against gravity and Coulomb friction, however slowly the arm moves."""
+"""Static torque along a path, of gravity and Coulomb friction: it decides whether any motion along the path exists."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from planners.limits._motion import TorqueRatios
 from planners.trajectory import Trajectory
 
 STATIC_EXCESS = 1e-3
-"""Largest excess of the bound on the static torque over the largest value found, as a share of it: where the limit lies between
-both, the time law has the last word."""
+"""Largest excess of the bound on the static torque over the largest value found, as a fraction of it: if the limit is between
+both, the time law decides."""
 
 
 def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> TorqueRatios:
-    """Bound the static torque on a joint path: against gravity, and against Coulomb friction in the path's direction.
+    """Return bounds on the static torque on a joint path: of gravity, and of Coulomb friction in the path's direction.
 
-    Where a joint rests or reverses, as all of them do at both ends, friction counts on both sides.
+    Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
     """
     along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
     bounds = MotionBounds(joint_path.robot, along)
@@ -39,7 +39,7 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> To
 
 
 def _with_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
-    """What is found, or what a place of rest needs where that is more: friction counts on both sides."""
+    """Return the larger of the given ratios and those of a state of rest at s, with friction on both sides."""
     down, up = (value - friction) / bound[0], (value + friction) / bound[1]
     ratio = np.maximum(down, up)
     return TorqueRatios(
@@ -51,7 +51,7 @@ def _with_rest(found: TorqueRatios, bound: Array, s: float, value: Array, fricti
 
 
 def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
-    """Raise an error for a path on which gravity and friction alone pass the limits of the torque, where those are promised."""
+    """Raise NoSolution if gravity and friction alone exceed the torque limits along a path, and those are enforced."""
     if limits.torque is None or "torque" not in enforced:
         return
     given = limits.bounds(joint_path.robot.n)["torque"]

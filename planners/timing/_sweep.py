@@ -1,10 +1,10 @@
-"""A motion along a path that nearly keeps its limits of jerk: two sweeps, and a filter as wide as each place allows.
+"""Motion along a path that nearly respects its jerk limits: two sweeps, and a filter of locally adapted width.
 
-On places s_i the greatest speeds are known. A sweep from either end lets the speed rise under what is left of the limits on
-acceleration and jerk; where it meets a bound, it continues from there without acceleration. The lower of both is a motion whose
-acceleration jumps only where it is fastest. A mean over as much time as it would take to come to rest at that jerk rounds
-these tops: near a sharp corner that is short, on a long straight piece it is long. What is still too fast is slowed there,
-and only there.
+The greatest speeds are known at grid points s_i. A sweep from either end lets the speed rise within the remaining limits on
+acceleration and jerk; at a speed bound it continues without acceleration. The lower of both sweeps is a motion whose
+acceleration jumps only at its peaks. A moving mean in time rounds these peaks. Its width is the time to come to rest at the
+greatest jerk: short near a sharp corner, long on a long straight piece. Where the motion is still too fast, it is slowed
+locally.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from optik.compiled import compiled
 from optik.types import Array
 
 LEFT = 0.1
-"""Least share of a limit that remains for s̈ and s⃛ where the path's bends use the rest."""
+"""Least fraction of a limit that remains for s̈ and s⃛ where the path's curvature uses most of it."""
 
 
 class Along(NamedTuple):
-    """The path at places (m,).
+    """The path at grid points (m,).
 
     q', q'', q''' (m, n) over s, limits on q̈ and q⃛ (n,), the greatest speeds (m,), and the greatest s̈ and s⃛ that count.
     """
@@ -38,7 +38,7 @@ class Along(NamedTuple):
 
 
 def speed_bounds(along: Along, bends: float, twists: float) -> Array:
-    """Greatest speeds at which the bends of the path use a share of the limits on q̈ and on q⃛."""
+    """Return the greatest speeds at which the path's curvature uses given fractions of the limits on q̈ and on q⃛."""
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.sqrt(np.fmin.reduce(bends * along.acceleration / np.abs(along.q2), axis=1))
         twist = np.cbrt(np.fmin.reduce(twists * along.jerk / np.abs(along.q3), axis=1))
@@ -47,7 +47,7 @@ def speed_bounds(along: Along, bends: float, twists: float) -> Array:
 
 @compiled
 def _room(along: Along, i: int, v: float, a: float, slow: float) -> tuple[float, float]:
-    """s̈ and s⃛ that are left at a place, at a speed and an acceleration."""
+    """Return the remaining s̈ and s⃛ at a grid point, for a speed and an acceleration."""
     most_a, most_j = along.most[0] * slow**2, along.most[1] * slow**3
     for n in range(along.q1.shape[1]):
         p, q, A, J = abs(along.q1[i, n]), abs(along.q2[i, n]), along.acceleration[n] * slow**2, along.jerk[n] * slow**3
@@ -60,7 +60,7 @@ def _room(along: Along, i: int, v: float, a: float, slow: float) -> tuple[float,
 
 @compiled
 def _time(d: float, v: float, a: float, j: float) -> float:
-    """The time in which v t + a t²/2 + j t³/6 = d, all at least 0 and one of them above: Newton's steps from above."""
+    """Return the time with v t + a t²/2 + j t³/6 = d, for v, a, j ≥ 0 that are not all 0, by Newton steps from above."""
     t = (6.0 * d / j) ** (1.0 / 3.0)
     if v > 0.0:
         t = min(t, d / v)
@@ -77,7 +77,7 @@ def _time(d: float, v: float, a: float, j: float) -> float:
 
 @compiled
 def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
-    """Lower x (m,) to the greatest speeds that can be reached from rest at one end, going by `step`."""
+    """Lower x (m,) to the greatest speeds reachable from rest at one end, in steps of `step`."""
     m = along.s.shape[0]
     i, v, a = (0 if step > 0 else m - 1), 0.0, 0.0
     x[i] = 0.0
@@ -102,7 +102,7 @@ def _rise(along: Along, top: Array, slow: Array, step: int, x: Array) -> None:
 
 @compiled
 def compute_times(s: Array, v: Array, t: Array) -> None:
-    """Times at which places are passed: speeds linear in time between, but at both ends, where s̈ starts from 0.
+    """Compute the times of grid points: speeds are linear in time between them, except at the ends, where s̈ starts from 0.
 
     Shapes and units: s (m,) [m, rad], v (m,) [m/s, rad/s], t (m,) [s].
     """
@@ -115,7 +115,7 @@ def compute_times(s: Array, v: Array, t: Array) -> None:
 
 @compiled
 def _widths(along: Along, v: Array, slow: Array, t: Array, half: Array) -> None:
-    """Half the width (m,) of the mean: the time to rest, or to no acceleration; changing slowly from place to place."""
+    """Compute half the widths (m,) of the mean: the time to rest, or to zero acceleration, with bounded slope."""
     m = v.shape[0]
     for i in range(m):
         a, j = _room(along, i, v[i], 0.0, slow[i])
@@ -134,7 +134,7 @@ def _value(t: Array, y: Array, x: float) -> float:
 
 @compiled
 def _place(s: Array, t: Array, v: Array, x: float) -> float:
-    """The place at a time: speeds linear between two places, but where one is at rest: there s goes as a cube."""
+    """Return s at a time: speeds are linear in time between grid points; next to rest, s is a cubic."""
     i = min(max(np.searchsorted(t, x, side="right") - 1, 0), t.shape[0] - 2)
     u, d = (x - t[i]) / (t[i + 1] - t[i]), s[i + 1] - s[i]
     if v[i] == 0.0:
@@ -146,7 +146,7 @@ def _place(s: Array, t: Array, v: Array, x: float) -> float:
 
 @compiled
 def _smooth(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Array) -> None:
-    """Mean speeds (m,) over the time around each place."""
+    """Compute mean speeds (m,) over the time around each grid point."""
     m = v.shape[0]
     compute_times(along.s, v, t)
     _widths(along, v, slow, t, half)
@@ -161,7 +161,7 @@ def _smooth(along: Along, v: Array, slow: Array, t: Array, half: Array, out: Arr
 
 @compiled
 def _accelerations(s: Array, v: Array, t: Array, a: Array) -> None:
-    """s̈ (m,) from speeds, parabolas in time through three places; and times t (m,) that agree with both."""
+    """Compute s̈ (m,) from speeds, by parabolas through three grid points, and times t (m,) that agree with both."""
     m = s.shape[0]
     a[0], a[m - 1] = 0.0, 0.0
     for i in range(1, m - 1):
@@ -177,7 +177,7 @@ def _accelerations(s: Array, v: Array, t: Array, a: Array) -> None:
 
 @compiled
 def _ratios(along: Along, v: Array, a: Array, t: Array, half: Array, out: Array) -> float:
-    """By how much the motion is too fast at each place (m,); the largest."""
+    """Compute the factors (m,) by which the motion is too fast at grid points; return the largest."""
     m, worst = v.shape[0], 0.0
     for i in range(m):
         low, high = max(i - 1, 0), min(i + 1, m - 1)
@@ -197,10 +197,10 @@ def _ratios(along: Along, v: Array, a: Array, t: Array, half: Array, out: Array)
 
 @compiled
 def _slow_down(t: Array, half: Array, ratio: Array, slow: Array) -> None:
-    """Slow the motion by what it is too fast within the width of the mean."""
+    """Slow the motion by its excess ratios within the width of the mean."""
     m = t.shape[0]
     peak, hold = 1.0, 0.0
-    for i in range(m):  # the largest ratio goes on for half a width, then fades
+    for i in range(m):  # the largest ratio holds for half a width
         if i > 0 and t[i] > hold:
             peak = 1.0
         if ratio[i] >= peak:
@@ -218,7 +218,7 @@ def _slow_down(t: Array, half: Array, ratio: Array, slow: Array) -> None:
 
 @compiled
 def sweep(along: Along, top: Array, rounds: int, close: float, out: Array) -> float:
-    """A motion that nearly keeps the limits, from rest to rest.
+    """Compute a motion from rest to rest that nearly respects the limits; return its largest excess ratio.
 
     Shapes and units: top (m,) [m/s, rad/s], close [1], out (4, m) [s]. Returns [1].
     """
@@ -243,7 +243,7 @@ def sweep(along: Along, top: Array, rounds: int, close: float, out: Array) -> fl
 
 @compiled
 def _widen(t: Array, half: Array) -> None:
-    """Give the ramps from rest and to rest one width: that of their ends."""
+    """Set one width on the ramps from rest and to rest: that of their ends."""
     i, k = 1, t.shape[0] - 2
     while i < k and half[i] > 0.5 * t[i]:
         i += 1
@@ -254,10 +254,10 @@ def _widen(t: Array, half: Array) -> None:
 
 @compiled
 def _changes(along: Along, motion: Array, out: Array) -> None:
-    """How much q̈, and q⃛ by the path's bends, have changed up to each place (m,), of that joint that changes most.
+    """Compute the total changes (m,) of q̈, and of q⃛ by the path's curvature, up to each grid point, of the largest joint.
 
-    Both are counted in their limits; q̈ in what the limit on jerk allows within half the width of the mean, if that is less.
-    So is s̈ in the greatest one that counts: where speeds alone bind, ramps are changes too.
+    Both are relative to their limits, or to the change of q̈ that the jerk limit allows within half the width of the mean, if
+    that is less. s̈ counts likewise relative to its greatest value, for ramps where only speeds are limited.
     """
     v, a, half = motion[1], motion[2], motion[3]
     out[0] = 0.0
@@ -278,10 +278,10 @@ def _changes(along: Along, motion: Array, out: Array) -> None:
 def count_intervals(
     along: Along, motion: Array, even: float, per_change: tuple[float, float, float], least: float, share: Array
 ) -> float:
-    """Count the intervals before each place of a swept motion: some in all, and some for each change of q̈ by its limit.
+    """Count the intervals before each grid point of a swept motion: a constant number, and some per change of q̈ by its limit.
 
-    The number for each change is the first of `per_change` for motions of few changes, and falls to the second for motions
-    of far more than the third. None is briefer than the least; neighbours differ little.
+    The number per change is the first of `per_change` for motions of few changes, and falls to the second for motions with far
+    more changes than the third. No interval is shorter than `least`; neighbours differ little.
 
     Shapes and units: motion (4, m) [s, m/s, m/s², s], per_change (3,), least [s], share (m,) [1].
     """
@@ -310,9 +310,9 @@ def count_intervals(
 
 @compiled
 def sample(s: Array, motion: Array, when: Array, out: Array) -> None:
-    """s, ṡ and s̈ of a swept motion at times: ṡ a cubic between two places, from ṡ and s̈ there.
+    """Compute s, ṡ and s̈ of a swept motion at times; ṡ is a cubic between grid points.
 
-    For the places both s̈ are cut so that the cubic's Bézier points are not below 0: s does not decrease.
+    For s both s̈ are clipped so that the cubic's Bézier points are not below 0: s does not decrease.
 
     Shapes and units: s (m,) [m, rad], motion (4, m) [s, m/s, m/s², s], when (k,) [s], out (3, k) [m, m/s, m/s², or rad].
     """

@@ -1,4 +1,4 @@
-"""What every time law shares: the limits that it needs and keeps, greatest speeds, and the refit of s(t) to q(t)."""
+"""Base of time laws: the limits that a law needs and enforces, greatest speeds, and the refit of s(t) to q(t)."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ NODE_APART, BRIEF_MOTION = 2e-3, 0.1
 """Least time [s] between a knot for a node of the path and any other knot, and the duration [s] below which it shrinks with the
 motion: shorter pieces of a quintic amplify the rounding of q in the jerk."""
 SHORTEST_PIECE = 1e-3
-"""Pieces that are shorter [s] are not halved: rounding in q outweighs what a knot adds."""
+"""Shorter pieces [s] are not halved: rounding in q outweighs the gain of a knot."""
 REFINEMENT_ROUNDS = 6
-"""Halvings of a piece at most: 64 parts bring the jerk's error down by 64³."""
+"""Largest number of halvings of a piece: 64 parts reduce the error of the jerk by 64³."""
 COMPARED_AT = np.array([0.0625, 0.3, 0.7, 0.9375])
-"""Shares of a piece at which refit and chain rule are compared: between the zeros of the error of a quintic Hermite piece."""
+"""Fractions of a piece at which refit and chain rule are compared: between the zeros of the error of quintic Hermite pieces."""
 POSITION_AGREES = 1e-9
-"""Difference of positions [rad or m] that counts as agreement: a hundredth of what a path may be off."""
+"""Difference of positions [rad or m] that counts as agreement: far below the tolerance of a path."""
 JERK_AGREES = 2e-3
 """Difference of jerks, over the jerk's scale, that counts as agreement; the certificate judges the refit itself."""
 
@@ -44,9 +44,9 @@ class StopKind(StrEnum):
 
 
 class PathState(NamedTuple):
-    """A moving state on a path: the place s, and ṡ [1/s] and s̈ [1/s²] there.
+    """A moving state on a path: the path parameter s, and ṡ [1/s] and s̈ [1/s²].
 
-    ``joints`` are the q, q̇ and q̈ (n,) with which the motion begins exactly; None for those of the path.
+    ``joints`` are the exact q, q̇ and q̈ (n,) at the start of the motion; None for those of the path.
     """
 
     s: float
@@ -56,9 +56,9 @@ class PathState(NamedTuple):
 
 
 class ClassName:
-    """The name of a class that states none: that of the class in lower case.
+    """Default name of a class: its own name in lower case.
 
-    No attribute of the class itself, so that the class in a file can still be given the name of its file.
+    It is not stored in the class, so that a class in a file can be given the name of its file.
     """
 
     def __get__(self, law: object, kind: type) -> str:
@@ -66,22 +66,22 @@ class ClassName:
 
 
 class TimeLaw(ABC):
-    """A way to run along a joint path. A law is a subclass in a file of its own that names itself ``METHOD``.
+    """Base of time laws along a joint path. A law is a subclass in a file of its own, named by ``METHOD``.
 
-    A class outside of a file needs no ``name``: by default it is the class's in lower case.
+    The default ``name`` is that of the class in lower case.
     """
 
     name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
     enforced: ClassVar[tuple[str, ...]]
-    """Which limits the law promises to keep; the certificate judges exactly those."""
+    """The limits that the law enforces; the certificate judges exactly these."""
     counts_torque: ClassVar[bool] = False
-    """Whether the law itself counts torques, so that limits on acceleration may be left out where torque is limited."""
+    """Whether the law itself respects torques; then acceleration limits are optional if the torque is limited."""
     speed: float | None = None
-    """The tool speed [m/s; rad/s for a pure rotation] that was asked and that nothing after the law may change; or None."""
+    """The requested tool speed [m/s; rad/s for a pure rotation], which must not change after the law; or None."""
 
     @abstractmethod
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path.
+        """Return a motion along the joint path.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class TimeLaw(ABC):
         """
 
     def run_with_analysis(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        """Time the joint path as `run` does, and return the motion with what is already computed of it.
+        """Return the motion of `run` with its analysis, which the certificate reuses.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class TimeLaw(ABC):
         return MotionAnalysis(joint_path.robot, motion, joint_path.path)
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
-        """Time the remaining joint path from a moving state to its end.
+        """Return a motion along the remaining joint path, from a moving state to its end.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ class TimeLaw(ABC):
         limits : MotionLimits
             Limits of the motion.
         state : PathState
-            Where the motion starts, and how fast.
+            State at the start of the motion.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class TimeLaw(ABC):
         raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
 
     def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
-        """Return the limits on the joints, of which the law needs those that it keeps.
+        """Return the limits on the joints; raise InvalidInput if one that the law enforces is missing.
 
         Parameters
         ----------
@@ -181,11 +181,10 @@ class TimeLaw(ABC):
         return bound
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
-        """Names of the limits that a plan of this law keeps.
+        """Return the names of the limits that a plan of this law enforces.
 
-        A plan slows the law's motion until it keeps them, so a law that keeps any limit keeps the extra ones too. So it does
-        with the torque where the law keeps the acceleration, without which no torque is bounded, and with its rate where the
-        law keeps the jerk.
+        A plan stretches the law's motion until it respects them. So a law that enforces any limit also enforces the extra ones;
+        the torque, if it enforces the acceleration; and the torque rate, if it enforces the jerk.
 
         Parameters
         ----------
@@ -195,7 +194,7 @@ class TimeLaw(ABC):
         Returns
         -------
         tuple of str
-            What the law keeps, the torque and its rate where they are given, and the extra limits.
+            Limits of the law, the torque and its rate if they are given, and the extra limits.
         """
         if not self.enforced:
             return ()
@@ -223,7 +222,7 @@ class AnalysingLaw(TimeLaw):
 
 
 def check_law(law: object) -> TimeLaw:
-    """Check that an object is a time law that promises limits which exist, and return it."""
+    """Return a time law; raise InvalidInput if it is not one, or enforces unknown limits."""
     if not isinstance(law, TimeLaw):
         raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
     check_names(getattr(law, "enforced", None), f"enforced of the time law {law.name!r}")
@@ -231,7 +230,7 @@ def check_law(law: object) -> TimeLaw:
 
 
 def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
-    """Check that what a law returned is a trajectory of the arm, and return it."""
+    """Return the result of a law; raise InvalidInput if it is not a trajectory of the arm."""
     if not isinstance(motion, Trajectory) or motion.n != robot.n:
         came = f"a trajectory of {motion.n} joints" if isinstance(motion, Trajectory) else repr(motion)[:60]
         raise InvalidInput(f"result of the time law {law.name!r}", came, f"a Trajectory of {robot.n} joints")
@@ -239,7 +238,7 @@ def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:
 
 
 def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
-    """Greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones."""
+    """Return the greatest ṡ by all limits of first order: joint velocity, tool speed, rotation speed and extra ones."""
     at, bounds = PathPoints(joint_path, s), limits.bounds(joint_path.robot.n)
     first = [kind for kind in limits.kinds if kind.order == 1 and np.isfinite(bounds[kind.name]).any()]
     slowness = np.zeros(s.size)
@@ -250,10 +249,10 @@ def speed_bound(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array:
 
 
 def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: ArrayLike = 1.0) -> Trajectory:
-    """Trajectory of q(s(t)): quintic Hermite pieces through exact q, q̇, q̈ that agree with the chain rule between knots.
+    """Return the trajectory q(s(t)) as quintic Hermite pieces through exact q, q̇, q̈ that agree with the chain rule.
 
-    q(s(t)) is of a higher degree than 5, so it is refitted with a knot at every switch of the law (one-sided
-    accelerations there), at every knot of the path, and more between until position and jerk agree with the chain rule
+    q(s(t)) has a degree above 5, so it is refitted with knots at every switch of the law (one-sided accelerations there), at
+    every knot of the path, and between them until position and jerk agree with the chain rule
     q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. The refit is what is certified and exported.
     """
     t = _find_knots(joint_path, law)
@@ -273,7 +272,7 @@ def refit(joint_path: JointPath, law: scipy.interpolate.PPoly, jerk_scale: Array
 
 
 def _find_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
-    """Switches of the law, and the times at which the path's nodes are passed, where those stand well apart."""
+    """Return the switches of the law, and the times of the path's nodes that are not close to others."""
     switches = law.x
     passed = find_times(law, joint_path.nodes[1:-1], float(switches[-1]))
     apart = NODE_APART if switches[-1] > BRIEF_MOTION else NODE_APART / BRIEF_MOTION * switches[-1]
@@ -285,7 +284,7 @@ def _find_knots(joint_path: JointPath, law: scipy.interpolate.PPoly) -> Array:
 
 
 def _piecewise(law: scipy.interpolate.PPoly, t: Array, x: Array, order: int) -> Array:
-    """The law's derivative at x (m, k), by the law's piece that holds each interval of t (so one-sided at its ends)."""
+    """Return a derivative of the law at x (m, k), one-sided at the ends of the intervals of t."""
     p = law.derivative(order) if order else law
     i = np.clip(np.searchsorted(law.x, 0.5 * (t[:-1] + t[1:]), side="right") - 1, 0, law.x.size - 2)
     u = x - law.x[i][:, None]
@@ -296,7 +295,7 @@ def _piecewise(law: scipy.interpolate.PPoly, t: Array, x: Array, order: int) -> 
 
 
 def _interpolate(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) -> Trajectory:
-    """Quintic Hermite pieces in time between knots t, through the exact q, q̇ and q̈ there, one-sided where s̈ jumps."""
+    """Return quintic Hermite pieces between knots t through the exact q, q̇ and q̈, one-sided where s̈ jumps."""
     ends = np.stack([t[:-1], t[1:]], axis=1)
     s, v, a = (_piecewise(law, t, ends, order) for order in (0, 1, 2))
     s = np.clip(s, 0.0, joint_path.end)
@@ -310,7 +309,7 @@ def _interpolate(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array) 
 
 
 def _exact(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array, x: Array) -> tuple[Array, Array]:
-    """Exact q and jerk at x (m, k) by the chain rule, flattened to (m·k, n)."""
+    """Return the exact q and jerk at x (m, k) by the chain rule, as (m·k, n)."""
     s, v, a, j = (_piecewise(law, t, x, order).ravel()[:, None] for order in (0, 1, 2, 3))
     at = np.clip(s[:, 0], 0.0, joint_path.end)
     q, *derivatives = (joint_path(at, order) for order in (0, 1, 2, 3))
@@ -318,4 +317,4 @@ def _exact(joint_path: JointPath, law: scipy.interpolate.PPoly, t: Array, x: Arr
 
 
 METHOD_BASE = TimeLaw
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module here and of every plug-in."""

@@ -40,7 +40,7 @@ DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
 LEAST_KNOTS = 32
 """Least number of knots of s(t) on a path whose pieces are all curved; `DISTANCE_PER_PIECE` is that of a piece."""
 SAME_BREAK = 1e-6
-"""Fraction of the length within which two breaks count as one: in shorter cells a spline's third derivative is rounding."""
+"""Relative distance below which two breaks are merged; in shorter cells the third derivative is rounding error."""
 STRAIGHT_CELL = 1e-9
 """Relative change of the tool's speed over a cell, at a constant ṡ, that counts as rounding error."""
 KNOTS_APART = 2e-4
@@ -49,7 +49,7 @@ the joints reach their limits takes many times as long."""
 RAMP_SHAPES = [(r, f) for r in (0.49, 0.35, 0.2, 0.1, 0.05) for f in (0.49, 0.35, 0.2, 0.1, 0.05)] + [
     (x, 1.0 - LEAST_FLAT - x) for x in (0.15, 0.25, 0.35, 0.65, 0.75, 0.85)
 ]
-"""Shares of a ramp in which its acceleration rises and falls."""
+"""Fractions of a ramp in which its acceleration rises and falls."""
 RAMP_LENGTHS = (1.0, 0.9, 0.75)
 """Lengths of the ramps to the greatest speed, relative to the longest allowed ramps."""
 CRAWL = 1e3
@@ -79,9 +79,9 @@ class ConstantSpeed(AnalysingLaw):
 
     def __init__(self, *, speed: float | None = None, ramp: float = 0.25) -> None:
         self.speed = None if speed is None else check_number(speed, "speed", "a tool speed above 0, or None", above=0.0)
-        self.ramp = check_number(ramp, "ramp", "a share above 0, at most 0.5", above=0.0)
+        self.ramp = check_number(ramp, "ramp", "a fraction above 0, at most 0.5", above=0.0)
         if ramp > 0.5:
-            raise InvalidInput("ramp", ramp, "a share above 0, at most 0.5")
+            raise InvalidInput("ramp", ramp, "a fraction above 0, at most 0.5")
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         self.need(limits, joint_path.robot)
@@ -162,7 +162,7 @@ class _Distance(NamedTuple):
 
 
 def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
-    """Count the path in the tool's own distance; s itself is that, but for a factor, on straight lines.
+    """Return the path as a function of the tool's own distance, which is proportional to s on straight lines.
 
     With c = dx/ds the tool's speed at ṡ = 1: s' = 1 / c, s'' = −c' / c³, s''' = (3 c'² − c c'') / c⁵.
     """
@@ -213,7 +213,7 @@ def _make_grid(breaks: Array, end: float) -> tuple[Array, Flags]:
 
 
 def _rates(joint_path: JointPath, s: Array, turning: bool) -> tuple[Array, Array, Array]:
-    """The tool's |v| or |ω| per unit of s (k,), and its first and second derivative in s."""
+    """Return the tool's |v| or |ω| per unit of s (k,), and its first and second derivative in s."""
     part = slice(3, 6) if turning else slice(0, 3)
     v, v1, v2 = (joint_path.path.twist(s, order)[:, part] for order in (1, 2, 3))
     c = np.linalg.norm(v, axis=1)
@@ -250,7 +250,7 @@ def _is_quick(ramp: Ramp, slow: float, shortest: float) -> bool:
 
 
 def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
-    """Ramps to the greatest speed of all: of the lengths and shapes that need the least slowing from speed 1."""
+    """Return the ramps to the greatest speed: of the lengths and shapes that need the least stretching from speed 1."""
     end = float(what.s[-1])
     cruising = _cruising(what, share * end, (1.0 - share) * end)[1]
     chosen: list[tuple[float, Ramp]] = []
@@ -272,7 +272,7 @@ def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
 
 
 def _find_shortest(what: Table, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
-    """The shortest ramps to a speed that keep that share of the limits; None where the longest ones do not."""
+    """Return the shortest ramps to a speed that respect a fraction of the limits; None if the longest ones do not."""
     end, out = float(what.s[-1]), []
     if _cruising(what, share * end, (1.0 - share) * end)[1] * speed > 1.0 + 1e-3:
         return None
@@ -300,7 +300,7 @@ def _is_allowed(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
 
 
 def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
-    """s(t): ramp, constant speed, ramp of the travelled distance, taken to s."""
+    """Return s(t) for a ramp, constant speed and a ramp of the travelled distance."""
     first, second = ramps
     chain = [first, second]
     if second.s0 > first.s1:

@@ -29,16 +29,16 @@ from planners.timing.base import AnalysingLaw, PathState
 from planners.trajectory import Trajectory
 
 GAP = 1e-5
-"""Optimality gap of the programme, as a share of the duration: far below what a finer grid would gain."""
+"""Optimality gap of the programme, as a fraction of the duration: far below the gain of a finer grid."""
 TIGHTENINGS = 4
-"""Most rounds in which limits are tightened where exact extrema exceed them; a uniform slow-down does the rest."""
+"""Largest number of rounds that tighten limits where exact extrema exceed them, before the motion is stretched uniformly."""
 LIMIT_ROUNDING = 5e-13
 """Accepted excess of a limit if the motion is not slowed afterwards: half of what a certificate accepts as rounding."""
 FIRST_BARRIER, WARM_BARRIER = 0.01, 5e-4
-"""First barrier weights, cold and from a warm start, over the mean duration of intervals."""
+"""Initial barrier weights, cold and warm start, relative to the mean interval duration."""
 START_ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3), (10.0, 1.7), (1.0, 0.15), (1.0, 3.0))
-"""First barrier weights and numbers of intervals, over the usual ones, that are tried in turn: where the iteration fails
-on one set of places, it rarely fails on another."""
+"""Initial barrier weights and numbers of intervals, relative to the usual ones, that are tried in turn: if the iteration fails
+on one grid, it rarely fails on another."""
 GENTLE = (1.0, 100.0)
 """First barrier weights, over the usual one, for an initial guess of one quintic in s, where every other one failed."""
 SLOWER = 1.5
@@ -48,11 +48,11 @@ MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
 STOP_INTERVALS, STOP_ITERATIONS = 48, 50
 """Number of intervals of a stop, and most iterations for it: a stop that exists takes 10 (median), 36 at most."""
 PROOF_EXCESS = 2e-5
-"""Share of the limits on torque and its rate that is left to the proof: its bounds exceed the largest values by half of it."""
+"""Fraction of the limits on torque and its rate that is reserved for the proof, whose bounds exceed the peaks by half of it."""
 SLOWDOWN_LEFT, SLOWDOWN_LOADED = 2e-4, 5e-4
-"""Shares of the duration that are left to the uniform slow-down, the second where torques are limited."""
+"""Fractions of the duration that are left to the uniform stretch, the second with torque limits."""
 OFF_JOINT_PATH = 1e-7
-"""How far a joint may be from q(s) between the places [rad or m]; intervals in which it is farther off are halved."""
+"""Largest distance of a joint from q(s) between grid points [rad or m]; intervals that exceed it are halved."""
 COARSE, WORSE, INTERVAL_HALVINGS = 1.05, 1.2, 2
 """Intervals in which a limit is exceeded by these factors, early and later, are halved too, at most `INTERVAL_HALVINGS` times;
 those that leave the joint path four times as often."""
@@ -63,13 +63,12 @@ BETWEEN_SAMPLES = 1.00005
 
 
 class Optimal(AnalysingLaw):
-    """Time-optimal with jerk limits: s⃛ constant on intervals between fixed places, their durations free.
+    """Time-optimal with jerk limits: s⃛ is constant on intervals between fixed path parameters, whose durations are free.
 
-    The initial guess is a motion that nearly keeps all limits, made by two sweeps (`planners.timing._optimal.start`); the
-    programme is solved by an interior-point iteration of its own (`planners.timing._optimal.iteration`). Then the motion is
-    refitted, and where its exact extrema pass a limit between the places, the limit is tightened there and the programme
-    solved again with a warm start. The last 2e-4 is a uniform slow-down, so every limit is kept exactly. The time of
-    both sweeps and iteration grows linearly with the length of the path.
+    The initial guess is a motion that nearly respects all limits, from two sweeps (`planners.timing._optimal.start`). An
+    interior-point iteration solves the programme (`planners.timing._optimal.iteration`). Then the motion is refitted. Where its
+    exact extrema exceed a limit, the limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a
+    uniform stretch, so that every limit is respected exactly. The computing time grows linearly with the length of the path.
 
     Parameters
     ----------
@@ -164,7 +163,7 @@ def _unloaded(limits: MotionLimits) -> bool:
 
 
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
-    """Programmes with their starts and barrier weights, the likeliest first."""
+    """Yield programmes with initial guesses and barrier weights, the most promising first."""
     for weight, more in START_ATTEMPTS:
         yield _refine(joint_path, limits, start(joint_path, limits, intervals, more)), weight
     for weight in GENTLE:
@@ -172,7 +171,7 @@ def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None
 
 
 def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
-    """Limit, joint, place and ratio of what an initial guess violates most: the likeliest reason of a failure."""
+    """Return limit, joint, path parameter and ratio of the largest violation of a guess, a likely reason of failure."""
     K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _values(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
@@ -188,7 +187,7 @@ def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str,
 
 
 def _values(problem: Problem, z: Array) -> Array:
-    """Values of all limits of a motion over their limits (K + 1, m + 2 e): at places, and at both ends of the intervals."""
+    """Return the ratios of a motion to all limits (K + 1, m + 2 e): at grid points, and at both ends of the intervals."""
     K = problem.ds.size
     g, c = np.zeros((K, 3)), np.zeros((K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2]))
     iteration.values(problem, z, g, c)
@@ -196,7 +195,7 @@ def _values(problem: Problem, z: Array) -> Array:
 
 
 class _Solution(NamedTuple):
-    """A motion, and by how much it is to be slowed as a whole."""
+    """A motion, and the factor by which it must be stretched."""
 
     motion: Trajectory
     slower: float
@@ -206,7 +205,7 @@ def _solve(
     joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0,
     most: int = MOST_ITERATIONS,
 ) -> _Solution | None:  # fmt: skip
-    """The motion whose exact extrema exceed the limits by a share `close` at most, or by more if it is slowed afterwards."""
+    """Return the motion whose exact extrema exceed the limits by the fraction `close`, or by more if stretched later."""
     z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
     weight, halvings, again = weight * FIRST_BARRIER, 0, 0
@@ -243,7 +242,7 @@ def _solve(
 
 
 def _refine(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
-    """The programme with those intervals halved in which its start would leave the joint path between the places."""
+    """Return the programme with those intervals halved in which its initial guess leaves the joint path."""
     for _ in range(INTERVAL_HALVINGS):
         z = given.start
         coarse = _find_departures(joint_path, given, z)
@@ -255,13 +254,13 @@ def _refine(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Pr
 
 
 def _find_departures(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
-    """Intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH` between the places."""
+    """Return the intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH`."""
     state, tau = _states(given, z)
     return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF_JOINT_PATH
 
 
 def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
-    """The motion z, slowed by at most `most` until it uses at most a share of every limit."""
+    """Return the motion z, stretched by at most `most` until it uses at most a fraction of every limit."""
     m, c = problem.node.shape[1], _values(problem, z)
     factor = max(
         1.0,
@@ -275,14 +274,14 @@ def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -
 
 
 def _states(given: Programme, z: Array) -> tuple[Array, Array]:
-    """ṡ and s̈ at the places (K + 1, 2), and the durations (K,) between."""
+    """Return ṡ and s̈ at the grid points (K + 1, 2), and the durations (K,) between."""
     length, time = given.units
     state = np.vstack([z[:-1, :2], given.problem.goal])  # which the optimum meets to its own tolerance only
     return state * np.array([length / time, length / time**2]), z[:-1, 2] * time
 
 
 def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
-    """Quintic Hermite in time through exact q, q̇, q̈ at the places."""
+    """Return the quintic Hermite trajectory through exact q, q̇, q̈ at the grid points."""
     state, tau = _states(given, z)
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
@@ -291,7 +290,7 @@ def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
 
 
 def _tighten(problem: Problem, excess: _Excess, tool: Array, spare: float) -> None:
-    """Tighten the limits of intervals inside of which they are exceeded, by a share `spare` more."""
+    """Tighten the limits in intervals where they are exceeded, by a fraction `spare` more."""
     speed, node, edge = (np.where(o > 1.0, o * (1.0 + spare), 1.0) for o in excess)
     m = node.shape[1]
     problem.node[:-1, :m, :3] *= node[:, :, None]  # not the static part, which no tightening changes
@@ -303,10 +302,9 @@ def _tighten(problem: Problem, excess: _Excess, tool: Array, spare: float) -> No
 
 
 class _Excess(NamedTuple):
-    """By what factors a motion exceeds the limits of every interval.
+    """Factors by which a motion exceeds the limits in every interval.
 
-    Velocities (K, n), what the rows at places limit (K, m), and what the rows in intervals limit (K, e); exact for joints,
-    from samples for torques.
+    Velocities (K, n), rows at grid points (K, m), and rows in intervals (K, e); exact for joints, sampled for torques.
     """
 
     speed: Array
@@ -319,13 +317,13 @@ class _Excess(NamedTuple):
         return np.asarray(np.concatenate([self.speed, self.node, self.edge], axis=1).max(axis=1))
 
     def slower(self, tool: Array) -> float:
-        """By how much the motion is to be slowed as a whole, with the ratios (K,) of the tool's speeds."""
+        """Return the factor by which the motion must be stretched, with the ratios (K,) of the tool's speeds."""
         node, edge = self.node.max(initial=0.0) ** (1.0 / 2.0), self.edge.max() ** (1.0 / 3.0)
         return float(max(self.speed.max(), node, edge, tool.max()))
 
 
 def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
-    """By what factors a motion exceeds the limits in the intervals."""
+    """Return the factors by which a motion exceeds the limits in the intervals."""
     bounds = limits.bounds(joint_path.robot.n)
     speed, acceleration, jerk = (
         _piece_ratios(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
@@ -340,14 +338,14 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
 
 
 def _piece_ratios(motion: Trajectory, order: int, bound: Array) -> Array:
-    """Exact extrema of a derivative on every piece (K, n), over the side of the bound that they go to."""
+    """Return the exact extrema of a derivative on every piece (K, n), over the bound on their side."""
     if bound.ndim == 1:
         return motion.piece_worst(order) / bound
     return np.maximum(*(ratio_to_limit(extrema, bound) for extrema in motion.piece_range(order)))
 
 
 def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """Largest of some tool speeds on every piece (K,) between places s over their limits; 0 where there is none."""
+    """Return the largest ratios (K,) of sampled tool speeds to their limits on every piece; 0 without a limit."""
     t = trajectory.knots
     if not np.isfinite(limits.tool).any():
         return np.zeros(t.size - 1)

@@ -19,8 +19,8 @@ from planners.trajectory import Trajectory
 class Quintic(TimeLaw):
     """Quintic segments between samples Δt apart, exactly as in the paper (§3.3, eq. 16–17); the baseline.
 
-    It looks at no limit and promises none. Constant speed inside and rest at both ends make the first and the last
-    segment reach full speed within one Δt, which the certificate shows.
+    It ignores and enforces no limits. The first and the last segment reach full speed within one Δt, which the certificate
+    shows.
 
     Parameters
     ----------
@@ -55,11 +55,10 @@ class Quintic(TimeLaw):
         return Trajectory(quintic_through(t, q, velocity, np.zeros_like(q)), s)
 
     def least_duration(self, joint_path: JointPath, limits: MotionLimits) -> float:
-        """Least T at which the law would keep all limits, with the same number of segments.
+        """Return the least T at which the law respects all limits, with the same number of segments.
 
-        With the number of segments kept, and not Δt, another T is the same motion slower or faster: velocities go with
-        1/T, accelerations with 1/T², jerks with 1/T³. So it is exact, from the extrema of one motion. All limits given
-        count, those of the tool too; 0 where none is given.
+        With a fixed number of segments, T only scales the motion in time: velocities with 1/T, accelerations with 1/T² and
+        jerks with 1/T³. So the result is exact, from the extrema of one motion. It is 0 without limits.
 
         Parameters
         ----------

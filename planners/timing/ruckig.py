@@ -1,4 +1,4 @@
-"""Ruckig on the path's s, section by section: jerk-limited motion under bounds of each section's own."""
+"""Ruckig on the path parameter s, section by section: jerk-limited motion with bounds for each section."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ from planners.timing.smooth import least_duration
 class RuckigLaw(AnalysingLaw):
     """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not slow the whole path.
 
-    Where the sections end, and how fast the motion is there, is found by dynamic programming over candidate places and
-    speeds: a chain of ramps, each judged at sampled instants by what it asks of every joint, q̈ = q' s̈ + q'' ṡ² and
-    q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. A local search then moves the places, the speeds and the shapes. Each ramp is two
-    sections, cut where its acceleration is greatest, with that acceleration and with a jerk of its own as bounds;
-    Ruckig (Berscheid and Kröger, RSS 2021) makes the motion of each from state to state. Last, the whole is scaled in
-    time, uniformly, until its exact extrema just keep the limits.
+    Dynamic programming over candidate path parameters and speeds finds a chain of ramps. Each ramp is evaluated at sampled
+    instants by the chain rule, q̈ = q' s̈ + q'' ṡ² and q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. A local search then improves the ends,
+    the speeds and the shapes. Each ramp is two sections, divided at its greatest acceleration, with this acceleration and a
+    jerk as bounds. Ruckig (Berscheid and Kröger, RSS 2021) computes the motion of each section. Finally the whole motion is
+    stretched uniformly until its exact extrema respect the limits.
 
     Ruckig is used on the scalar s only: its joint waypoints would leave the path, and are sent to a cloud service.
     """
@@ -45,10 +44,10 @@ class RuckigLaw(AnalysingLaw):
 
 
 def _solve(ramp: Ramp) -> Array:
-    """Phases (·, 2) of a ramp: durations and jerks that Ruckig finds for its two sections.
+    """Return the phases (·, 2) of a ramp: durations and jerks from Ruckig for its two sections.
 
-    Speeds are counted from v0 in units of v1 − v0, and times in units of the ramp's duration: so Ruckig's numbers are
-    of size 1, on any path. Between v0 and v1 the speed only rises or only falls, so the sections are never left.
+    Speeds are relative to v0 in units of v1 − v0, and times in units of the ramp's duration, so that Ruckig's numbers are of
+    size 1 on any path. Between v0 and v1 the speed is monotonic.
     """
     wanted = phases_of(ramp)
     if len(wanted) == 1:
@@ -68,7 +67,7 @@ def _solve(ramp: Ramp) -> Array:
 
 
 def _section(start: tuple[float, float], goal: tuple[float, float], acceleration: float, jerk: float) -> list[float]:
-    """Durations of the two phases that Ruckig needs from one (speed, acceleration) to the other."""
+    """Return the durations of Ruckig's two phases from one (speed, acceleration) to another."""
     times = [h for h, _ in velocity_control(start, goal, acceleration, jerk) if h > 1e-9]
     if len(times) != 2:
         raise NoSolution(f"Ruckig found {len(times)} phases for a section of two")

@@ -1,4 +1,4 @@
-"""One quintic in s for the whole path, from rest to rest, in the shortest time that keeps every limit."""
+"""One quintic in s for the whole path, from rest to rest, in the shortest time that respects every limit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planners.timing.base import AnalysingLaw, refit
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
 NO_JOINT_MOTION = 1e-11
-"""Joint motion [rad or m] that is rounding: a limit on such a joint bounds no motion."""
+"""Joint motion [rad or m] that is rounding error: limits on such a joint are ignored."""
 
 
 class Smooth(AnalysingLaw):
@@ -43,7 +43,7 @@ class Smooth(AnalysingLaw):
 
 
 def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 1001) -> float:
-    """Shortest T of one quintic in s that keeps the limits at sampled instants and around every node of the path."""
+    """Return the shortest T of one quintic in s that respects the limits at sampled instants and around every node."""
     if not joint_path.end > 0.0:
         raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
     moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
@@ -64,7 +64,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
 
 
 def _sample_times(part: Array) -> Array:
-    """Shares u (k,) of the duration at which the quintic reaches given parts of the way, and thirds between them."""
+    """Return fractions u (k,) of the duration at which the quintic reaches fractions of the path, and thirds between."""
     low = find_times(lambda u: np.polyval(QUINTIC, u), part, 1.0)
     return np.concatenate([low[:-1] + np.diff(low) * share for share in (0.0, 1.0 / 3.0, 2.0 / 3.0)])
 

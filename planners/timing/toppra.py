@@ -30,12 +30,12 @@ GRID_APART = 1e-5
 BRIEFEST_PIECE = 2e-5
 """Least mean time [s] between grid points: in shorter pieces rounding in q dominates the accelerations."""
 GRIDS = (1.0, 2.37, 0.53, 5.11)
-"""Numbers of intervals, over the requested one, that are tried in turn where TOPP-RA finds no motion."""
+"""Numbers of intervals, relative to the requested one, that are tried in turn if TOPP-RA finds no motion."""
 VISCOUS_ROUNDS, SAME_SPEEDS, SLOWER_TANGENT = 10, 1e-3, 0.7
 """Most solutions around the speeds of the one before, for viscous friction; the change of ṡ, as a share of the greatest, at
 which the last one stands; and the factor of the speeds where there is no solution around them."""
 SLOWEST_TANGENT = 0.02
-"""Share of the greatest ṡ below which √x is not linearised: its slope grows without bound."""
+"""Fraction of the greatest ṡ below which √x is not linearised: its slope grows without bound."""
 UNBOUNDED = 1e12
 """Bound on the acceleration of a free joint [rad/s², m/s²]: an infinite one makes NaN of TOPP-RA's arithmetic."""
 
@@ -86,7 +86,7 @@ class Toppra(TimeLaw):
 
 
 def _grid(joint_path: JointPath, intervals: int) -> Array:
-    """Equally spaced, with the path's breaks, without points that nearly coincide."""
+    """Return an equally spaced grid with the path's breaks, without points that nearly coincide."""
     end = joint_path.end
     s = np.union1d(np.linspace(0.0, end, intervals + 1), joint_path.path.breaks[1:-1])
     s = s[(s > GRID_APART * end) & (s < (1.0 - GRID_APART) * end)]
@@ -95,7 +95,7 @@ def _grid(joint_path: JointPath, intervals: int) -> Array:
 
 
 def _solve_with_friction(joint_path: JointPath, limits: MotionLimits, s: Array) -> Array | None:
-    """ṡ at the grid points, solved again around themselves where friction goes with them; None where there is no motion."""
+    """Return ṡ at the grid points, with viscous friction linearised repeatedly; None if there is no motion."""
     speed = _solve(joint_path, limits, s)
     if limits.torque is None or not any(load.viscous.any() for load in joint_path.robot.loads):
         return speed
@@ -114,7 +114,7 @@ def _solve_with_friction(joint_path: JointPath, limits: MotionLimits, s: Array) 
 
 
 def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array | None = None) -> Array | None:
-    """ṡ at the grid points, or None where TOPP-RA finds no motion; viscous friction is that around given ṡ, or none."""
+    """Return ṡ at the grid points, with viscous friction linearised around given ṡ; None if TOPP-RA finds no motion."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)  # it prints warnings of its own otherwise
     acceleration = np.stack(sides(limits.bounds(joint_path.robot.n)["acceleration"]), axis=1)
     constraints = [
@@ -136,7 +136,7 @@ def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array 
 
 
 def _refine(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
-    """Grid and speeds after bisecting the intervals inside of which a limit is passed; the best that TOPP-RA solved."""
+    """Return grid and speeds after bisecting the intervals that exceed a limit; the last ones that TOPP-RA solved."""
     for _ in range(REFINEMENTS):
         wrong = (_peak_ratios(joint_path, limits, s, speed) > 1.0 + GRID_EXCESS) & (
             np.diff(s) > 2.0 * GRID_APART * s[-1]
@@ -153,7 +153,7 @@ def _refine(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array)
 
 
 def _peak_ratios(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> Array:
-    """Largest ratio to a limit within each interval, at three places: ṡ² is linear in s where s̈ is constant."""
+    """Return the largest ratio to a limit within each interval, at three points: ṡ² is linear in s for constant s̈."""
     u = np.array([0.25, 0.5, 0.75])
     at = (s[:-1, None] + np.diff(s)[:, None] * u).ravel()
     square = (speed[:-1, None] ** 2 + np.diff(speed**2)[:, None] * u).ravel()
@@ -166,7 +166,7 @@ def _peak_ratios(joint_path: JointPath, limits: MotionLimits, s: Array, speed: A
 
 
 def constant_acceleration(s: Array, speed: Array) -> Any:
-    """s(t) through grid points, its s̈ constant between them."""
+    """Return s(t) through grid points, with constant s̈ between them."""
     h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
     t = np.concatenate([[0.0], np.cumsum(h)])
     return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)

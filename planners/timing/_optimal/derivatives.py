@@ -1,4 +1,4 @@
-"""All derivatives of a joint path at many places at once, and how far a motion between places is from it; compiled."""
+"""Derivatives of a joint path at many points, and distances of a motion from it between them; compiled."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from planners.following.follow import JointPath
 
 
 def derivatives(joint_path: JointPath, s: Array) -> Array:
-    """q, q', q'' and q''' at increasing places, clamped to the path; at a node the right-hand values."""
+    """Return q, q', q'' and q''' at increasing path parameters, clamped to the path; at a node the right-hand values."""
     out = np.empty((4, s.size, joint_path.robot.n))
     _derivatives(joint_path.nodes, joint_path.coefficients, np.ascontiguousarray(s), out)
     return out
 
 
 def distances(joint_path: JointPath, s: Array, state: Array, tau: Array, ends: Array) -> Array:
-    """How far each joint at most is from q(s) between places, at quarters of the intervals' durations.
+    """Return the largest distances of the joints from q(s) in intervals, at quarters of their durations.
 
-    Of quintics in time through q, q̇ and q̈, made from `ends` (3, K + 1, n), q, q' and q'' at the places, and from ṡ and s̈
-    (K + 1, 2), where the motion of s is the quintic through the same.
+    The joints follow quintics in time through q, q̇ and q̈ at the grid points, from `ends` (3, K + 1, n) with q, q' and q'', and
+    from ṡ and s̈ (K + 1, 2); s(t) is the quintic through the same states.
     """
     out = np.empty(tau.size)
     _distances(joint_path.nodes, joint_path.coefficients, s, state, tau, ends, out)
@@ -29,7 +29,7 @@ def distances(joint_path: JointPath, s: Array, state: Array, tau: Array, ends: A
 
 @compiled
 def _piece(x: Array, s: float, k: int) -> int:
-    """The piece that holds s, from piece k on."""
+    """Return the piece that contains s, from piece k on."""
     while k < x.shape[0] - 2 and s >= x[k + 1]:
         k += 1
     return k
@@ -52,7 +52,7 @@ def _derivatives(x: Array, c: Array, s: Array, out: Array) -> None:
 
 @compiled
 def _between(h: float, move: float, v0: float, a0: float, v1: float, a1: float, u: float) -> float:
-    """How far the quintic in time has come at a share u of its duration h."""
+    """Return the displacement of the quintic in time at a fraction u of its duration h."""
     P, V, A = move - h * (v0 + 0.5 * h * a0), h * (v1 - v0 - h * a0), h * h * (a1 - a0)
     c3, c4, c5 = 10.0 * P - 4.0 * V + 0.5 * A, -15.0 * P + 7.0 * V - A, 6.0 * P - 3.0 * V + 0.5 * A
     return u * h * (v0 + 0.5 * u * h * a0) + u**3 * (c3 + u * (c4 + u * c5))

@@ -1,12 +1,12 @@
-"""Interior-point iteration for the jerk-limited time optimum along a path: one small stage an interval, compiled.
+"""Interior-point iteration for the jerk-limited time optimum along a path: one small stage per interval, compiled.
 
-Places s_k are fixed; unknown are ṡ = v and s̈ = a at them, and the duration τ and the jerk j of every interval:
+The grid points s_k are fixed. Unknown are ṡ = v and s̈ = a there, and the duration τ and the jerk j of every interval:
 
     min Σ τ_k   with   v τ + a τ²/2 + j τ³/6 = Δs,   v + a τ + j τ²/2 = v⁺,   a + j τ = a⁺,
     |q' v| ≤ V,   |q' a + q'' v²| ≤ A,   |q' j + 3 q'' v a + q''' v³| ≤ J at both ends of every interval.
 
 Torques and their rates are rows with more coefficients: p a + c v² + f v + g and p j + d v a + c' v³ + g' v + f' a + f'' v²
-(`planners.limits._torque`). All of it is polynomial, and nothing is singular at standstill. A Newton step of the
+(`planners.limits._torque`). All terms are polynomial, and none is singular at standstill. A Newton step of the
 barrier problem (Nocedal and Wright, Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by
 one sweep back and one forth (Riccati), in which the sign of every pivot shows whether the step goes down.
 """
@@ -23,14 +23,14 @@ from optik.types import Array
 from planners.timing._optimal.newton import Iterate, Problem, back, edge_slope, first, forth
 
 MET = 1e-5
-"""Residual of the dynamics of an interval that is accepted, over its length."""
+"""Accepted residual of the dynamics of an interval, over its length."""
 TRUE = 1e-4
-"""Change of a joint's jerk by that residual that is accepted, over its limit: in brief intervals it is the stricter test."""
+"""Accepted change of a joint's jerk by that residual, over its limit: the stricter test in short intervals."""
 
 
 @inlined
 def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: float) -> float:
-    """Value over its limit of what the jerk changes."""
+    """Return the ratio of a row with jerk to its limit."""
     p, q, u = edge[k, end, i, 0], edge[k, end, i, 1], edge[k, end, i, 2]
     linear, square, slope = edge[k, end, i, 3], edge[k, end, i, 5], edge[k, end, i, 4]
     return float(p * j + (q * v + slope) * a + ((u * v + square) * v + linear) * v)
@@ -38,7 +38,7 @@ def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: fl
 
 @compiled
 def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
-    """Residuals of the dynamics and values of the limits, see `Iterate`.
+    """Compute the residuals of the dynamics and the values of the limits; see `Iterate`.
 
     Shapes and units: z (K + 1, 4) [as the problem], g (K, 3) [as the problem], c (K + 1, m + 2·e) [1].
     """
@@ -61,7 +61,7 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
 
 @compiled
 def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
-    """Change of every limited value along d, to first order (K + 1, m + 2 e)."""
+    """Compute the first-order change of every limited value along d (K + 1, m + 2 e)."""
     node, edge = problem.node, problem.edge
     K, m, e = problem.ds.shape[0], node.shape[1], edge.shape[2]
     for k in range(K + 1):
@@ -80,7 +80,7 @@ def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
 
 @inlined
 def _cut(length: float, x: float, dx: float, keep: float) -> float:
-    """The step's length, cut so that x + length · dx keeps a share of x > 0."""
+    """Return the step length, reduced so that x + length · dx ≥ (1 − keep) · x."""
     return -keep * x / dx if dx * length < -keep * x else length
 
 
@@ -95,7 +95,7 @@ def _lengths(
     ddual: Array,
     dbound: Array,
 ) -> tuple[float, float]:
-    """Steps of slacks and duals, and how long primal and dual steps may be so that all stays positive."""
+    """Compute the steps of slacks and duals; return the lengths of the primal and the dual step that keep them positive."""
     K, rows = problem.ds.shape[0], at.c.shape[1]
     primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
     for k in range(K):
@@ -122,7 +122,7 @@ def _lengths(
 
 @compiled
 def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
-    """Barrier objective, and the sum of what the equations leave."""
+    """Return the barrier objective, and the sum of the residuals."""
     K, rows = g.shape[0], c.shape[1]
     objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
     for k in range(K):
@@ -145,9 +145,9 @@ def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Arr
 
 @compiled
 def _is_better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
-    """Whether a step is taken: a filter (Nocedal and Wright, ch. 15.4).
+    """Return whether a step is accepted by a filter (Nocedal and Wright, ch. 15.4).
 
-    Against every iterate before at this barrier (2, count), it meets the equations better or has a lower objective.
+    Compared with each earlier iterate at this barrier weight (2, count), its residual or its objective is lower.
     """
     last = passed[0, count - 1]
     if off < small and objective <= last + 1e-9 * abs(last):
@@ -160,7 +160,7 @@ def _is_better(passed: Array, count: int, objective: float, off: float, small: f
 
 @compiled
 def _initialise(problem: Problem, at: Iterate, mu: float) -> None:
-    """Put the start inside its bounds, and slacks and multipliers on the central path."""
+    """Move the initial guess inside its bounds, and set slacks and multipliers on the central path."""
     K, rows = problem.ds.shape[0], at.c.shape[1]
     for k in range(K):
         weight = mu * problem.tau[k]
@@ -181,7 +181,7 @@ def _initialise(problem: Problem, at: Iterate, mu: float) -> None:
 
 @compiled
 def _step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
-    """Put the unknowns and the slacks after a step of length alpha into the trial point."""
+    """Compute the unknowns and the slacks of the trial point after a step of length alpha."""
     K, rows = at.g.shape[0], at.c.shape[1]
     for k in range(K + 1):
         for i in range(4):
@@ -195,7 +195,7 @@ def _step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) ->
 def _accept(
     at: Iterate, trial: Iterate, alpha: float, dual: float, lam: Array, ddual: Array, dbound: Array
 ) -> None:  # fmt: skip
-    """Move to a trial point; a slack smaller than what its limit leaves is widened to that."""
+    """Move to a trial point; a slack below the remaining range of its limit is set to that range."""
     K, rows = at.g.shape[0], at.c.shape[1]
     for k in range(K + 1):
         for i in range(4):
@@ -214,7 +214,7 @@ def _accept(
 
 @compiled
 def _gap(problem: Problem, at: Iterate) -> float:
-    """Sum of all slacks times their multipliers: about what is left to the optimum; infinite where the dynamics are not met."""
+    """Return the duality gap, the sum of all slacks times multipliers; infinite if the dynamics are not satisfied."""
     K, rows = problem.ds.shape[0], at.c.shape[1]
     gap = 0.0
     for k in range(K):
@@ -245,7 +245,7 @@ def _iterate(K: int, rows: int) -> Iterate:
 
 @compiled
 def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
-    """Optimise z in place; its first state and the problem's goal are kept.
+    """Optimise z in place, with its first state and the problem's goal fixed; return the number of iterations, or −1.
 
     Shapes and units: z (K + 1, 4) [as the problem].
     """

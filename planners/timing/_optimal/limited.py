@@ -1,4 +1,4 @@
-"""Rows of the optimum's programme: accelerations and torques at places, jerks and torque rates in intervals."""
+"""Rows of the time-optimal programme: accelerations and torques at grid points, jerks and torque rates in intervals."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from planners.limits._torque import torque_rate_rows, torque_rows
 from planners.trajectory import Trajectory
 
 RESTING = 1e-9
-"""Share of the largest q' below which a joint rests: its Coulomb friction may have either sign."""
+"""Fraction of the largest q' below which a joint rests: its Coulomb friction may have either sign."""
 BETWEEN_PLACES = np.array([0.21, 0.5, 0.79])
-"""Shares of an interval at which its torque is compared with the limits: between the places, where rows limit it."""
+"""Fractions of an interval at which its torque is compared with the limits: between the grid points, which have rows."""
 SWEPT_EVERY = 4
-"""Every which place of the sweeps has rows of its own; those of the others are interpolated."""
+"""Every which grid point of the sweeps has rows of its own; other rows are interpolated."""
 NO_LIMIT = 1e30
-"""Limit of what is free, in the sweeps: finite, since they multiply it by durations that may be 0."""
+"""Limit of a free value in the sweeps: finite, because they multiply it by durations that may be 0."""
 NEAR = 0.8
-"""Share of a torque limit, reached at an end of an interval, above which torques inside it are found."""
+"""Fraction of a torque limit at an end of an interval, above which torques inside it are computed."""
 LEAST_ROOM = 1e-3
-"""Least share of a torque limit that gravity must leave where a row is tightened: less is no room for a motion."""
+"""Least fraction of a torque limit beside gravity with which a row is tightened: less leaves no room for a motion."""
 
 
 class Rows(NamedTuple):
-    """Rows of the limits at K + 1 places and in the K intervals between, each value limited to [−1, 1].
+    """Rows of the limits at K + 1 grid points and in the K intervals between, each value limited to [−1, 1].
 
     ``node`` (K + 1, m, 4) coefficients of s̈, ṡ², ṡ and 1; ``edge`` (K, 2, e, 6) those of s⃛, ṡ s̈, ṡ³, ṡ, s̈ and ṡ² at both ends
     of each interval; ``lower`` and ``upper`` (K, m − n) the limits [N·m, N] of the torque without Coulomb friction in each
@@ -55,7 +55,7 @@ class Rows(NamedTuple):
 
 
 def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, around: tuple[Array, Array]) -> Rows:
-    """The rows at places."""
+    """Return the rows at path parameters s (K + 1,)."""
     after, before = around
     at = PathPoints(joint_path, s, (*found[:3], np.vstack([after, before[-1:]])))
     first = PathPoints(joint_path, s[:-1], (*found[:3, :-1], after))
@@ -76,14 +76,14 @@ def rows(joint_path: JointPath, limits: MotionLimits, s: Array, found: Array, ar
 
 
 def _pad(given: Array, columns: int) -> Array:
-    """Rows (k, m, ·) with zeros for the monomials that they lack."""
+    """Return rows (k, m, ·) with zeros for the missing monomials."""
     wide = np.zeros((*given.shape[:2], columns))
     wide[..., : given.shape[2]] = given
     return wide
 
 
 def _torques(at: PathPoints, bound: Array) -> tuple[Array, Array, Array]:
-    """Rows of the torques of all loads (K + 1, m, 4) and their limits in the intervals (K, m), Coulomb friction taken off."""
+    """Return the rows of the torques of all loads (K + 1, m, 4), and their limits in the intervals less friction (K, m)."""
     loads, q1 = at.joint_path.robot.loads, at.q(1)
     low, high = sides(bound)
     back, forth = moves(q1)
@@ -96,14 +96,14 @@ def _torques(at: PathPoints, bound: Array) -> tuple[Array, Array, Array]:
 
 
 def moves(q1: Array) -> tuple[Flags, Flags]:
-    """Whether a joint may move backwards, and forwards, in the intervals between places; both where it rests."""
+    """Return whether a joint may move backwards, and forwards, in the intervals; both where it rests."""
     still = RESTING * np.abs(q1).max()
     back, forth = q1 < still, q1 > -still
     return back[:-1] | back[1:], forth[:-1] | forth[1:]
 
 
 def _center(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
-    """Rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both intervals at each place."""
+    """Return the rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both adjacent intervals."""
     low = np.maximum(np.vstack([lower[:1], lower]), np.vstack([lower, lower[-1:]]))
     high = np.minimum(np.vstack([upper[:1], upper]), np.vstack([upper, upper[-1:]]))
     half = 0.5 * (high - low)
@@ -119,7 +119,7 @@ def _center(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
 
 
 def _refuse(over: Array, static: Array, at: PathPoints) -> None:
-    """Raise NoSolution for the place and the joint at which gravity and friction leave nothing of a torque limit."""
+    """Raise NoSolution for the position and the joint at which gravity and friction alone reach a torque limit."""
     k, i = np.unravel_index(int(over.argmax()), over.shape)
     robot, s = at.joint_path.robot, float(at.s[k])
     joint = robot.joint_names[i % robot.n]
@@ -130,7 +130,7 @@ def _refuse(over: Array, static: Array, at: PathPoints) -> None:
 
 
 def _rates(at: PathPoints, before: Array, bound: Array) -> Array:
-    """Rows of the torque rates of all loads at both ends of the intervals (K, 2, e, 6), q''' from inside each."""
+    """Return the rows of the torque rates of all loads at both ends of the intervals (K, 2, e, 6), with one-sided q'''."""
     last = at.q(3)[1:]
     jumps = np.flatnonzero((np.abs(before - last) > RESTING * np.abs(last).max()).any(axis=1))
     beside = PathPoints(at.joint_path, at.s[1:][jumps], (*(at.q(i)[1:][jumps] for i in range(3)), before[jumps]))
@@ -145,9 +145,9 @@ def _rates(at: PathPoints, before: Array, bound: Array) -> Array:
 
 
 def dynamic_excess(value: Array, static: Array) -> Array:
-    """By what the dynamic part of a value exceeds what its static part leaves of [−1, 1].
+    """Return the ratio of the dynamic part of a value to the range that its static part leaves of [−1, 1].
 
-    A motion slowed by c has dynamic parts 1 / c² as large and the same static part.
+    A motion stretched by c has dynamic parts 1 / c² as large and the same static part.
     """
     with_sign = np.copysign(1.0, value) * static
     room = np.maximum(1.0 - with_sign, LEAST_ROOM)
@@ -157,9 +157,9 @@ def dynamic_excess(value: Array, static: Array) -> Array:
 def torque_excess(
     joint_path: JointPath, limits: MotionLimits, given: Rows, motion: Trajectory, values: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """By how much torques and torque rates exceed their limits inside the pieces of a motion.
+    """Return the ratios of torques and torque rates to their limits inside the pieces of a motion.
 
-    Only inside pieces at whose ends one of them is near its limit: between the ends they differ little.
+    They are computed only in pieces with a value near its limit at an end, because values differ little inside a piece.
     """
     robot, bounds = joint_path.robot, limits.bounds(joint_path.robot.n)
     K, m, every = motion.knots.size - 1, given.lower.shape[1], given.node.shape[1]
@@ -190,7 +190,7 @@ def torque_excess(
 
 
 def states_within(motion: Trajectory, pieces: Indices, shares: Array) -> Array:
-    """q, q̇, q̈ and q⃛ of a motion inside its pieces."""
+    """Return q, q̇, q̈ and q⃛ of a motion inside its pieces."""
     h = np.diff(motion.knots)[pieces]
     states = np.empty((shares.size * h.size, 6, motion.n))
     instants(motion.padded, np.tile(pieces, shares.size), (shares[:, None] * h).ravel(), states)
@@ -198,7 +198,7 @@ def states_within(motion: Trajectory, pieces: Indices, shares: Array) -> Array:
 
 
 def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
-    """Torques of a load without Coulomb friction, and their rates (k, 2, n), at states (k, 4, n)."""
+    """Return the torques of a load without Coulomb friction, and their rates (k, 2, n), at states (k, 4, n)."""
     out = np.empty((states.shape[0], 2, states.shape[2]))
     torques_batch(chain, load.bodies, load.viscous, states, out)
     return out
@@ -207,7 +207,7 @@ def _torques_of(chain: Chain, load: Load, states: Array) -> Array:
 def swept_rows(
     joint_path: JointPath, limits: MotionLimits, s: Array, found: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Torques and torque rates as if each were a joint of its own, for the sweeps that make an initial guess.
+    """Return torques and torque rates as additional joints, for the sweeps of the initial guess.
 
     A torque is a joint with q' = p and q'' = c over what gravity leaves of the limit, whose acceleration is limited to 1; a
     torque rate one with q' = p, 3 q'' = d and q''' = c' over the limit, whose jerk is limited to 1.

@@ -1,7 +1,7 @@
-"""The Newton step of the optimum's barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
+"""Newton step of the barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
 
-Back from the end goes the cost to go (Riccati), in which the sign of every pivot shows whether the step goes down; forth
-goes the step itself, with the multipliers of the dynamics.
+The backward sweep computes the cost to go (Riccati); the sign of every pivot shows whether the step is a descent direction. The
+forward sweep computes the step, and the multipliers of the dynamics.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ TERMINAL = 1e4
 Rounding in the backward sweep is relative to this: far larger weights make the pivots meaningless."""
 
 PIVOT = 1e-8
-"""Least curvature of the model in a stage's free number, in the stage's units: below it is rounding."""
+"""Least curvature of the model in a stage's free variable, in the stage's units: below it is rounding error."""
 
 
 class Problem(NamedTuple):
-    """What is given, in units in which the numbers are near 1; K intervals, m limits at places, e limits in intervals.
+    """Data of the problem, in units near 1; K intervals, m limits at grid points, e limits in intervals.
 
     ds (K,) lengths of the intervals, tau (K,) about their durations, 1 in the mean, least (K,) their least ones (above 0, so
     that time does not run backwards on the way to the solution), top (K + 1,) greatest speeds, node (K + 1, m, 4) the
@@ -45,7 +45,7 @@ class Problem(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Where the iteration stands.
+    """State of the iteration.
 
     z (K + 1, 4) holds v, a, τ, j; g (K, 3) what the dynamics leave, c (K + 1, m + 2 e) the limited values, each in [−1, 1]
     at the end: m at the place, e at the interval's start, e at its end. slack and dual (K + 1, 2, m + 2 e)
@@ -63,13 +63,13 @@ class Iterate(NamedTuple):
 
 @inlined
 def first(k: int, problem: Problem) -> int:
-    """First limit of a place that is judged: the state at the start is given, so its acceleration and torque are not."""
+    """Return the first active limit of a stage: at the given first state, acceleration and torque are not limited."""
     return int(problem.node.shape[1]) if k == 0 else 0
 
 
 @inlined
 def edge_slope(edge: Array, k: int, end: int, i: int, v: float, a: float) -> tuple[float, float]:
-    """Derivatives over v and over a of a value that the jerk changes.
+    """Return the derivatives of a row with jerk over v and a.
 
     Shapes and units: edge (K, 2, e, 6) [as the problem], v, a [as the problem].
     """
@@ -79,7 +79,7 @@ def edge_slope(edge: Array, k: int, end: int, i: int, v: float, a: float) -> tup
 
 @inlined
 def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
-    """Of a limit's two sides: weight of ∇c ∇cᵀ and pull along ∇c in the model, and the multiplier of c."""
+    """Return the weight of ∇c ∇cᵀ and the pull along ∇c in the model for both sides of a limit, and the multiplier of c."""
     above, below = 1.0 / at.slack[k, 0, i], 1.0 / at.slack[k, 1, i]
     up, down, c = at.dual[k, 0, i], at.dual[k, 1, i], at.c[k, i]
     higher = (mu + up * (c - 1.0)) * above + up
@@ -89,7 +89,7 @@ def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
 
 @inlined
 def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Array, m: Array) -> None:
-    """Quadratic model of the barrier problem on interval k, over (v, a, τ, j, v⁺, a⁺): upper half of M (6, 6), and m (6,)."""
+    """Compute the quadratic barrier model on interval k, over (v, a, τ, j, v⁺, a⁺): M (6, 6), upper half, m (6,)."""
     z, lam, node, edge = at.z, at.lam, problem.node, problem.edge
     n, e = node.shape[1], edge.shape[2]
     v, a, tau, j = z[k, 0], z[k, 1], z[k, 2], z[k, 3]
@@ -136,9 +136,9 @@ def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Ar
 
 @inlined
 def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
-    """Put the dynamics of v⁺ and a⁺ into a stage's model: M (6, 6), upper half, and m become Q (4, 4) and q (4,).
+    """Eliminate v⁺ and a⁺ from a stage's model by the dynamics: M (6, 6), upper half, and m become Q (4, 4) and q (4,).
 
-    Of v, a, τ and j it is the jerk only that a limit has together with v⁺ and a⁺.
+    Of v, a, τ and j, only the jerk occurs in limits together with v⁺ and a⁺.
     """
     a, tau, j = z[1], z[2], z[3]
     first, second = (1.0, tau, a + j * tau, 0.5 * tau * tau), (0.0, 1.0, j, tau)  # derivatives of v⁺ and of a⁺
@@ -159,7 +159,7 @@ def _fold(z: Array, g: Array, M: Array, m: Array, Q: Array, q: Array) -> None:
 
 @inlined
 def _place_row(z: Array, row: Array) -> int:
-    """Gradient (4,) of the place s⁺ over (v, a, τ, j); which of τ and j it determines."""
+    """Compute the gradient (4,) of s⁺ over (v, a, τ, j); return which of τ and j it determines."""
     v, a, tau, j = z[0], z[1], z[2], z[3]
     row[0], row[1] = tau, 0.5 * tau * tau
     row[2], row[3] = v + tau * (a + 0.5 * tau * j), tau * tau * tau / 6.0
@@ -168,7 +168,7 @@ def _place_row(z: Array, row: Array) -> int:
 
 @compiled
 def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
-    """The sweep from the end: of every stage its model over (v, a, τ, j), its feedback and its cost to go.
+    """Sweep from the end: compute the model over (v, a, τ, j), the feedback and the cost to go of every stage.
 
     Shapes and units: models (K, 4, 5) [as the problem], law (K, 3) [as the problem], cost (K + 1, 5) [as the problem].
     """
@@ -213,7 +213,7 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
 
 @compiled
 def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array) -> None:
-    """The sweep from the start: the step and the new multipliers of the dynamics.
+    """Sweep from the start: compute the step and the new multipliers of the dynamics.
 
     Shapes and units: models, law, cost (K, 4, 5) [as the problem], d (K + 1, 4) [as the problem], lam (K + 1, 3)
     [as the problem].

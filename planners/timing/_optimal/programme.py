@@ -42,9 +42,9 @@ TORQUE_SPARE = 0.998
 
 
 class Programme(NamedTuple):
-    """A nonlinear programme: its numbers, the places s (K + 1,), a start (K + 1, 4), and units of length and time.
+    """A nonlinear programme: its data, path parameters s (K + 1,), initial guess (K + 1, 4), and units of length and time.
 
-    ``moving`` is the state that it starts from, None from rest.
+    ``moving`` is the state at the start, None for rest.
     """
 
     problem: Problem
@@ -58,7 +58,7 @@ class Programme(NamedTuple):
 def moving_programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
-    """The programme from a moving state to rest at a place."""
+    """Return the programme from a moving state to rest at a path parameter."""
     bound = limits.arrays(joint_path.robot.n)
     begin, first = state.s, state.speed
     s = joint_path.path.grid(max(150, joint_path.knots.size), START_PER_PIECE)
@@ -94,7 +94,7 @@ def moving_programme(
 
 
 def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
-    """The programme from rest to rest whose start is one quintic in s, slow enough for all limits."""
+    """Return the programme from rest to rest whose initial guess is one quintic in s, slow enough for all limits."""
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
     for order in range(3):
@@ -106,7 +106,7 @@ def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: in
 
 
 def interpolate(given: Programme, z: Array, u: float) -> Array:
-    """Places, speeds and accelerations at a share of the durations of the intervals of a motion.
+    """Return s, speeds and accelerations at a fraction of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
     """
@@ -124,7 +124,7 @@ def interpolate(given: Programme, z: Array, u: float) -> Array:
 def halve_intervals(
     joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
 ) -> Programme:
-    """The programme with some intervals halved in time; its initial guess is a motion of the given one."""
+    """Return the programme with some intervals halved in time; its initial guess is a motion of the given programme."""
     length, time = given.units
     i = np.flatnonzero(which)
     middle, width = interpolate(given, z, 0.5)[:, i], given.s[i + 1] - given.s[i]
@@ -142,7 +142,7 @@ def _count(joint_path: JointPath, intervals: int | None) -> int:
 
 
 def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count: int) -> Array:
-    """Times (count + 1,) of the filtered motion, half of them spread evenly, half where its acceleration changes."""
+    """Return times (count + 1,) of the filtered motion, half of them equally spaced, half where its acceleration changes."""
     end = float(t[-1]) + width
     fine = np.unique(np.concatenate([t, t + width, np.linspace(since, end, 401)]))
     fine = fine[(fine >= since) & (fine <= end)]
@@ -154,7 +154,7 @@ def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count:
 
 
 def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
-    """s, ṡ and s̈ (3, k) of a motion through a box filter, at times."""
+    """Return s, ṡ and s̈ (3, k) of a motion after a box filter, at times."""
     out = np.empty((3, when.size))
     reach.filter_motion(t, s, v, width, when, out)
     return out
@@ -192,7 +192,7 @@ def _peaks(tau: Array, top: Array) -> Array:
 
 
 def _find_time(t: Array, s: Array, v: Array, width: float, place: float) -> float:
-    """When the filtered motion passes a place."""
+    """Return the time at which the filtered motion passes a path parameter."""
     return float(find_times(lambda x: _filter(t, s, v, width, x)[0], np.array([place]), float(t[-1]) + width)[0])
 
 
@@ -200,7 +200,7 @@ def build_programme(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
-    """The programme at places, with a motion as its initial guess."""
+    """Return the programme at nodes s, with a motion as its initial guess."""
     length, time = units
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path

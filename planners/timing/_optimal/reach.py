@@ -1,4 +1,4 @@
-"""The velocity–acceleration optimum along a path, and a smooth start for the jerk-limited one made from it; compiled.
+"""Time optimum under velocity and acceleration limits, and a smooth initial guess from it; compiled.
 
 With x = ṡ² the limits on acceleration are linear, |q' x'/2 + q'' x| ≤ a_max, so the greatest x that can still be brought to
 rest is found by one pass backwards, and the motion by one pass forwards (Pham and Pham, IEEE T-RO 2018).
@@ -16,7 +16,7 @@ from optik.types import Array
 
 @compiled
 def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
-    """Least and greatest s̈ that the joints allow at x = ṡ²; least above greatest where none."""
+    """Return the least and the greatest s̈ that the joints allow at x = ṡ²; least > greatest if none."""
     low, high = -1e300, 1e300
     for i in range(q1.shape[0]):
         if bound[i] == np.inf:
@@ -32,7 +32,7 @@ def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
 
 @compiled
 def find_fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
-    """Greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ.
+    """Compute the greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ; return whether the first speed is feasible.
 
     Shapes and units: s (k,) [m, rad], q1, q2 (k, n) [as q over powers of s], speed (k,) [m/s, rad/s], bound (n,)
     [rad/s², m/s²], x (k,) [m²/s², rad²/s²].
@@ -67,7 +67,7 @@ def find_fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, fir
 
 @compiled
 def compute_times(s: Array, x: Array, t: Array) -> None:
-    """Times at which places are passed, s̈ constant between them.
+    """Compute the times of grid points, with constant s̈ between them.
 
     Shapes and units: s (k,) [m, rad], x (k,) [m²/s², rad²/s²], t (k,) [s].
     """
@@ -79,9 +79,9 @@ def compute_times(s: Array, x: Array, t: Array) -> None:
 
 @compiled
 def filter_motion(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) -> None:
-    """A motion through a box filter in time.
+    """Compute a motion after a box filter in time.
 
-    The motion stands still before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.
+    The motion is at rest before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.
 
     Shapes and units: t (k,) [s], s (k,) [m, rad], v (k,) [m/s, rad/s], width [s], at (m,) [s], out (3, m)
     [m, m/s, m/s², or rad].

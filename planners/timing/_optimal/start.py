@@ -1,4 +1,4 @@
-"""A start for the optimum from rest to rest: a swept motion that nearly keeps all limits, and where its intervals end."""
+"""Initial guess for the time optimum from rest to rest: a swept motion that nearly respects all limits, and its grid."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from planners.timing.smooth import NO_JOINT_MOTION
 Indices = NDArray[np.int64]
 
 SWEEP_PLACES, SWEEP_PER_PIECE = 300, 12
-"""Least number of places of the sweep, and of those between any two breaks."""
+"""Least number of grid points of the sweep, and between adjacent breaks."""
 RAMP_BEND_SHARE, RAMP_TWIST_SHARE = 0.8, 0.6
-"""Shares of the limits on acceleration and jerk that the path's bends may use at a constant speed."""
+"""Fractions of the limits on acceleration and jerk that the path's curvature may use at constant speed."""
 SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
-"""Most sweeps, and the excess of speed at which they end: what remains is a slow-down of the whole."""
+"""Largest number of sweeps, and the excess of speed at which they end; the remaining excess stretches the whole motion."""
 EVEN, PER_CHANGE = 80, (10.0, 3.0, 20.0)
 """Intervals of every motion, and those that each change of an acceleration by its limit adds (`_sweep.spread`): a straight
 line has four such changes."""
@@ -37,18 +37,18 @@ STRAIGHT = 1e-6
 FASTEST = 1e4
 """Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
 Q_ROUNDING, JERK_ROUNDING = 4e-16, 1e-3
-"""Rounding of q [rad or m], and the share of a jerk limit that it may use in an interval."""
+"""Rounding error of q [rad or m], and the fraction of a jerk limit that it may use in an interval."""
 FEWEST = 50
 """Least number of intervals of a motion, whatever the rounding."""
 NODE_JUMP = 0.02
-"""Largest jump of q''' within an interval, as a share of the jerk limits: at larger ones there is a place."""
+"""Largest jump of q''' within an interval, as a fraction of the jerk limits; larger jumps are at grid points."""
 
 SAME_NODE = 1e-9
-"""Share of the path within which a node and a place where a limit changes are the same."""
+"""Fraction of the path within which a node and a change of a limit coincide."""
 
 
 def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
-    """The programme from rest to rest."""
+    """Return the programme from rest to rest."""
     along, motion = sweep(joint_path, limits)
     t, share = motion[0], np.empty(along.s.size)
     jerk = along.jerk[: joint_path.robot.n]  # not those of torque rates, which are counted in other units
@@ -85,10 +85,10 @@ def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Ar
 def _add_nodes(
     when: Array, joint_path: JointPath, along: _sweep.Along, motion: Array, least: float, changes: Array
 ) -> tuple[Array, Indices, Array]:
-    """Times with those among them when nodes of the joint path are passed at which its q''' jumps: which, and the nodes.
+    """Return times with those of the nodes at which q''' jumps; the indices of these times, and the nodes.
 
-    A node inside an interval has limits of its own on either side, which no value at the interval's ends can tell. So has a
-    place at which the limit on the tool's speed changes.
+    Such a node inside an interval would have different limits on both sides. The same holds for positions at which the limit on
+    the tool speed changes.
     """
     nodes = joint_path.nodes[1:-1]
     beside = 1e-3 * np.minimum(np.diff(joint_path.nodes)[1:], np.diff(joint_path.nodes)[:-1])
@@ -100,7 +100,7 @@ def _add_nodes(
         apart = np.abs(nodes[:, None] - changes).min(axis=1) > SAME_NODE * joint_path.end
         nodes = np.sort(np.concatenate([nodes[apart], changes]))
     passed = np.interp(nodes, along.s, motion[0])
-    # what they replace: a time that is nearer than a third of its interval
+    # a node replaces a time within a third of its interval
     i = np.clip(np.searchsorted(when, passed), 1, when.size - 1)
     low, high = passed - when[i - 1], when[i] - passed
     near = np.minimum(low, high) < (low + high) / 3.0
@@ -114,7 +114,7 @@ def _add_nodes(
 
 
 def _is_increasing(s: Array, fixed: Indices) -> NDArray[np.bool_]:
-    """Which places (k,) lie behind all before them: the fixed ones do, and others only between those around them."""
+    """Return which path parameters (k,) exceed all before them; the fixed ones are kept, and bound those between them."""
     i = np.arange(s.size)
     before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
     farthest = np.maximum.accumulate(np.where((s > before) & (s < after), s, before))
@@ -124,12 +124,12 @@ def _is_increasing(s: Array, fixed: Indices) -> NDArray[np.bool_]:
 
 
 def briefest(jerk: Array) -> float:
-    """Least duration of an interval whose jerk is not changed by rounding in q."""
+    """Return the least duration of an interval whose jerk is not dominated by rounding error in q."""
     return float(np.cbrt(60.0 * Q_ROUNDING / (JERK_ROUNDING * jerk.min())))
 
 
 def select_spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
-    """Choose times, increasing, that stand apart, and apart from 0 and from the end."""
+    """Select increasing times with a least distance from each other, from 0 and from the end."""
     kept, last = np.zeros(times.size, dtype=bool), 0.0
     for i, t in enumerate(times):
         if t - last >= least and end - t >= least:

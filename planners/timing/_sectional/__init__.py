@@ -1,1 +1,1 @@
-"""What laws built from sections share: ramps of the speed along s, sections, and stops."""
+"""Ramps of the speed along s, and sections, for the laws ruckig and constant_speed."""

@@ -1,4 +1,4 @@
-"""Ramps of the speed along s, and what they ask of the joints: the pieces that sectional laws are built from."""
+"""Ramps of the speed along s, and their ratios to the limits of the joints."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from planners.timing.base import speed_bound
 TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
 """Least and largest number of intervals of a table, and the number in the path's shortest piece."""
 LEAST_FLAT = 0.02
-"""Least share of a ramp with constant acceleration: without any, Ruckig's roots lose half their digits; it costs 1e-4 of T."""
+"""Least fraction of a ramp with constant acceleration: without it Ruckig's roots lose half their digits; it costs 1e-4 of T."""
 SHORTEST_PHASE = 5e-4
 """Least time [s] in which the acceleration rises or falls: shorter phases save no time and are dominated by round-off."""
 
 
 class Ramp(NamedTuple):
-    """From speed v0 at s0 to v1 at s1, at rest in acceleration at both ends.
+    """Ramp from speed v0 at s0 to v1 at s1, with zero acceleration at both ends.
 
-    The acceleration rises in the share `rise` of the time, stays, and falls in the share `fall`; their sum is at most
-    1 − `LEAST_FLAT`.
+    The acceleration rises in the fraction `rise` of the time, is constant, and falls in the fraction `fall`; their sum is at
+    most 1 − `LEAST_FLAT`.
     """
 
     s0: float
@@ -39,12 +39,12 @@ class Ramp(NamedTuple):
 
 
 class Table(NamedTuple):
-    """What a motion along s asks of the arm, over its limits, at places.
+    """Coefficients of a motion along s over the limits of the arm, at grid points.
 
     Attributes
     ----------
     s : (m,) array
-        Places, from 0 to the path's end.
+        Path parameters, from 0 to the path's end.
     slowness : (m,) array
         1 / greatest ṡ by the limits on velocities (joints, tool, rotation).
     parts : (m, 5, n) array
@@ -58,12 +58,12 @@ class Table(NamedTuple):
 
 
 def table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at equally spaced places."""
+    """Return the table at equally spaced path parameters."""
     return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
 
 
 def make_table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Evaluate the path once, at places that lie close where its pieces are short; every break is one."""
+    """Return the table at path parameters that include every break and are dense where pieces are short."""
     breaks = joint_path.path.breaks
     return _table(
         joint_path,
@@ -80,12 +80,12 @@ def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
 
 
 def fine_enough(path: Path) -> int:
-    """Number of equal intervals of a table in which the path's shortest piece is seen."""
+    """Return the number of equal intervals of a table that resolves the path's shortest piece."""
     return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
 def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
-    """A table's `parts`: the rows of the limits on acceleration and jerk, of a pair of limits by the nearer side."""
+    """Return the `parts` of a table: rows of the acceleration and jerk limits, of a pair by the nearer side."""
     nearer = limits.symmetric()
     rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
@@ -93,7 +93,7 @@ def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
 
 @compiled
 def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[float, float]:
-    """Duration and greatest acceleration of a ramp of length d.
+    """Return the duration and the greatest acceleration of a ramp of length d.
 
     The ramp's mean speed is v0 + κ (v1 − v0), where κ is how far before the end the trapezoid's centroid lies.
 
@@ -110,7 +110,7 @@ def profile(d: float, v0: float, v1: float, rise: float, fall: float) -> tuple[f
 
 @compiled
 def nearest(places: Array, s: float) -> int:
-    """Index of the place that is nearest to s.
+    """Return the index of the grid point nearest to s.
 
     Shapes and units: places (m,) [m, rad], s [m, rad].
     """
@@ -122,10 +122,10 @@ def nearest(places: Array, s: float) -> int:
 def ramp_ratio(
     what: Table, s: float, v: float, ramp: tuple[float, float, float, float], count: int, most: float
 ) -> float:
-    """Factor by which a ramp must be slowed to keep the limits, at its samples.
+    """Return the factor by which a ramp must be stretched to respect the limits at its samples.
 
-    It looks at `count` + 1 instants of each of the three phases, at the nearest of the table's places, and stops once
-    the factor is above `most`.
+    It samples `count` + 1 instants of each of the three phases, at the nearest grid points of the table, and stops when the
+    factor exceeds `most`.
 
     Shapes and units: s, v [m, rad], ramp (4,) [s], most [1]. Returns [1].
     """
@@ -162,14 +162,14 @@ def ramp_ratio(
 
 
 def ratio_of(what: Table, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
-    """Return the factor by which a ramp must be slowed to respect the limits."""
+    """Return the factor by which a ramp must be stretched to respect the limits."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
     return float(ramp_ratio(what, ramp.s0, ramp.v0, shape, count, most))
 
 
 def phases_of(ramp: Ramp) -> Array:
-    """Durations and jerks of the phases of a ramp."""
+    """Return the durations and jerks of the phases of a ramp."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     if ramp.v0 == ramp.v1:
         return np.array([[duration, 0.0]])
@@ -178,7 +178,7 @@ def phases_of(ramp: Ramp) -> Array:
 
 
 def law_of(ramps: list[Ramp], phases: list[Array]) -> scipy.interpolate.PPoly:
-    """s(t) through ramps."""
+    """Return s(t) along ramps."""
     rows, lengths = [], []
     for ramp, each in zip(ramps, phases, strict=True):
         s, v, a = ramp.s0, ramp.v0, 0.0
@@ -190,7 +190,7 @@ def law_of(ramps: list[Ramp], phases: list[Array]) -> scipy.interpolate.PPoly:
 
 
 class Worst(NamedTuple):
-    """Largest of what a motion asks over what it may: the factor by which it would have to be slowed, and where."""
+    """The most exceeded limit of a motion: the factor by which it must be stretched, the path parameter and the joint."""
 
     factor: float
     s: float
@@ -199,7 +199,7 @@ class Worst(NamedTuple):
 
 
 def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
-    """Judge a motion along s by the chain rule."""
+    """Return the most exceeded limit of a motion along s, by the chain rule."""
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
     kinds = [kind for kind in limits.kinds if kind.homogeneous]
     ratios = [limits.ratios(kind.name, at, (v, a, j)) ** (1.0 / kind.order) for kind in kinds]

@@ -1,4 +1,4 @@
-"""Sections of a path and the speeds at their ends: dynamic programming over places and speeds, then a local search."""
+"""Sections of a path and the speeds at their ends: dynamic programming over a grid, then a local search."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST_PHASE, Ramp, T
 SECTION_PLACES = 14
 """Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
 SPEED_LEVELS = np.array([1.0, 0.93, 0.86, 0.78, 0.7, 0.62, 0.54, 0.46, 0.38, 0.3, 0.22, 0.15, 0.08])
-"""Candidate speeds at a place, over the greatest that the limits could allow there."""
+"""Candidate speeds at a grid point, over the greatest that the limits could allow there."""
 SECTION_SHAPES = np.array([[0.49, 0.49], [0.25, 0.25], [0.1, 0.1], [0.25, 0.73], [0.73, 0.25]])
-"""Candidate shares of a ramp in which its acceleration rises and falls."""
+"""Candidate fractions of a ramp in which its acceleration rises and falls."""
 SECTION_REACH = 24
-"""Most intervals that one section spans: it bounds the work of the dynamic programming."""
+"""Largest number of intervals of one section; it bounds the work of the dynamic programming."""
 BRIEF = 4.0
 """Least time at full speed between two breaks that are both ends of sections, over the shortest phase of a ramp."""
 REACHED_TRIAL = 4
@@ -30,7 +30,7 @@ SEARCH = ((4, 15), (6, 15))
 
 
 def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
-    """Ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
+    """Return ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
     fastest = _fastest(what.slowness, what.parts, what.s)
     shortest = min(SHORTEST_PHASE, 0.01 * duration)
     nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
@@ -55,7 +55,7 @@ def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
 
 
 def _sweep_speeds(what: Table) -> Array:
-    """Speeds at the places of a motion that nearly keeps all limits; with each joint's acceleration counted in its limit."""
+    """Return the speeds of a motion along the table that nearly respects all limits."""
     parts = what.parts
     size = np.abs(parts).max(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -78,7 +78,7 @@ def _ratio(what: Table, ramp: Array) -> float:
 
 
 def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
-    """About the greatest ṡ at each place: by the limits there, and by what can be reached from rest at either end."""
+    """Return the approximate greatest ṡ at each grid point, by its limits and by the distance to rest at either end."""
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.abs(parts).max(axis=2)
         here = 1.0 / np.maximum(slowness, np.maximum(np.sqrt(size[:, 1]), np.cbrt(size[:, 4])))
@@ -94,7 +94,7 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
 
 
 def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
-    """Indices (k,) of the places, and for each that of the last break before it.
+    """Return indices (k,) of candidate ends of sections, and for each that of the last break before it.
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
     half by s and half by time; each piece between two breaks has its ends and its quarters besides.
@@ -118,14 +118,14 @@ def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tup
 
 
 def _nearest(s: Array, x: Array) -> Indices:
-    """Indices of the places that are nearest to x (k,)."""
+    """Return the indices of the grid points nearest to x (k,)."""
     k = np.clip(np.searchsorted(s, x), 1, s.size - 1)
     return np.where(x - s[k - 1] < s[k] - x, k - 1, k)
 
 
 @compiled
 def _find_chain(what: Table, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
-    """Fastest chain of ramps between candidate places and speeds whose samples keep the limits (k, 6); none: (0, 6).
+    """Return the fastest chain of ramps between candidates whose samples respect the limits (k, 6); (0, 6) if there is none.
 
     A ramp to place i starts at place open_since[i] or later.
 
@@ -168,10 +168,9 @@ def _find_chain(what: Table, s: Array, open_since: Indices, speeds: Array, most:
 
 @compiled
 def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> tuple[float, float]:
-    """Duration of a ramp, and the time integral over it of the sum of r^p over all limits, p = 3 · 2^sharpness.
+    """Return the duration of a ramp, and the time integral of the sum of r^p over all limits, p = 3 · 2^sharpness.
 
-    r is each velocity's, acceleration's and jerk's ratio to its limit to the power 1, 1/2 and 1/3, after slowing by
-    `slow`.
+    r is the ratio of velocity, acceleration and jerk to its limit to the power 1, 1/2 and 1/3, after stretching by `slow`.
     """
     places, slowness, parts = what.s, what.slowness, what.parts
     duration, peak = profile(row[2] - row[0], row[1], row[3], row[4], row[5])
@@ -216,7 +215,7 @@ def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> 
 
 
 class _Measures(NamedTuple):
-    """Of ramps (k,): durations, integrals of `_power`, their sums over the ramps from each on (k + 3,), and least lengths."""
+    """Durations, integrals of `_power`, their sums from each ramp on (k + 3,), and least lengths, of ramps (k,)."""
 
     time: Array
     power: Array
@@ -227,7 +226,7 @@ class _Measures(NamedTuple):
 
 @compiled
 def _move(ramps: Array, k: int, number: int, move: float) -> None:
-    """Change one of the four numbers of a ramp: the place and the speed of its end, its rise and its fall."""
+    """Change one of the four variables of a ramp: s and the speed of its end, its rise and its fall."""
     if number == 0:
         ramps[k, 2] += move
         ramps[k + 1, 0] = ramps[k, 2]
@@ -243,7 +242,7 @@ def _move(ramps: Array, k: int, number: int, move: float) -> None:
 def _cost(
     what: Table, ramps: Array, k: int, end: int, done: tuple[float, float], at: _Measures, aim: tuple[int, float, float]
 ) -> float:
-    """Logarithm of the scaled duration after ramps k to end − 1 have changed; infinite where one is too short."""
+    """Return the logarithm of the scaled duration after a change of ramps k to end − 1; infinite if one is too short."""
     sharpness, slow, shortest = aim
     for i in range(k, end):
         if not ramps[i, 2] - ramps[i, 0] > at.least[i]:
@@ -262,7 +261,7 @@ def _cost(
 
 @compiled
 def _search(what: Table, ramps: Array, fixed: Flags, rounds: int, aim: tuple[int, float, float]) -> None:
-    """Move the ends and shapes of ramps (k, 6), in place, one number at a time, while the scaled motion gets faster.
+    """Improve the ends and shapes of ramps (k, 6), in place, one variable at a time, while the scaled motion gets faster.
 
     Ends that are fixed (k,) stay. `aim` is the sharpness, the slowing and the shortest phase. The duration after a uniform
     scaling to the limits is (duration) · (largest r); a mean of order p = 3 · 2^sharpness stands for the largest, so that
