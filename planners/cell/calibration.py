@@ -119,9 +119,9 @@ def standardise(readings: Readings, T: Array) -> tuple[Array, Array]:
     return compute_residuals(readings, T) * readings.weights, J * readings.weights[:, :, None]
 
 
-def fit_pose(readings: Readings, kept: Flags, T: Array) -> tuple[Array, bool]:
+def fit_pose(readings: Readings, inliers: Flags, T: Array) -> tuple[Array, bool]:
     """Fit a pose to some pairs by least squares of the standardised residuals, with damped Gauss–Newton steps."""
-    chosen = Readings(*(field[kept] for field in readings))
+    chosen = Readings(*(field[inliers] for field in readings))
     for _ in range(MOST_FIT_STEPS):
         e, J = standardise(chosen, T)
         step = np.linalg.lstsq(J.reshape(-1, 6), e.ravel(), rcond=None)[0]
@@ -164,10 +164,10 @@ def find_robust_pose(readings: Readings) -> tuple[Array, Flags]:
     a, b, c = readings.points[triples].swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     best = int(np.argmin(np.where(area >= FLAT_TRIPLE * area.max(), median, np.inf)))
-    kept = np.zeros(readings.m, dtype=bool)
-    kept[triples[best]] = True
-    kept[np.argsort(squares[best])[:half]] = True
-    return candidates[best], kept
+    inliers = np.zeros(readings.m, dtype=bool)
+    inliers[triples[best]] = True
+    inliers[np.argsort(squares[best])[:half]] = True
+    return candidates[best], inliers
 
 
 def _triples(m: int) -> Indices:
@@ -292,13 +292,13 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
         Fewer than 3 pairs, NaN, a range that is not above 0, or a unit whose noise is 0 or not stated.
     """
     readings = _check_pairs(pairs, laser)
-    T, kept = find_robust_pose(readings)
-    T, converged, kept = _search(readings, T, kept)
+    T, inliers = find_robust_pose(readings)
+    T, converged, inliers = _search(readings, T, inliers)
     e, J = standardise(readings, T)
-    covariance = _pose_covariance(J[kept])
-    out = tuple(int(i) for i in np.flatnonzero(~kept))
-    chi_squared, freedom = float(np.sum(e[kept] ** 2)), max(int(np.count_nonzero(readings.weights[kept])) - 6, 0)
-    status, reason, advice = _judge(readings, kept, converged, covariance, chi_squared, freedom)
+    covariance = _pose_covariance(J[inliers])
+    out = tuple(int(i) for i in np.flatnonzero(~inliers))
+    chi_squared, freedom = float(np.sum(e[inliers] ** 2)), max(int(np.count_nonzero(readings.weights[inliers])) - 6, 0)
+    status, reason, advice = _judge(readings, inliers, converged, covariance, chi_squared, freedom)
     found = status is CalibrationStatus.FOUND
     return Calibration(
         status,
@@ -306,7 +306,7 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
         advice,
         laser.with_pose(T, covariance) if found else None,
         compute_residuals(readings, T),
-        _distances(e, J, kept),
+        _distances(e, J, inliers),
         out,
         freeze(covariance),
         chi_squared,
@@ -314,7 +314,7 @@ def calibrate(pairs: Sequence[tuple[Spot | ArrayLike, ArrayLike]], laser: PanTil
     )
 
 
-def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Flags]:
+def _search(readings: Readings, T: Array, inliers: Flags) -> tuple[Array, bool, Flags]:
     """Fit, test every pair against the fit of the others, and repeat until the same pairs pass."""
     from scipy.special import chdtri
 
@@ -324,25 +324,25 @@ def _search(readings: Readings, T: Array, kept: Flags) -> tuple[Array, bool, Fla
     used = np.count_nonzero(readings.weights, axis=1)
     threshold = chdtri(used, (1.0 - CONFIDENCE) / readings.m)
     for turn in range(SEARCH_ROUNDS + readings.m):
-        T, converged = fit_pose(readings, kept, T)
-        passed = _distances(*standardise(readings, T), kept) <= threshold
-        after = passed & kept if turn >= SEARCH_ROUNDS else passed
-        if not converged or (after == kept).all():
+        T, converged = fit_pose(readings, inliers, T)
+        passed = _distances(*standardise(readings, T), inliers) <= threshold
+        after = passed & inliers if turn >= SEARCH_ROUNDS else passed
+        if not converged or (after == inliers).all():
             break
-        kept = after
-        if np.count_nonzero(kept) < FEWEST_PAIRS:
+        inliers = after
+        if np.count_nonzero(inliers) < FEWEST_PAIRS:
             break
-    return T, converged, kept
+    return T, converged, inliers
 
 
-def _distances(e: Array, J: Array, kept: Flags) -> Array:
+def _distances(e: Array, J: Array, inliers: Flags) -> Array:
     """Return the squared Mahalanobis distances (m,) of pairs from the fit of the others."""
     # The residuals of a fitted pair have the covariance I − J C Jᵀ, those of an excluded pair I + J C Jᵀ. The first gives the
     # distance from the fit without that pair, to first order.
-    spread = J @ _pose_covariance(J[kept]) @ J.swapaxes(1, 2)
+    spread = J @ _pose_covariance(J[inliers]) @ J.swapaxes(1, 2)
     if not np.isfinite(spread).all():
         return np.zeros(len(e))  # the points do not determine the pose: no pair can be tested
-    values, vectors = np.linalg.eigh(np.eye(3) + np.where(kept, -1.0, 1.0)[:, None, None] * spread)
+    values, vectors = np.linalg.eigh(np.eye(3) + np.where(inliers, -1.0, 1.0)[:, None, None] * spread)
     along = np.einsum("mji,mj->mi", vectors, e)
     return np.asarray(
         np.sum(np.where(values > LEAST_VARIANCE, along**2 / np.maximum(values, LEAST_VARIANCE), 0.0), axis=1)
@@ -359,12 +359,12 @@ def _pose_covariance(J: Array) -> Array:
 
 
 def _judge(
-    readings: Readings, kept: Flags, converged: bool, covariance: Array, chi_squared: float, freedom: int
+    readings: Readings, inliers: Flags, converged: bool, covariance: Array, chi_squared: float, freedom: int
 ) -> tuple[CalibrationStatus, str, str]:
     """Return status, reason and advice of a calibration."""
     from scipy.special import chdtri
 
-    out, most = int(np.count_nonzero(~kept)), _most_outliers(readings.m)
+    out, most = int(np.count_nonzero(~inliers)), _most_outliers(readings.m)
     if out > most:
         reason = f"{out} of {readings.m} pairs are outliers, and at most {most} may be excluded"
         advice = "check the known points and the stated noise; read more points"
@@ -372,7 +372,7 @@ def _judge(
     turn = _largest_turn(covariance)
     if turn > MOST_TURN:
         known = f"known only to {turn:.3g} rad" if np.isfinite(turn) else "not determined"
-        points = readings.points[kept]
+        points = readings.points[inliers]
         length, width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[:2]
         if length > SAME_LINE and width <= NARROW * length:
             why, advice = (

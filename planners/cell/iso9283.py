@@ -31,7 +31,7 @@ POSE_MARGIN = 0.02
 """Least distance of the five configurations from the joint limits [rad, m]: noisy starts of the next motion are inside."""
 
 NO_NOISE = "not applicable: nothing varies from cycle to cycle"
-"""Why there is no repeatability where nothing varies from cycle to cycle."""
+"""Reason for the absence of a repeatability in simulations without noise."""
 
 
 class PoseFigures(NamedTuple):
@@ -218,8 +218,8 @@ def _crossing(point: Array, tangent: Array, path: Array) -> Array:
     crossed = np.flatnonzero((height[:-1] * height[1:] <= 0.0) & (change != 0.0))
     if not crossed.size:
         return np.asarray(path[np.linalg.norm(path - point, axis=1).argmin()])
-    share = -height[crossed] / change[crossed]
-    found = path[crossed] + share[:, None] * np.diff(path, axis=0)[crossed]
+    fraction = -height[crossed] / change[crossed]
+    found = path[crossed] + fraction[:, None] * np.diff(path, axis=0)[crossed]
     return np.asarray(found[np.linalg.norm(found - point, axis=1).argmin()])
 
 

@@ -1,4 +1,4 @@
-"""Motions for ROS 2's joint_trajectory_controller, without ROS; certified as that controller will execute them."""
+"""Motions for ROS 2's joint_trajectory_controller without ROS, certified after controller interpolation."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from planners.certificate.certificate import Certificate
 from planners.certificate.continuity import JUMP
 from planners.certificate.validity import check_valid
 from planners.certificate.violation import Allow, required_limits
+from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, get_motion
 from planners.ros.message import LONGEST_DURATION, Form, from_text, quoted, reconstruct, to_text
@@ -29,7 +30,7 @@ from planners.trajectory import Trajectory
 JointNames = Mapping[str, str] | Sequence[str] | None
 
 MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
-"""Suffixes of message files; ROS's own tools write YAML."""
+"""Suffixes of message files; the tools of ROS write YAML."""
 
 
 class RosExport(NamedTuple):
@@ -38,18 +39,18 @@ class RosExport(NamedTuple):
     Attributes
     ----------
     trajectory : Trajectory
-        What the controller executes, in the robot's joint order.
+        The motion after controller interpolation, in the robot's joint order.
     certificate : Certificate
-        Of that trajectory.
+        Certificate of that trajectory.
     factor : float
-        Duration of that trajectory over that of the motion: slowed for whole periods and for the limits, or held at its end
-        where a tool speed was asked.
+        Duration of that trajectory over that of the motion [1]. The motion is slowed for whole periods and for the limits; one
+        with a requested tool speed is held at its end instead.
     points : int
-        How many were written.
+        Number of written points.
     jumps : int
-        Knots inside the motion where an acceleration jumps. A point carries one value: the mean of both sides.
+        Number of inner knots at which an acceleration jumps. A point has one value: the mean of both sides.
     largest_jump : float
-        The largest of them [rad/s² or m/s²]; 0 where there is none.
+        Largest of these jumps [rad/s², m/s²]; 0 if there is none.
     """
 
     trajectory: Trajectory
@@ -229,7 +230,7 @@ def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
         raise InvalidInput("motion", f"a speed of {speed:.3g} at its end", "a motion that ends at rest")
     periods = Fraction(trajectory.duration) * Fraction(rate or 1.0)
     if rate is not None and not start and abs(periods - round(periods)) > WHOLE_PERIOD * Fraction(rate):
-        wanted = "none, or one that divides the duration of a motion that starts on the move and cannot be slowed"
+        wanted = "none, or one that divides the duration: a motion that starts in motion cannot be slowed"
         raise InvalidInput("rate", f"{rate:.9g}", wanted)
 
 
@@ -245,8 +246,9 @@ def _check_start(motion: Motion, start: Any, tolerance: float, columns: dict[str
     off = np.abs(motion.robot.configuration(start, "start") - motion.trajectory(0.0))
     if (off > tolerance).any():
         i = int(np.argmax(off))
-        got = f"{motion.robot.joint_names[i]} {off[i]:.6g} from where the motion starts"
-        raise InvalidInput("start", got, f"an arm within {tolerance:g} rad or m of it")
+        unit = joint_unit(motion.robot, i)
+        got = f"{motion.robot.joint_names[i]} {off[i]:.6g} {unit} from the start of the motion"
+        raise InvalidInput("start", got, f"an arm within {tolerance:g} {unit} of the start")
 
 
 # ---------------------------------------------------------------- proof and report
@@ -257,7 +259,7 @@ def _check_executed(certificate: Certificate, required: tuple[str, ...], form: F
     judged = replace(certificate, enforced=required)
     if form.interpolation == "linear":  # velocities of lines jump, also at the end
         judged = replace(judged, continuous=max(certificate.continuous, 1), rest=(certificate.rest[0], True))
-    check_valid(judged, allow, "as the controller interpolates, ", ADVICE)
+    check_valid(judged, allow, "after controller interpolation, ", ADVICE)
 
 
 def _report(motion: Motion, executed: Trajectory, points: int, certificate: Certificate) -> RosExport:
@@ -275,9 +277,9 @@ def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
     remarks = [
         f"{quoted(motion.robot.name)}, law {quoted(motion.law)}: {sent.points} points {at}",
         f"{sent.trajectory.duration:.9f} s: {sent.factor:.9g} times the {motion.trajectory.duration!r} s of the motion",
-        "worst over limit, as the controller interpolates: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
+        "peak / limit after controller interpolation: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
     ]
     if sent.jumps:
         jump = f"accelerations jump at {sent.jumps} knots, by up to {sent.largest_jump:.6g} rad/s^2 (m/s^2)"
-        remarks.append(f"{jump}; a point carries the mean of both sides")
+        remarks.append(f"{jump}; a point has the mean of both sides")
     return remarks

@@ -1,4 +1,4 @@
-"""The message trajectory_msgs/JointTrajectory as plain data and as text, and the motion that a controller makes of it."""
+"""The message trajectory_msgs/JointTrajectory as plain data and as text, and its motion after controller interpolation."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from optik.errors import InvalidInput, MissingDependency
 from optik.file_io import parse_json
 from optik.types import Array
 from planners.controller import count_derivatives, sample_states, trajectory_through
+from planners.ros.replies import NANOSECONDS, write_time
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
 
-SECOND = 1_000_000_000
-"""Nanoseconds in a second: ROS counts in whole ones."""
+
 LONGEST_DURATION = 2**31 - 1
 """Longest ROS duration [s]: its seconds are a signed integer of 32 bits."""
 POINT_FIELDS = ("positions", "velocities", "accelerations")
@@ -39,28 +39,24 @@ class Form(NamedTuple):
 
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
     """Return the message with a trajectory's exact states at some times."""
-    t, order = times / SECOND, list(form.columns.values())
+    t, order = times / NANOSECONDS, list(form.columns.values())
     values: list[Any] = [
         x[:, order].tolist() for x in sample_states(trajectory, t)[: count_derivatives(form.interpolation)]
     ]
     values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
     points = [
-        {**dict(zip(POINT_FIELDS, point, strict=True)), "effort": [], "time_from_start": _time(int(ns))}
+        {**dict(zip(POINT_FIELDS, point, strict=True)), "effort": [], "time_from_start": write_time(int(ns))}
         for ns, *point in zip(times, *values, strict=True)
     ]
-    header = {"stamp": _time(0), "frame_id": form.frame_id}  # a stamp of 0 is "now" to the controller
+    header = {"stamp": write_time(0), "frame_id": form.frame_id}  # a stamp of 0 is "now" to the controller
     return {"header": header, "joint_names": list(form.columns), "points": points}
-
-
-def _time(nanoseconds: int) -> dict[str, int]:
-    return dict(zip(("sec", "nanosec"), divmod(nanoseconds, SECOND), strict=True))
 
 
 def reconstruct(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
     """Return the motion of a message after interpolation by ROS 2's joint_trajectory_controller.
 
-    Between two points it interpolates by quintics where both carry velocities and accelerations, by cubics where both
-    carry velocities, else linearly (ros2_controllers, trajectory.cpp, interpolate_between_points).
+    Between two points it interpolates by quintics if both have velocities and accelerations, by cubics if both have
+    velocities, and linearly otherwise (ros2_controllers, trajectory.cpp, interpolate_between_points).
     """
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
@@ -72,29 +68,33 @@ def reconstruct(message: Any, names: list[str], interpolation: str | None = None
     times, order = _times(points), [found.index(name) for name in names]
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
-        raise InvalidInput("points", "accelerations without velocities", "velocities too: no controller goes by these")
+        raise InvalidInput("points", "accelerations without velocities", "velocities, too")
     count = len(fields) if interpolation is None else count_derivatives(interpolation)
     if count > len(fields):
         raise InvalidInput("interpolation", repr(interpolation), f"one through {', '.join(fields)}")
     fields = fields[:count]
-    return trajectory_through(times / SECOND, *(_rows(points, field, len(names))[:, order] for field in fields))
+    return trajectory_through(times / NANOSECONDS, *(_rows(points, field, len(names))[:, order] for field in fields))
 
 
 def _times(points: list[dict[str, Any]]) -> Times:
     times = np.array([_nanoseconds(p.get("time_from_start"), f"points[{i}]") for i, p in enumerate(points)])
     if times[0]:
-        raise InvalidInput("points[0].time_from_start", f"{times[0]} ns", "0: where else the arm starts is not known")
+        raise InvalidInput(
+            "points[0].time_from_start",
+            f"{times[0]} ns",
+            "0, the start of the motion",
+        )
     if (np.diff(times) <= 0).any():
         i = int(np.argmax(np.diff(times) <= 0))
         got = f"{times[i + 1]} ns after {times[i]} ns"
-        raise InvalidInput(f"points[{i + 1}].time_from_start", got, "times that increase")
+        raise InvalidInput(f"points[{i + 1}].time_from_start", got, "increasing times")
     return times
 
 
 def _nanoseconds(time: Any, point: str) -> int:
     sec, nanosec = (time.get(k) for k in ("sec", "nanosec")) if isinstance(time, dict) else (None, None)
-    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST_DURATION and 0 <= nanosec < SECOND:
-        return sec * SECOND + nanosec
+    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST_DURATION and 0 <= nanosec < NANOSECONDS:
+        return sec * NANOSECONDS + nanosec
     raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "whole sec and nanosec, from 0")
 
 
@@ -144,7 +144,7 @@ def _yaml_time(time: dict[str, int]) -> str:
 
 
 def _yaml_float(value: float) -> str:
-    """Shortest digits that read back to the last bit; readers of YAML 1.1, such as ROS's, take 1e-05 for a word: 1.0e-05."""
+    """Return the shortest digits of a number, exact to the last bit; YAML 1.1, as in ROS, reads 1e-05 as text, not 1.0e-05."""
     digits, e, power = repr(value).partition("e")
     return f"{digits}.0e{power}" if e and "." not in digits else f"{digits}{e}{power}"
 

@@ -1,4 +1,4 @@
-"""Slow a motion until a controller that interpolates its points keeps the limits; instants of the points."""
+"""The slowing of a motion until it respects the limits after controller interpolation, and the instants of its points."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from planners.controller import POINTS, count_derivatives
 from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
-from planners.ros.message import SECOND, Form, Times, message_of, reconstruct
+from planners.ros.message import Form, Times, message_of, reconstruct
+from planners.ros.replies import NANOSECONDS
 from planners.splice import append_rest
 from planners.trajectory import Trajectory
 
 SLOWINGS = 20
-"""Most times a motion is slowed before it counts as one that slowing does not help; two are usual."""
-WHOLE_PERIOD = Fraction(1, 2 * SECOND)
-"""Durations this near to whole periods [s] are whole: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
+"""Largest number of slowings of a motion; two are usual."""
+WHOLE_PERIOD = Fraction(1, 2 * NANOSECONDS)
+"""Largest rounding error of a duration of whole periods [s]: 0.9 s is 90 periods of 100 per second, whatever its last bit."""
 NEAR_KNOT = 0.1
-"""Share of a period within which a point at a knot replaces the one at the period: in shorter quintics rounding dominates."""
-ADVICE = "a motion that keeps its own limits, points at its knots, or a higher rate"
-"""What helps where the controller would leave the limits between the points."""
+"""Fraction of a period within which a point at a knot replaces that of the period: in shorter quintics rounding dominates."""
+ADVICE = "use a motion within its own limits, points at its knots, or a higher rate"
+"""Advice if the controller would exceed limits between the points."""
 
 
 def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tuple[dict[str, Any], MotionAnalysis]:
@@ -45,7 +46,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
             return message, analysis
         _check_slowing(motion, executed.duration / source.duration * needed, strict)
         factor, margin = executed.duration / source.duration * needed * (1.0 + margin), 10.0 * margin
-    reason = f"{factor:.3g} times as long it would still leave its limits as the controller interpolates"
+    reason = f"after controller interpolation the motion exceeds its limits even at {factor:.3g} times its duration"
     raise NoSolution(reason, advice=ADVICE)
 
 
@@ -70,16 +71,18 @@ def _hold_to_period(trajectory: Trajectory, rate: float) -> Trajectory:
 
 
 def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
-    reason = f"as the controller interpolates, the motion leaves its limits; {needed:.9g} times as long it would not"
+    exceeds = "after controller interpolation the motion exceeds its limits"
+    reason = f"{exceeds}; it would respect them at {needed:.9g} times its duration"
     if strict:
-        raise NoSolution(reason, advice=f"strict=False, which slows it; {ADVICE}")
+        raise NoSolution(reason, advice=f"pass strict=False, which slows it; or {ADVICE}")
     if motion.speed is not None and needed > 1.0 + SAME_SPEED:
+        unit = "rad/s" if motion.path.turns_only else "m/s"
         raise NoSolution(
-            f"{reason}, with a tool speed of {motion.speed / needed:.6g}, and {motion.speed:.6g} was asked",
-            advice="quintic interpolation, or keep_speed=False, which slows it",
+            f"{reason}, with a tool speed of {motion.speed / needed:.6g} {unit} instead of {motion.speed:.6g} {unit}",
+            advice="use quintic interpolation, or pass keep_speed=False, which slows it",
         )
     if not at_rest(motion.trajectory)[0]:
-        raise NoSolution(f"{reason}, but it starts on the move and cannot be slowed", advice=ADVICE)
+        raise NoSolution(f"{reason}, but it starts in motion and cannot be slowed", advice=ADVICE)
 
 
 def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
@@ -87,20 +90,20 @@ def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between
     # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
     duration = Fraction(trajectory.duration) * Fraction(factor)
     if rate is None:
-        times = np.rint(trajectory.knots * factor * SECOND).astype(np.int64)
-        times[-1] = math.ceil(duration * SECOND)
+        times = np.rint(trajectory.knots * factor * NANOSECONDS).astype(np.int64)
+        times[-1] = math.ceil(duration * NANOSECONDS)
     else:
         periods = max(math.ceil((duration - WHOLE_PERIOD) * Fraction(rate)), 1)
         if periods > POINTS:
             raise InvalidInput("rate", f"{rate:.9g}, {periods} points", f"at most {POINTS} points")
-        times = np.rint(np.arange(periods + 1) * SECOND / rate).astype(np.int64)
+        times = np.rint(np.arange(periods + 1) * NANOSECONDS / rate).astype(np.int64)
         if between.size:
-            more = np.rint(between * factor * SECOND).astype(np.int64)
-            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR_KNOT * SECOND / rate
+            more = np.rint(between * factor * NANOSECONDS).astype(np.int64)
+            near = np.abs(times[1:-1, None] - more).min(axis=1) < NEAR_KNOT * NANOSECONDS / rate
             times = np.unique(np.concatenate([times[:1], times[1:-1][~near], times[-1:], more]))
     if (np.diff(times) <= 0).any():
         i = int(np.argmax(np.diff(times) <= 0))
-        got = f"{rate}, which puts points {i} and {i + 1} at the same {times[i]} ns"
+        got = f"{rate}, with points {i} and {i + 1} both at {times[i]} ns"
         raise InvalidInput("rate", got, "points at least 1 ns apart" + ("" if rate else ": give a rate"))
-    stretched = float(Fraction(int(times[-1]), SECOND) / Fraction(trajectory.duration))
+    stretched = float(Fraction(int(times[-1]), NANOSECONDS) / Fraction(trajectory.duration))
     return (trajectory if stretched == 1.0 else trajectory.slowed(stretched)), times

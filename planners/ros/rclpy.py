@@ -1,4 +1,4 @@
-"""A controller of ROS 2 through rclpy, where a ROS 2 installation is sourced; it is no package of pip."""
+"""A controller of ROS 2 through rclpy, which needs a sourced ROS 2 installation; pip does not install it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from planners.ros.transport import Goal, Transport
 NODE = "optik_drive"
 """Name of the node."""
 SERVER = 2.0
-"""How long to wait by default for the controller's action to appear [s]: discovery takes up to a second."""
+"""Default of the longest wait for the controller's action [s]: discovery takes up to a second."""
 
 
 class RclpyTransport(Transport):
-    """Goals and joint states through a node of our own, spun in a thread that ends with the process.
+    """A transport through an own node of ROS 2, whose thread ends with the process.
 
     Parameters
     ----------
@@ -27,19 +27,19 @@ class RclpyTransport(Transport):
     states : str
         Topic of the joint states.
     timeout : float
-        How long to wait for the controller's action [s].
+        Longest wait for the controller's action [s].
 
     Raises
     ------
     InvalidInput
-        One of them out of range.
+        An argument is out of range.
     MissingDependency
-        Where no ROS 2 is sourced.
+        No ROS 2 installation is sourced.
     """
 
     def __init__(self, *, action: str = ACTION, states: str = STATES, timeout: float = SERVER) -> None:
         super().__init__()
-        self.place = check_name(action, "action")
+        self.address = check_name(action, "action")
         states = check_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
         self._ros = _packages()
@@ -92,7 +92,7 @@ class RclpyTransport(Transport):
         self._handles[goal.id] = handle
         goal.tell_accepted()
         handle.get_result_async().add_done_callback(lambda done: _ended(goal, done))
-        if goal.id in self._cancelled:  # asked for before it was accepted
+        if goal.id in self._cancelled:  # cancelled before it was accepted
             handle.cancel_goal_async()
 
     def cancel(self, goal: Goal) -> None:
@@ -103,7 +103,7 @@ class RclpyTransport(Transport):
             handle.cancel_goal_async()
 
     def close(self) -> None:
-        """End the node; goals that the controller has go on."""
+        """End the node; accepted goals continue on the controller."""
         self.lost = self.lost or "the connection was closed on this side"
         for end in (self._executor.shutdown, self._node.destroy_node, self._context.shutdown):
             with contextlib.suppress(Exception):  # ended already, by a signal

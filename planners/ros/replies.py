@@ -1,4 +1,4 @@
-"""Messages of ROS 2 that come from a controller, as plain data: read with care, since others wrote them."""
+"""Messages of ROS 2 from a controller as plain data, checked because other programs wrote them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
-"""Action of the joint_trajectory_controller under the name that its documentation gives it."""
+"""Action of the joint_trajectory_controller with the name in its documentation."""
 ACTION_TYPE = "control_msgs/action/FollowJointTrajectory"
-"""Its type."""
+"""Type of that action."""
 STATES = "/joint_states"
 """Topic of the joint_state_broadcaster."""
 STATES_TYPE = "sensor_msgs/msg/JointState"
-"""Its type."""
+"""Type of its messages."""
 NANOSECONDS = 1_000_000_000
-"""In a second."""
+"""Nanoseconds in a second; ROS times are whole nanoseconds."""
 
 
 class GoalState(IntEnum):
@@ -33,7 +33,7 @@ class GoalState(IntEnum):
 
 
 class States(NamedTuple):
-    """A ``sensor_msgs/JointState``: its stamp [ns], names, positions and velocities; NaN where it has none."""
+    """A ``sensor_msgs/JointState``: its stamp [ns], names, positions and velocities; NaN for missing numbers."""
 
     stamp: int
     names: tuple[str, ...]
@@ -44,7 +44,7 @@ class States(NamedTuple):
 class Feedback(NamedTuple):
     """The desired state in the feedback of a controller: its stamp [ns], names, positions, velocities, accelerations.
 
-    Accelerations are None where it sends none.
+    Accelerations are None if it sends none.
     """
 
     stamp: int

@@ -1,4 +1,4 @@
-"""A controller of ROS 2 through rosbridge: JSON over a web socket, with roslibpy and without ROS on this machine."""
+"""A controller of ROS 2 through rosbridge: JSON over a web socket by roslibpy, without ROS on this machine."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from planners.ros.replies import ACTION, ACTION_TYPE, STATES, STATES_TYPE, check
 from planners.ros.transport import Goal, Transport
 
 URL = "ws://127.0.0.1:9090"
-"""Where a rosbridge server listens by default, on this machine."""
+"""Default address of a rosbridge server, on this machine."""
 CONNECTING = 5.0
-"""How long to wait for a connection by default [s]: a server on the same network answers in milliseconds."""
+"""Default of the longest wait for a connection [s]: a server on the same network answers in milliseconds."""
 MOST_FRAGMENTS = 10_000
 """Largest number of parts of one message, and of incomplete messages; a server that sends more is broken."""
 LINES = 2
-"""Connections to one server. An older rosbridge reads nothing from a connection while a goal that came through it runs:
-the goal of a stop would wait for the end of the motion. So goals take the connections in turn."""
+"""Number of connections to a server. An older rosbridge reads nothing from a connection while a goal from it runs, so that the
+goal of a stop would wait for the end of the motion. Therefore goals use the connections in turn."""
 
 
 class RosbridgeTransport(Transport):
-    """Goals and joint states through a rosbridge server. What fails is in `lost`: nothing is raised, nothing connects again.
+    """A transport through a rosbridge server. Failures are in `lost`: it raises nothing, and does not connect again.
 
     Parameters
     ----------
     url : str
-        Of the server, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
+        Address of the server, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
     action : str
         Name of the controller's action.
     states : str
         Topic of the joint states.
     timeout : float
-        How long to wait for the connection [s].
+        Longest wait for the connection [s].
     throttle : float
-        Least time between two joint states that the server sends [s].
+        Least time between two joint states from the server [s].
 
     Raises
     ------
     InvalidInput
-        One of them out of range.
+        An argument is out of range.
     MissingDependency
-        Without roslibpy.
+        roslibpy is not installed.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class RosbridgeTransport(Transport):
         throttle: float = 0.0,
     ) -> None:  # fmt: skip
         super().__init__()
-        self.place, self.action = check_url(url), check_name(action, "action")
+        self.address, self.action = check_url(url), check_name(action, "action")
         self._topic = check_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
         throttle = check_number(throttle, "throttle", "seconds, at least 0", least=0.0)
@@ -73,25 +73,25 @@ class RosbridgeTransport(Transport):
             topic.subscribe(self.tell_states)
 
     def _connect(self, timeout: float) -> None:
-        """Open one connection that is never opened again by itself."""
+        """Open one connection without automatic reconnection."""
         try:
             # Its event loop is a thread that ends with the process; Twisted's cannot be started a second time.
-            line = self._ros.Ros(self.place, transport="asyncio")
+            line = self._ros.Ros(self.address, transport="asyncio")
         except RuntimeError as error:
             self.lost = f"roslibpy cannot run here: {' '.join(str(error).split())[:160]}"
             return
-        line.factory.maxRetries = 0  # a goal that waits for a connection would be sent when nobody expects it
+        line.factory.maxRetries = 0  # a goal that waits for a connection would be sent unexpectedly
         line.factory.on_ready(self._guard)
         line.on("close", lambda _: self._gone())
         self._lines.append(line)
         try:
             line.run(timeout)
         except Exception:  # its own timeout, whose class depends on the version
-            self.lost = f"no rosbridge answers at {self.place} within {timeout:g} s"
+            self.lost = f"no rosbridge answers at {self.address} within {timeout:g} s"
             self.close()
 
     def _guard(self, protocol: Any) -> Any:
-        """Read messages before roslibpy, which drops those that it cannot read and logs a traceback."""
+        """Return the protocol with messages checked before roslibpy, which drops invalid ones and logs a traceback."""
         read, fragments = protocol.on_message, Fragments()
 
         def guarded(payload: bytes) -> None:
@@ -113,7 +113,7 @@ class RosbridgeTransport(Transport):
         return protocol
 
     def _not_read(self, message: Any, payload: bytes, error: Exception) -> None:
-        """Note a message that could not be read; a result among them ends its goal all the same."""
+        """Record a message that could not be read; a result ends its goal nevertheless."""
         self.odd = f"a message that cannot be read ({type(error).__name__}): {payload[:80]!r}"
         if isinstance(message, dict) and message.get("op") == "action_result":
             goal = self._goals.get(str(message.get("id")))
@@ -122,7 +122,7 @@ class RosbridgeTransport(Transport):
 
     def _gone(self) -> None:
         if not self._closing and not self.lost:
-            self.lost = f"the connection to {self.place} was closed by the other side"
+            self.lost = f"the connection to {self.address} was closed by the other side"
 
     def send(self, trajectory: dict[str, Any]) -> Goal:
         """Send a goal; see `Transport.send`."""
@@ -161,16 +161,16 @@ class RosbridgeTransport(Transport):
             line.send_on_ready(self._ros.Message({"op": "cancel_action_goal", "id": goal.id, "action": self.action}))
 
     def close(self) -> None:
-        """End the connections; goals that the controller has go on."""
+        """End the connections; accepted goals continue on the controller."""
         self._closing = True
         for line in self._lines:
-            with contextlib.suppress(Exception):  # one that never came to be cannot be closed, only not used
+            with contextlib.suppress(Exception):  # a connection that was never established cannot be closed
                 line.factory.on_ready(lambda protocol: protocol.send_close())
         self.lost = self.lost or "the connection was closed on this side"
 
 
 class Fragments:
-    """Messages of one connection that come in parts, as a rosbridge with a ``fragment_size`` sends them."""
+    """The fragmented messages of one connection, sent by a rosbridge with a ``fragment_size``."""
 
     def __init__(self) -> None:
         self._parts: dict[Any, dict[int, str]] = {}

@@ -1,4 +1,4 @@
-"""Transport: what carries goals to a controller of ROS 2 and its joint states back; and a goal that was sent."""
+"""Transport, a connection to a controller of ROS 2 for goals and joint states; Goal, a sent goal."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ class Reading(NamedTuple):
     Attributes
     ----------
     position : float
-        [rad, m]; NaN where the driver sent none.
+        Position [rad, m]; NaN if the driver sent none.
     velocity : float
-        [rad/s, m/s]; NaN where the driver sent none.
+        Velocity [rad/s, m/s]; NaN if the driver sent none.
     stamp : int
-        Time of the measurement by the robot's clock [ns]; 0 where it was not stamped.
+        Time of the measurement by the robot's clock [ns]; 0 without a stamp.
     at : float
         Arrival by this machine's clock, as `time.monotonic` [s].
     fresh : bool
-        Whether it is known to be new: its stamp is later than that of the reading before it, or it has none. The first
-        reading is not: a message that is sent over and over looks the same.
+        Whether it is known to be new: its stamp is later than that of the previous reading, or it has no stamp. The first
+        reading is not fresh, because it may be a repeated message.
     """
 
     position: float
@@ -44,21 +44,21 @@ class Goal:
     Attributes
     ----------
     id : str
-        Of this goal; no other has the same.
+        Unique identifier of the goal.
     accepted : bool
         Whether the controller is known to have accepted it.
     refused : str
         Why it was not accepted; empty if that is not known.
     feedback : Feedback or None
-        The latest.
+        The latest feedback.
     first : Feedback or None
-        The first.
+        The first feedback.
     heard : float
-        When that arrived, as `time.monotonic` [s].
+        Arrival of the latest feedback, as `time.monotonic` [s].
     result : Result or None
-        How it ended.
+        The result, once the goal has ended.
     odd : str
-        The latest message about it that could not be read, in words.
+        Error of the latest message about it that could not be read.
     """
 
     def __init__(self) -> None:
@@ -81,14 +81,14 @@ class Goal:
         Parameters
         ----------
         until : callable
-            Asked after every change.
+            Condition, checked after every change.
         seconds : float
-            How long to wait at most [s].
+            Longest wait [s].
 
         Returns
         -------
         bool
-            What `until` said at last.
+            The last value of the condition.
         """
         with self._changed:
             return self._changed.wait_for(until, max(seconds, 0.0))
@@ -150,21 +150,21 @@ class Goal:
 class Transport(ABC):
     """A connection that carries goals to a controller and joint states back.
 
-    Its methods return at once, and raise nothing that comes from the other side: what went wrong is in `lost` and `odd`.
+    Its methods return at once, and raise no errors of the other side: these are in `lost` and `odd`.
 
     Attributes
     ----------
-    place : str
-        Where the controller is, for messages.
+    address : str
+        Address of the controller, for messages.
     lost : str
         Why there is no connection; empty while there is one.
     odd : str
-        The latest message that could not be read, in words; empty where there was none.
+        Error of the latest message that could not be read; empty if there was none.
     readings : dict of str to Reading
-        The latest state of each joint that was heard of, by the controller's name of it.
+        The latest state of each joint, by the controller's joint name.
     """
 
-    place: str = ""
+    address: str = ""
 
     def __init__(self) -> None:
         self.lost, self.odd = "", ""
@@ -172,7 +172,7 @@ class Transport(ABC):
 
     @abstractmethod
     def send(self, trajectory: dict[str, Any]) -> Goal:
-        """Send a ``FollowJointTrajectory`` goal, once: it is not sent again, nor later where there is no connection.
+        """Send a ``FollowJointTrajectory`` goal once; without a connection it is not sent later.
 
         Parameters
         ----------
@@ -182,22 +182,22 @@ class Transport(ABC):
         Returns
         -------
         Goal
-            What becomes of it.
+            The sent goal.
         """
 
     @abstractmethod
     def cancel(self, goal: Goal) -> None:
-        """Ask the controller to cancel a goal; its result tells when that was done.
+        """Ask the controller to cancel a goal, which then gets its result.
 
         Parameters
         ----------
         goal : Goal
-            One that this transport sent.
+            A goal sent by this transport.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """End the connection; goals that the controller has go on."""
+        """End the connection; accepted goals continue on the controller."""
 
     def __enter__(self) -> Self:
         return self
@@ -222,6 +222,6 @@ class Transport(ABC):
         for name, position, velocity in zip(*states[1:], strict=True):
             before = readings.get(name)
             fresh = before is not None and (states.stamp > before.stamp or states.stamp == 0)
-            if before is None or fresh:  # one with an old stamp is a repetition, and says nothing new
+            if before is None or fresh:  # a message with an old stamp is a repetition
                 readings[name] = Reading(float(position), float(velocity), states.stamp, now, fresh)
-        self.readings = readings  # whole, for readers in other threads
+        self.readings = readings  # replaced as a whole, for readers in other threads

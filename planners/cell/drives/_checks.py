@@ -237,7 +237,7 @@ def _tick(t: float, period: float) -> int:
 
 
 def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
-    """Count a tick without a message; it is a fault if the drive holds no further set-point."""
+    """Count a tick without a message; it is a fault if the drive has no further set-point."""
     if not first <= k < first + ticks or k + options.ahead > run.last:
         return
     run.late += 1

@@ -1,4 +1,4 @@
-"""Options that all simulated drives share, checked and by joint."""
+"""Options of all simulated drives, checked and by joint."""
 
 from __future__ import annotations
 

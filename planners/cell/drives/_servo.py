@@ -104,14 +104,14 @@ def pack_gains(found: Gains, step: float, resolution: Array, following: Array, m
 
 
 @compiled
-def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, step: float, torque: Array) -> None:
+def servo(tuned: Array, M: Array, setpoint: Array, position: Array, state: Array, step: float, torque: Array) -> None:
     """Compute the torques of the motors for one step of the plant.
 
     The measured velocity is the difference of two encoder readings over the step. The difference of commanded and measured
     velocity is filtered. A motor is switched off for good when its joint is too far from its set-point.
 
-    Shapes and units: tuned (6, n) [as the rows say], M (n, n) [kg·m², kg·m, kg], asked (3, n) [rad, m], position (n,) [rad, m],
-    state (4, n) [rad, m], step [s], torque (n,) [N·m, N] (overwritten).
+    Shapes and units (revolute joints): tuned (6, n), M (n, n) [kg·m²], setpoint (3, n) [rad, rad/s, N·m], position (n,) [rad],
+    state (4, n) [rad, rad/s, 1, rad/s²], step [s], torque (n,) [N·m] (overwritten).
     """
     n = position.size
     for i in range(n):
@@ -119,20 +119,20 @@ def servo(tuned: Array, M: Array, asked: Array, position: Array, state: Array, s
         read = np.round(position[i] / counts) * counts if counts > 0.0 else position[i]
         state[3, i] = 0.0
         if read == read:  # no NaN
-            difference = asked[1, i] - (read - state[0, i]) / step
+            difference = setpoint[1, i] - (read - state[0, i]) / step
             if difference != difference:  # the encoder is back
                 difference = 0.0
             state[1, i] += tuned[NEW_WEIGHT, i] * (difference - state[1, i])
-            if abs(asked[0, i] - read) > tuned[FARTHEST_OFF, i]:
+            if abs(setpoint[0, i] - read) > tuned[FARTHEST_OFF, i]:
                 state[2, i] = 1.0
             if state[2, i] == 0.0:
-                error = asked[0, i] - read
+                error = setpoint[0, i] - read
                 state[3, i] = tuned[POSITION_GAIN, i] * error + tuned[VELOCITY_GAIN, i] * state[1, i]
         else:
             state[1, i] = 0.0
         state[0, i] = read
     for i in range(n):
-        wanted, most = asked[2, i], tuned[MOST_TORQUE, i]
+        wanted, most = setpoint[2, i], tuned[MOST_TORQUE, i]
         for j in range(n):
             wanted += M[i, j] * state[3, j]
         torque[i] = min(max(wanted, -most), most) if state[2, i] == 0.0 else 0.0

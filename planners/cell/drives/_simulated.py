@@ -86,7 +86,7 @@ class SimulatedDrive(Drive):
         """Put the arm at rest at q (n,) [rad, m]."""
 
     @abstractmethod
-    def _advance(self, asked: Commands, stalled: Flags) -> Steps:
+    def _advance(self, commands: Commands, stalled: Flags) -> Steps:
         """Simulate one period and return the states of the arm; stalled joints (n,) do not move."""
 
     @abstractmethod
@@ -143,7 +143,7 @@ class SimulatedDrive(Drive):
         """
         return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
-    def _loop(self, run: Run, asked: Callable[[float], bool], watch: Watcher | None) -> None:
+    def _loop(self, run: Run, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""
         began, since = time.monotonic(), self.clock
         torque = self._torque()
@@ -163,7 +163,7 @@ class SimulatedDrive(Drive):
             _checks.judge_host(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
             self._stuck = run.stuck
-            if not run.stopping and asked(t):
+            if not run.stopping and stop_test(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
             now = interpolate(run.stream, k, self.steps, self.options.hold)

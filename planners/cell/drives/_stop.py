@@ -71,13 +71,13 @@ def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
     """
     proof, limits = running.certificate, running.limits
     changed: dict[str, Any] = _speed_limit(running)
-    kept, known = set(proof.enforced), limits.arrays(running.robot.n)
-    loaded = limits.torque is not None and "torque" in kept
-    if limits.velocity is None or "velocity" not in kept:
+    enforced, known = set(proof.enforced), limits.arrays(running.robot.n)
+    loaded = limits.torque is not None and "torque" in enforced
+    if limits.velocity is None or "velocity" not in enforced:
         changed["velocity"] = _largest_values(proof.velocity.value, known["velocity"])
-    if "acceleration" not in kept or (limits.acceleration is None and not loaded):
+    if "acceleration" not in enforced or (limits.acceleration is None and not loaded):
         changed["acceleration"] = _largest_values(proof.acceleration.value, known["acceleration"])
-    if limits.jerk is not None and "jerk" in kept:
+    if limits.jerk is not None and "jerk" in enforced:
         return (replace(limits, **changed),)
     hardest = _largest_values(proof.acceleration.value, known["acceleration"])
     return tuple(replace(limits, **changed, jerk=hardest / onset) for onset in ONSETS)

@@ -27,16 +27,16 @@ class IdealDrive(SimulatedDrive):
     def _actual(self) -> Array:
         return self._q.copy()
 
-    def _advance(self, asked: Commands, stalled: Flags) -> Steps:
+    def _advance(self, commands: Commands, stalled: Flags) -> Steps:
         self._behind |= stalled
         stalled = stalled | (self._behind & (np.arange(self.robot.n) == self._stuck))
         if not self._behind.any():
-            self._q = asked.q[-1].copy()
-            return Steps(asked.q[1:], asked.dq[1:])
+            self._q = commands.q[-1].copy()
+            return Steps(commands.q[1:], commands.dq[1:])
         known = self.robot.limits.velocity
-        most = np.inf if known is None else np.asarray(known) * (asked.t[1] - asked.t[0])
-        q, dq = np.empty_like(asked.q[1:]), asked.dq[1:].copy()
-        for i, (aim, h) in enumerate(zip(asked.q[1:], np.diff(asked.t), strict=True)):
+        most = np.inf if known is None else np.asarray(known) * (commands.t[1] - commands.t[0])
+        q, dq = np.empty_like(commands.q[1:]), commands.dq[1:].copy()
+        for i, (aim, h) in enumerate(zip(commands.q[1:], np.diff(commands.t), strict=True)):
             step = np.where(stalled, 0.0, np.clip(aim - self._q, -most, most))
             reached = self._behind & ~stalled & (np.abs(aim - self._q) <= most)
             q[i] = np.where(self._behind, self._q + step, aim)

@@ -159,20 +159,20 @@ class MujocoDrive(SimulatedDrive):
     def _torque(self) -> Array:
         return self._now
 
-    def _advance(self, asked: Commands, stalled: Flags) -> Steps:
+    def _advance(self, commands: Commands, stalled: Flags) -> Steps:
         data, m, n = self._data, self.steps, self.robot.n
         lost, frozen, instead = self._lost()
-        self._brake(asked, stalled, lost)
+        self._brake(commands, stalled, lost)
         rows = np.empty((m, 3, n))
-        rows[:, 0], rows[:, 1] = asked.q[:-1], asked.dq[:-1] - 0.5 * self._step * asked.ddq[:-1]
-        rows[:, 2] = self._feed_forward(asked.q[:-1], asked.dq[:-1], asked.ddq[:-1])
+        rows[:, 0], rows[:, 1] = commands.q[:-1], commands.dq[:-1] - 0.5 * self._step * commands.ddq[:-1]
+        rows[:, 2] = self._feed_forward(commands.q[:-1], commands.dq[:-1], commands.ddq[:-1])
         if not self.feedforward:
             rows[:, 2, ~lost] = 0.0
         off = (
             np.zeros((m, n)) if self.options.noise == 0.0 else self.options.noise * self._noise.standard_normal((m, n))
         )
         clean = self.options.noise == 0.0 and not (lost | frozen).any()
-        mass_matrices(self._chain, self._load.bodies, asked.q[:1], self._M)
+        mass_matrices(self._chain, self._load.bodies, commands.q[:1], self._M)
         q, dq, torque = np.empty((3, m, n))
         M, tuned, state, h, at, motors = self._M[0], self._tuned, self._state, self._step, data.qpos, data.ctrl
         for j, row in enumerate(rows):
@@ -197,16 +197,16 @@ class MujocoDrive(SimulatedDrive):
                 instead[joint] = self._frozen.get(joint, np.nan) if each.frozen else np.nan
         return lost, frozen, instead
 
-    def _brake(self, asked: Commands, stalled: Flags, lost: Flags) -> None:
+    def _brake(self, commands: Commands, stalled: Flags, lost: Flags) -> None:
         """Set each joint's friction torque: its own, the brake's, or that of a blocked joint."""
-        self._state[2, lost & ~asked.dq.any(axis=0)] = 1.0
+        self._state[2, lost & ~commands.dq.any(axis=0)] = 1.0
         if self._stuck is not None:
             self._state[2, self._stuck] = 1.0
         off = self._state[2] > 0.0
-        stands = off | stalled
-        if not stands.any() and not self._braked:
+        braked = off | stalled
+        if not braked.any() and not self._braked:
             return
-        self._braked = bool(stands.any())
+        self._braked = bool(braked.any())
         brakes = np.where(np.isfinite(self._most), self._most, BLOCKED)
         friction = np.where(off, np.maximum(brakes, self._friction), self._friction)
         self._model.dof_frictionloss[:] = np.where(stalled, BLOCKED, friction)

@@ -125,7 +125,7 @@ class RosDrive(RosArm):
         if reason:
             return self._record_unsent(sent, ExecutionStatus.REFUSED, reason, advice)
         if not self.sends:
-            description = _describe_message(sent, message, self.transport.place)
+            description = _describe_message(sent, message, self.transport.address)
             return replace(self._record_unsent(sent, ExecutionStatus.DRY_RUN, *description), notes=notes)
         notes = (*CONTROLLER_NOTES, *notes, self._describe_stops(stops))
         return Run(self, sent, self.transport.send(message), stops, notes).follow(stop_test, watch)
@@ -200,11 +200,11 @@ def _describe_slowing(plan: Plan, sent: Plan) -> str:
     return slower if factor > 1.0 + NOTED_SLOWING else ""
 
 
-def _describe_message(plan: Plan, message: dict[str, Any], place: str) -> tuple[str, str]:
+def _describe_message(plan: Plan, message: dict[str, Any], address: str) -> tuple[str, str]:
     """Return a description of the message, and advice how to send it."""
     first, last = (", ".join(f"{x:.6g}" for x in message["points"][i]["positions"]) for i in (0, -1))
     what = (
-        f"nothing was sent: {len(message['points'])} points of {plan.trajectory.end:.6g} s to {place}, for the joints "
+        f"nothing was sent: {len(message['points'])} points of {plan.trajectory.end:.6g} s to {address}, for the joints "
         f"{', '.join(message['joint_names'])}, from ({first}) to ({last}) [rad, m]"
     )
     return what, "execute=True sends it (--execute on the command line)"

@@ -1,4 +1,4 @@
-"""Facts of a motion, of an execution and of a task of the cell in words, for the table of a viewer."""
+"""Facts of a motion, an execution and a task of the cell as rows of a viewer's table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from planners.motion import Motion
 def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     """Return the arm, law, path and scene of a motion as rows."""
     robot, path = motion.robot, motion.path
-    shapes = "no shapes: lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+    shapes = (
+        "no shapes, drawn as lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+    )
     turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
     way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
     rows = [
@@ -27,7 +29,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     ]
     if motion.speed is not None:
         unit = "rad/s" if path.turns_only else "m/s"
-        rows.append(("Tool speed asked", f"{motion.speed:.4g} {unit}"))
+        rows.append(("Requested tool speed", f"{motion.speed:.4g} {unit}"))
     if motion.scene is not None:
         rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.scene.margin:.4g} mm"))
     return tuple(rows)
@@ -39,9 +41,9 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
     for name in ALL_LIMITS:
         ratio, joint, t = proof.worst(name)
         if not np.isnan(ratio):
-            promised = "" if name in proof.enforced else ", not promised by the law"
+            enforced = "" if name in proof.enforced else ", not enforced by the law"
             much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
-            words = f"{much} at {t:.3f} s, {joint}{promised}"
+            words = f"{much} at {t:.3f} s, {joint}{enforced}"
             rows.append((f"Largest {name.replace('_', ' ')}", words))
     return tuple(rows)
 
@@ -73,7 +75,7 @@ def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     if outcome.error is not None:
         norms = {name: _millimetres(float(size)) for name, size in outcome.error.norms.items()}
         rows.append(("Error at the end", norms.pop("total")))
-        rows.append(("Parts of it", ", ".join(f"{name} {size}" for name, size in norms.items())))
+        rows.append(("Parts of the error", ", ".join(f"{name} {size}" for name, size in norms.items())))
     for k, each in enumerate(outcome.rounds):
         what = f"Correction {k}" if k else "First motion"
         rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))

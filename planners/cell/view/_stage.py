@@ -1,4 +1,4 @@
-"""What viser shows of a motion: the arm's capsules in frames that move, path, scene, beam and grid that do not."""
+"""The viser scene of a motion: the moving capsules of the arm, and the fixed path, scene, beam and grid."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from planners.cell.view.show import Show, Track
 ARM_COLOURS = ((217, 138, 61), (143, 153, 166))
 """Colours of the links in turn [RGB], those of the page."""
 PATH_COLOUR, EXECUTED_COLOUR, LASER_COLOUR = (47, 111, 222), (194, 37, 122), (224, 38, 31)
-"""Of the path, of the tool's executed path and of the laser beam [RGB], those of the page."""
+"""Colours of the path, of the tool's executed path and of the laser beam [RGB], those of the page."""
 OBJECT_COLOUR, LEVEL_COLOUR = (93, 138, 120), (190, 196, 204)
-"""Of the scene and of the grid [RGB]."""
+"""Colours of the scene and of the grid [RGB]."""
 AROUND_CAPSULE = 24
-"""Corners of a drawn capsule's section."""
+"""Number of corners of a drawn capsule's cross-section."""
 
 
 class Stage:
@@ -127,7 +127,7 @@ def tool_points(robot: Robot, track: Track) -> Array:
 
 
 def capsule_mesh(a: Array, b: Array, radius: float) -> tuple[Array, Indices]:
-    """Return the triangles of a capsule, or of a sphere where both ends are one point."""
+    """Return the triangles of a capsule, or of a sphere if both ends are one point."""
     length = float(np.linalg.norm(b - a))
     z = (b - a) / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
     x, y = _across(z)
@@ -152,7 +152,7 @@ def _bodies(robot: Robot, reach: float) -> list[tuple[int, Array, Array, float]]
     bodies: list[tuple[int, Array, Array, float]] = []
     ends = [*(T[:3, 3] for T in fixed), tool[:3, 3]]
     lower, upper = robot.limits.lower, robot.limits.upper
-    for i in np.flatnonzero(prismatic):  # a slide is drawn as its rod, from where it is to where it comes out
+    for i in np.flatnonzero(prismatic):  # a prismatic joint is drawn as a rod of its largest travel
         bodies.append((int(i) + 1, nothing, np.array([0.0, 0.0, -max(lower[i], upper[i], key=abs)]), thin))
     bodies += [(i, nothing, end, thin) for i, end in enumerate(ends)]
     return bodies + [(i, nothing, nothing, 2.0 * thin) for i in range(robot.n + 1)]

@@ -1,4 +1,4 @@
-"""A motion in the browser while this process runs, and live while a simulated drive executes it. Nothing real is moved."""
+"""A viewer in the browser: it plays a motion, and follows a simulated drive. It moves no real arm."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from planners.cell.view.show import Show, show_execution
 from planners.plan import Plan
 
 VIEW_PORT = 8080
-"""Port by default, viser's own."""
+"""Default port, that of viser."""
 PICTURE_PERIOD = 1.0 / 30.0
-"""Time between two pictures [s]."""
+"""Interval between pictures [s]."""
 PLAY_SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 """Seconds of the motion per second."""
 
@@ -33,22 +33,22 @@ class Viewer:
     Parameters
     ----------
     show : Show
-        What is drawn.
+        The content.
     host : str
-        Address that it is served on.
+        Address of the server.
     port : int
-        Its port; 0 for any that is free.
+        Port of the server; 0 for any free port.
     plan : Plan, optional
-        What is executed.
+        The plan that the simulated drive executes.
     drive : callable, optional
-        Makes the simulated drive anew for every run, paced as the clock on the wall.
+        Returns a new simulated drive for every run, at the pace of real time.
 
     Raises
     ------
     MissingDependency
         viser is not installed.
     InvalidInput
-        An address or port that cannot be served on, or a drive that moves a real arm.
+        An address or port that is not available, or a drive that moves a real arm.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where it is served."""
+        """The address of the page."""
         host = self.server.get_host()
         shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)
         return f"http://{shown}:{self.server.get_port()}"
@@ -82,7 +82,7 @@ class Viewer:
         self.server.stop()
 
     def serve(self) -> None:
-        """Draw until the process is interrupted."""
+        """Draw pictures until the process is interrupted."""
         before = time.monotonic()
         while True:
             now = time.monotonic()
@@ -96,7 +96,7 @@ class Viewer:
         Parameters
         ----------
         passed : float
-            Time since the last one [s].
+            Time since the last picture [s].
         """
         if self.thread is not None:
             self._follow()
@@ -129,7 +129,7 @@ class Viewer:
         self.state, self.numbers, self.facts = (gui.add_html("") for _ in range(3))
 
     def _present(self, show: Show) -> None:
-        """Show something else, from its start."""
+        """Show another content from its start."""
         self.show, self.drawn = show, 0.0
         self.stage = Stage(self.server, show)
         self.time.max = show.duration or 1.0
@@ -161,7 +161,7 @@ class Viewer:
         self._write(q, dq)
 
     def _write(self, q: Array, dq: Array | None) -> None:
-        """Joint values, and the tool's position and speed."""
+        """Write the joint values, and the tool's position and speed."""
         robot = self.show.robot
         scale, signs = unit_factors(robot), unit_names(robot)
         rows = []
@@ -200,7 +200,7 @@ class Viewer:
         self.moment = moment
 
     def _follow(self) -> None:
-        """Draw where the simulated arm is, and what it did once it is done."""
+        """Draw the simulated arm, and its executed motion after the end."""
         assert self.thread is not None
         moment, alive = self.moment, self.thread.is_alive()
         if moment is not None:
@@ -221,7 +221,7 @@ class Viewer:
 
 
 def check_address(host: str, port: int) -> None:
-    """Raise unless a server can listen there now; viser itself would use another port."""
+    """Raise InvalidInput if a server cannot listen at an address; viser itself would use another port."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -229,7 +229,7 @@ def check_address(host: str, port: int) -> None:
             probe.bind(address)
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
-        expected = "an address of this machine and a port that is free: --host, --port"
+        expected = "an address of this machine and a free port (host, port; --host, --port on the command line)"
         raise InvalidInput("address", f"{host}:{port} ({reason})", expected) from None
 
 

@@ -1,4 +1,4 @@
-"""A motion in one page that plays it in any browser: no request, no package beside it, at most 2 MB."""
+"""A motion as one HTML page that plays it in any browser, of at most 2 MB, without requests to a network."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 SCRIPTS = ("arm.js", "draw.js", "picture.js", "page.js")
-"""Scripts of the page, each of which uses those before it."""
+"""Scripts of the page in order; each uses the previous ones."""
 PAGE_SUFFIXES = (".html", ".htm")
-"""Names of pages end in one of these, so that a browser opens them."""
+"""Suffixes of page files, which a browser opens."""
 MOST_PAGE = 2_000_000
-"""Largest page [bytes]: it still goes by mail, and a browser reads it at once."""
+"""Largest page [bytes]: it can be mailed, and a browser reads it at once."""
 MOST_OBJECTS_DRAWN = 2000
-"""Objects of a scene that are drawn, the nearest to the path: as many as a phone still turns smoothly."""
+"""Largest number of drawn objects of a scene, the nearest to the path: a phone still turns them smoothly."""
 MOST_NUMBERS = 60_000
-"""Numbers of a motion: with base64 of 64-bit floats, two motions take 1.3 MB of the page. Arms of up to 14 joints fit."""
+"""Largest number of values of a motion: with base64 of 64-bit floats, two motions take 1.3 MB of the page. All instants of arms
+with up to 14 joints fit."""
 
 
 def write_page(show: Show, file: str | os.PathLike[str]) -> None:
-    """Write the page, whole or not at all.
+    """Write the page of a motion; after an error there is no partial file.
 
     Parameters
     ----------
     show : Show
-        What is drawn: see `show_motion`.
+        The content, for example of `show_motion`.
     file : str or path
-        Its name ends in .html.
+        A file with the suffix .html or .htm.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
     content = make_page(show).encode()
     if len(content) > MOST_PAGE:
         got = f"a page of {len(content) / 1e6:.1f} MB"
-        raise InvalidInput("show", got, f"what fits in {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
+        raise InvalidInput("show", got, f"at most {MOST_PAGE / 1e6:.0f} MB: a shorter path or fewer facts")
     write_atomically(file, lambda part: part.write_bytes(content))
 
 
@@ -161,7 +162,7 @@ def _scene(show: Show) -> tuple[dict[str, str], tuple[tuple[str, str], ...]]:
             [one for i, one in enumerate(boxes) if i in near],
             [one for i, one in enumerate(rounds, len(boxes)) if i in near],
         )
-        facts = (("Scene drawn", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {count}"),)
+        facts = (("Drawn scene", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {count}"),)
     arrays = {
         "boxes": np.reshape([row for *_, row in boxes], (-1, 19)),
         "rounds": np.reshape([row for *_, row in rounds], (-1, 7)),

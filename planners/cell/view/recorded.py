@@ -1,4 +1,4 @@
-"""Files that a viewer shows besides motions: executions and failed plans. Neither can be executed."""
+"""Files of executions and of failed plans, which a viewer shows and no drive executes."""
 
 from __future__ import annotations
 

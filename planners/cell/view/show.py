@@ -1,4 +1,4 @@
-"""What a viewer draws: the arm's motion as planned and as executed, the path, the scene, the laser's beam, and facts."""
+"""Show: the content of a viewer, with the planned and the executed motion, path, scene, laser beam and facts."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 MOST_INSTANTS = 2000
-"""Instants that a viewer is given of a motion: between them it interpolates cubics, at 60 pictures a second 33 s long."""
+"""Largest number of instants of a motion; the viewer interpolates cubics between them."""
 SAMPLE_PERIOD = 0.004
-"""Time between the instants of a shorter motion [s], the servo's: a cubic is then within 1e-7 rad at usual jerks."""
+"""Interval between instants of a short motion [s]; cubics between them deviate by at most 1e-7 rad at usual jerks."""
 PATH_POINTS = 400
-"""Points that are drawn of a path."""
+"""Number of drawn points of a path."""
 
 
 class Track(NamedTuple):
@@ -90,19 +90,19 @@ class Show:
     Attributes
     ----------
     robot : Robot
-        The arm, with its shapes where it has any; up is against its gravity.
+        The arm with its shapes; up is against gravity.
     title : str
-        What is shown.
+        Title.
     planned : Track
-        The motion as it was planned, or as its set-points were sent.
+        The planned motion, or the sent one.
     path : (m, 3) array
-        Points of the path that the tool should follow [m].
+        Points of the commanded path of the tool [m].
     executed : Track or None
-        What the arm did, where it was executed.
+        The executed motion.
     scene : Scene or None
-        What stands around it.
+        The obstacles.
     beam : Beam or None
-        The laser's, where a spot was the target.
+        The laser beam to the spot.
     facts : tuple of (name, text)
         Rows of a table.
     """
@@ -118,7 +118,7 @@ class Show:
 
     @property
     def duration(self) -> float:
-        """When the later of both motions ends [s]."""
+        """End of the longer of both motions [s]."""
         ends = [track.t[-1] for track in (self.planned, self.executed) if track is not None]
         return float(max(ends))
 
@@ -134,14 +134,14 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     Returns
     -------
     Show
-        With the certificate, found anew, among the facts.
+        Its facts include the motion's certificate.
 
     Raises
     ------
     NoSolution
         A plan that failed.
     InvalidInput
-        Neither of them.
+        Neither a motion nor a plan.
     """
     found = get_motion(motion)
     proof = getattr(motion, "certificate", None)
@@ -159,12 +159,12 @@ def show_execution(execution: Execution) -> Show:
     Parameters
     ----------
     execution : Execution
-        Of a drive.
+        An execution of a drive.
 
     Returns
     -------
     Show
-        Where nothing was sent, of the plan alone, with the reason among the facts.
+        If nothing was sent, the content for the plan, with the reason among the facts.
 
     Raises
     ------
@@ -189,18 +189,18 @@ def show_outcome(outcome: Outcome) -> Show:
     Parameters
     ----------
     outcome : Outcome
-        Of `Cell.move_to_spot`.
+        An outcome of `Cell.move_to_spot`.
 
     Returns
     -------
     Show
-        Its path has a row of NaN between the paths of two motions. Where nothing was executed, of the motion or the joint
-        path that was planned, with the reason among the facts.
+        Its path has a row of NaN between the paths of two motions. If nothing was executed, the content for the planned motion
+        or joint path, with the reason among the facts.
 
     Raises
     ------
     NoSolution
-        The task failed before there was a joint path, so that the arm's configuration is not known.
+        The task failed before there was a joint path.
     """
     planned, executed, paths, unread = _collect_executions(outcome)
     if not planned:
@@ -227,7 +227,7 @@ def sample_track(trajectory: Trajectory) -> Track:
 
 
 def thin_execution(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
-    """Thin out what an arm did for a viewer."""
+    """Return an executed motion thinned out for a viewer, and its number of instants without a reading."""
     read = np.isfinite(q).all(axis=1) & np.isfinite(dq).all(axis=1)
     t, q, dq = t[read], q[read], dq[read]
     unread = int(read.size - read.sum())
