@@ -1,1 +1,1 @@
-"""What a motion keeps: one file a judgement, each a proved bound, its place, and the active constraint."""
+"""Certificates of motions: one file for each proved property, and the active constraint."""

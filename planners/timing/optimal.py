@@ -42,9 +42,9 @@ on one grid, it rarely fails on another."""
 GENTLE = (1.0, 100.0)
 """First barrier weights, over the usual one, for an initial guess of one quintic in s, where every other one failed."""
 SLOWER = 1.5
-"""Largest factor by which an initial guess is slowed as a whole: one bad place should not slow a long path."""
+"""Largest factor by which an initial guess is slowed as a whole: one bad point should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
-"""Most iterations, cold and from a warm start (whose motion is kept where they fail); 12 to 22 are usual."""
+"""Largest number of iterations, cold and warm start (if the latter fails, its motion is used); 12 to 22 are usual."""
 STOP_INTERVALS, STOP_ITERATIONS = 48, 50
 """Number of intervals of a stop, and most iterations for it: a stop that exists takes 10 (median), 36 at most."""
 PROOF_EXCESS = 2e-5

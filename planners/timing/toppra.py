@@ -32,8 +32,8 @@ BRIEFEST_PIECE = 2e-5
 GRIDS = (1.0, 2.37, 0.53, 5.11)
 """Numbers of intervals, relative to the requested one, that are tried in turn if TOPP-RA finds no motion."""
 VISCOUS_ROUNDS, SAME_SPEEDS, SLOWER_TANGENT = 10, 1e-3, 0.7
-"""Most solutions around the speeds of the one before, for viscous friction; the change of ṡ, as a share of the greatest, at
-which the last one stands; and the factor of the speeds where there is no solution around them."""
+"""Largest number of linearisations of viscous friction; the change of ṡ, as a fraction of the greatest, at
+which they end; and the factor on the speeds if there is no solution around them."""
 SLOWEST_TANGENT = 0.02
 """Fraction of the greatest ṡ below which √x is not linearised: its slope grows without bound."""
 UNBOUNDED = 1e12
@@ -104,7 +104,7 @@ def _solve_with_friction(joint_path: JointPath, limits: MotionLimits, s: Array) 
         after = None if around is None else _solve(joint_path, limits, s, around)
         if around is None:
             break
-        if after is None:  # around far too high speeds friction alone passes a limit
+        if after is None:  # at far too high speeds friction alone exceeds a limit
             around = SLOWER_TANGENT * around
             continue
         change, speed, around = float(np.abs(after - around).max()), after, after

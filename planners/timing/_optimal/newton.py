@@ -187,7 +187,7 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
         m[4] += cost[k + 1, 3]
         m[5] += cost[k + 1, 4]
         _fold(z[k], at.g[k], M, m, Q, q)
-        pivot = _place_row(z[k], row)  # the place s⁺ is fixed: one of τ and j follows from the others
+        pivot = _place_row(z[k], row)  # s⁺ is fixed: one of τ and j follows from the others
         free = 5 - pivot
         N[0], N[1], N[2] = -row[0] / row[pivot], -row[1] / row[pivot], -row[free] / row[pivot]
         for i in range(4):

@@ -25,20 +25,20 @@ USUAL_INTERVALS, MORE_PER_BREAK = 128, 8
 START_PER_PIECE = 12
 """Intervals of the initial guess between any two breaks."""
 STEADY = 1.5
-"""Ratio of the initial guess's largest speed to the speed that keeps the jerk limits at s̈ = s⃛ = 0."""
+"""Ratio of the initial guess's largest speed to the speed that respects the jerk limits at s̈ = s⃛ = 0."""
 SMOOTHEST = 0.02
-"""Least width of the initial guess's filter, as a share of the motion: shorter ramps fit into one interval."""
+"""Least width of the initial guess's filter, as a fraction of the motion: shorter ramps fit into one interval."""
 SHORTEST_INTERVAL = 0.02
-"""Least duration of an interval, as a share of its initial guess: time must not run backwards during the iteration."""
+"""Least duration of an interval, as a fraction of its initial guess: time must not run backwards during the iteration."""
 BRIEFEST_AT_TOP = 0.95
-"""Least duration of an interval, as a share of its duration at the greater of the speeds that its ends allow: limits on
+"""Least duration of an interval, as a fraction of its duration at the greater of the speeds that its ends allow: limits on
 speed that held at the ends only would be exceeded between them, and the iteration would not converge."""
 NO_WAY = 1e-9
-"""Share of the path below which the distance covered within the filter's width is neglected: it is rounding in s."""
+"""Fraction of the path below which the distance covered within the filter's width is neglected: it is rounding error in s."""
 TOOL_SPARE = 0.9999
-"""Share of the tool's limits that a motion from a moving state uses: it cannot be slowed afterwards."""
+"""Fraction of the tool's limits that a motion from a moving state uses: it cannot be stretched later."""
 TORQUE_SPARE = 0.998
-"""The same of the limits on torque and its rate, whose proved bounds are farther above the largest values."""
+"""Fraction of the limits on torque and its rate for such a motion: their proved bounds exceed the peaks by more."""
 
 
 class Programme(NamedTuple):
@@ -83,7 +83,7 @@ def moving_programme(
     at, v, a = _filter(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
-    for place in limits.tool_changes(joint_path.path):  # the nearest place between moves there
+    for place in limits.tool_changes(joint_path.path):  # the nearest grid point moves there
         k = int(np.abs(at - place).argmin())
         if 0 < k < at.size - 1 and at[k - 1] < place < at[k + 1]:
             at[k] = place
@@ -161,10 +161,10 @@ def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
 
 
 def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) -> tuple[Array, Array, float]:
-    """Velocities and accelerations (n,) that the joints can reach on the path at all, and the width of the filter [s].
+    """Return the velocities and accelerations (n,) that the joints can reach on the path, and the width of the filter [s].
 
-    A joint that moves by D in all never gets beyond the velocities (A D)^½ and (J D²)^⅓ from rest to rest, and with a
-    velocity V and a jerk J never beyond the acceleration (J V)^½; with a margin.
+    From rest to rest over a distance D, a joint cannot exceed the velocities (A D)^½ and (J D²)^⅓; with a velocity V and a jerk
+    J it cannot exceed the acceleration (J V)^½. A margin is added.
     """
     V, A, J = (bound[field] for field in DERIVATIVES)
     D = np.sum(0.5 * (np.abs(q1[1:]) + np.abs(q1[:-1])) * np.diff(s)[:, None], axis=0)
@@ -181,7 +181,7 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
 
 
 def _peaks(tau: Array, top: Array) -> Array:
-    """One row for every place (K + 1, 1, 4), which limits the peak of the speed inside the interval behind it.
+    """Return one row for every grid point (K + 1, 1, 4), which limits the peak speed inside the interval after it.
 
     Where torques are limited the acceleration changes so slowly that it reverses inside one interval. From v with the
     acceleration a, and with −a/2 at the end, the speed peaks at v + a τ/3; the duration is that of the initial guess.
@@ -206,7 +206,7 @@ def build_programme(
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     found, v1 = derivatives(joint_path, s), length / time
     around = derivatives(joint_path, s[:-1] + beside)[3], derivatives(joint_path, s[1:] - beside)[3]
-    if moving is not None:  # a motion that cannot be slowed afterwards keeps a margin between the places
+    if moving is not None:  # a motion that cannot be stretched later keeps a margin between grid points
         limits = limits.scale(TOOL_SPARE, tuple(kind.name for kind in limits.kinds if kind.subject is not None))
         limits = limits.scale(TORQUE_SPARE, ("torque", "torque_rate"))
     given = limited.rows(joint_path, limits, s, found, around)
