@@ -35,7 +35,7 @@ def describe_effort(plan: Any) -> str:
     load = "without payload" if payload is None else f"with {payload}"
     words = (
         f"for this mass model, {load}: energy {proof.energy.net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
-        f"braking), peak power {proof.energy.power:.3g} W"
+        f"braking), peak power {round(proof.energy.power, 9):.3g} W"
     )
     if proof.friction_steps:
         most = max(proof.friction_steps, key=lambda step: step.size)

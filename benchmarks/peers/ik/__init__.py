@@ -1,4 +1,4 @@
-"""IK methods of other packages, one per file: called as their users call them, judged by our forward kinematics."""
+"""IK methods of other packages, one per file: called as their users call them, judged by optik's forward kinematics."""
 
 PEERS = "benchmarks.peers.ik"
-"""The package in which an outside IK method is found by its name."""
+"""Package of the peers' modules, which are found by name."""

@@ -1,4 +1,4 @@
-"""Peers that iterate from one start: what a call of them returns, and how it is read."""
+"""Peers that iterate from one start: the result of a call and its readers."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class LoopPeer(Peer):
     limits: JointLimits | None = None
 
     def answers(self, raw: Any) -> Array:
-        """The configuration at which the iteration ended."""
+        """Return the last configuration of the iteration."""
         return one(raw[0] if self.limits is None else self.limits.clip(raw[0]))
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations."""
+        """Return the number of iterations."""
         return int(raw[1])
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the method says that it converged."""
+        """Say whether the method reports convergence."""
         return bool(raw[2])

@@ -1,4 +1,4 @@
-"""Writing an arm as URDF for peers that read only URDF: one link per joint, from link0 to tool."""
+"""Write an arm as URDF, for peers that read only URDF: one link per joint, from link0 to tool."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optik.types import Array
 
 
 def urdf(robot: Robot, limits: JointLimits | None = None) -> str:
-    """URDF of an arm with base ``link0`` and last link ``tool``; numbers have all their digits."""
+    """Return the URDF of an arm with base ``link0`` and last link ``tool``, with all digits of its numbers."""
     limits = limits or robot.limits
     parts = ['<robot name="arm">', '<link name="link0"/>']
     for i in range(robot.n):
@@ -32,7 +32,7 @@ def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Angles with R = Rz(yaw) Ry(pitch) Rx(roll); where pitch is ±90°, yaw is zero."""
+    """Return the angles with R = Rz(yaw) Ry(pitch) Rx(roll); if pitch is ±90°, yaw is zero."""
     across = hypot(R[0, 0], R[1, 0])
     pitch = atan2(-R[2, 0], across)
     if across < 1e-9:

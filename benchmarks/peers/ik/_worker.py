@@ -24,20 +24,20 @@ from optik.errors import InvalidInput
 from optik.types import Array
 
 WORKERS = Path(__file__).resolve().parents[1] / "_workers"
-"""Where the scripts lie that the other environments run."""
+"""Folder of the scripts that other environments run."""
 
 LONGEST_CALL = 60.0
 """Time limit of an answer [s]: a worker that exceeds it is ended, and the problem counts as a crash."""
 
 MOST_WORKER_CRASHES = 20
-"""Problems in a row at which a worker may crash: starting it again costs seconds, and the rest would crash, too."""
+"""Largest number of successive problems with crashes: a restart takes seconds, and the next problems would crash, too."""
 
 LONGEST_START = 300.0
-"""Time limit of importing a package and building a robot [s], also on a busy machine with a cold disk."""
+"""Time limit of importing a package and building a robot [s], for a busy machine with a cold disk."""
 
 
 def peers_folder() -> Path:
-    """Folder of the environments of peers: ``$OPTIK_PEERS``, otherwise ``optik/peers`` in the user's data folder."""
+    """Return the folder of the environments of peers: ``$OPTIK_PEERS``, otherwise ``optik/peers`` in the user's data folder."""
     if own := os.environ.get("OPTIK_PEERS"):
         return Path(own)
     if sys.platform == "win32":
@@ -50,7 +50,7 @@ def peers_folder() -> Path:
 
 
 class WorkerPeer(Peer):
-    """A peer whose package is in an environment of its own; a subclass has its facts only.
+    """A peer whose package is in an environment of its own; a subclass only states its facts.
 
     Attributes
     ----------
@@ -99,18 +99,18 @@ class WorkerPeer(Peer):
         return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
 
     def call(self, target: Array, q0: Array) -> Any:
-        """One call through the worker process; comparisons use `many`, whose times leave the pipe out."""
+        """Make one call in the worker process; comparisons use `many`, whose times exclude the pipe."""
         answer = self.many([(target, q0)])[0].raw
         if isinstance(answer, Failed):
             raise RuntimeError(f"{answer.outcome}: {answer.error}")
         return answer
 
     def many(self, arguments: Sequence[tuple[Any, ...]]) -> list[Answer]:
-        """Calls one after another in the worker process, each timed there."""
+        """Make calls one after another in the worker process, which times each of them."""
         return self._worker.solve([(target.tolist(), q0.tolist()) for target, q0 in arguments])
 
     def answers(self, raw: Any) -> Array:
-        """Its one configuration, if it has returned one, clamped to the limits, which these methods keep to rounding."""
+        """Return the one configuration, if there is one, clamped to the limits, which these methods respect up to rounding."""
         return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
 
     def iterations(self, raw: Any) -> int | None:
@@ -206,7 +206,7 @@ class Worker:
             self._process.stdin.flush()
 
     def _next(self, seconds: float) -> dict[str, Any] | None:
-        """Next answer; None if the process ended or took too long."""
+        """Return the next answer; None if the process ended or took too long."""
         try:
             line = self._lines.get(timeout=seconds)
         except queue.Empty:

@@ -18,7 +18,7 @@ from optik.registry import load_method
 from optik.types import Array
 
 FK_TOLERANCE = 1e-9
-"""Largest difference between a peer's forward kinematics and ours [m, rad]: far above rounding, far below 1e-6."""
+"""Largest difference between a peer's forward kinematics and optik's [m, rad]: far above rounding, far below 1e-6."""
 
 FK_CONFIGURATIONS, FK_SEED = 5, 20261
 """Number of random configurations at which the two are compared, and the seed: a wrong model differs at all of them."""
@@ -145,7 +145,7 @@ class NotInstalled(Exception):
 
 @dataclass(frozen=True)
 class Failed:
-    """What a call left in place of an answer.
+    """The failure of a call.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class Absent:
 
 
 def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Peer | Absent:
-    """Build a peer for a robot, and compare its forward kinematics with ours."""
+    """Build a peer for a robot, and compare its forward kinematics with optik's."""
     kind = load_method(PEERS, name, "peer")
     if iterations is not None and not kind.budgeted:
         return Absent("has no limit on iterations that can be set", "refused")
@@ -210,7 +210,7 @@ def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Pee
 
 
 def different_model(peer: Peer, robot: Robot) -> Absent | None:
-    """Compare the forward kinematics of a peer with ours at random configurations inside the limits."""
+    """Compare the forward kinematics of a peer with optik's at random configurations inside the limits."""
     worst = np.zeros(2)
     for q in robot.limits.sample(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
         pose = peer.fk(q.copy())
@@ -240,14 +240,14 @@ def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
 
 
 def missing(kind: Any) -> str:
-    """Why a peer cannot be run here, by what is installed: nothing is imported."""
+    """Return why a peer cannot run here, without importing it; empty if it can."""
     if hasattr(kind, "missing"):
         return str(kind.missing())
     return "" if importlib.util.find_spec(kind.package) else f"pip install {kind.distribution}"
 
 
 def version_of(name: str, folder: str = PEERS) -> str | None:
-    """Installed version of a peer."""
+    """Return the installed version of a peer."""
     kind: Any = load_method(folder, name, "peer")
     if hasattr(kind, "version"):
         found: str | None = kind.version()
@@ -268,19 +268,19 @@ def need_revolute(robot: Robot, least: int, most: int) -> None:
 
 
 def zero_frames(robot: Robot) -> Array:
-    """Joint frames and the tool frame at q = 0."""
+    """Return the joint frames and the tool frame at q = 0."""
     return robot.frames(np.zeros(robot.n))
 
 
 def one(q: Any) -> Array:
-    """One configuration as the result of `Peer.answers`."""
+    """Return one configuration as the result of `Peer.answers`."""
     return np.asarray(q, dtype=np.float64).reshape(1, -1)
 
 
 def none(robot: Robot) -> Array:
-    """No configuration as the result of `Peer.answers`."""
+    """Return no configuration as the result of `Peer.answers`."""
     return np.empty((0, robot.n))
 
 
 METHOD_BASE = Peer
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module here, and of every plug-in."""

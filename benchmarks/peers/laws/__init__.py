@@ -1,4 +1,4 @@
-"""Time laws of other packages, one per file; their motions are certified in the same way as ours."""
+"""Time laws of other packages, one per file; their motions get the same certificates as those of optik."""
 
 TIMING_PEERS = "benchmarks.peers.laws"
-"""The package in which an outside time law is found by its name."""
+"""Package of the peers' modules, which are found by name."""

@@ -1,4 +1,4 @@
-"""The interface of a timing peer: a time law of another package, with the same joint path and limits as ours."""
+"""The interface of a timing peer: a time law of another package, with the same joint path and limits as optik's laws."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class TimingPeer(ABC):
 
 
 def peer_limits(limits: MotionLimits, n: int) -> dict[str, Array]:
-    """Limits as a peer is given them."""
+    """Return the limits in the form that peers take."""
     return limits.arrays(n) | {"torque": limits.bounds(n)["torque"]}
 
 
@@ -114,4 +114,4 @@ def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absen
 
 
 METHOD_BASE = TimingPeer
-"""What the METHOD of every module here, and of every plug-in, is a subclass of."""
+"""Base class of the METHOD of every module here, and of every plug-in."""
