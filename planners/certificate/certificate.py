@@ -18,15 +18,19 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.active import Binding, active_constraints
 from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.checks import (
+    find_position_violations,
+    position_margins,
+    position_times,
+    sampled_jerk,
+    smallest_singular_value,
+)
 from planners.certificate.clearance import Clearance, clearance
 from planners.certificate.continuity import Jump, continuous_order, find_continuity_violations, largest_jump
 from planners.certificate.coverage import Coverage, check_span, coverage
 from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
 from planners.certificate.parts import judge_parts, limited_parts
 from planners.certificate.path_error import PathError
-from planners.certificate.position import find_position_violations, position_margins, position_times
-from planners.certificate.sampled_jerk import sampled_jerk
-from planners.certificate.singularity import smallest_singular_value
 from planners.certificate.violation import Violation, word_of_limit
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._motion import plain

@@ -22,8 +22,8 @@ from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
+from planners.certificate import checks, continuity
 from planners.certificate import clearance as module
-from planners.certificate import continuity, position, sampled_jerk
 from planners.certificate._clearance import _judge_level, _sphere_distance
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
@@ -373,7 +373,7 @@ STATED = {
     "planners.certificate.clearance": {"POSITION_STEP": 1e-11, "VELOCITY_STEP": 1e-10},
     "planners.certificate.certificate": {"RATIO_ROUNDING": 1e-12},
     "planners.certificate.path_error": {"ERROR_EXCESS": 1.048, "ERROR_FLOOR": 1e-9, "ERROR_ROUNDING": 2e-15},
-    "planners.certificate.position": {"LIMIT_TOLERANCE": 1e-9},
+    "planners.certificate.checks": {"LIMIT_TOLERANCE": 1e-9},
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
     "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
@@ -445,14 +445,14 @@ def test_a_tool_off_its_path_is_named_just_beyond_the_tolerance(
 
 def test_a_joint_leaves_its_range_just_beyond_the_tolerance() -> None:
     for share in (1.0, 1.01):
-        margins = np.array([0.3, -share * position.LIMIT_TOLERANCE, 0.1])
-        found = position.find_position_violations(margins, ("a", "b", "c"))
+        margins = np.array([0.3, -share * checks.LIMIT_TOLERANCE, 0.1])
+        found = checks.find_position_violations(margins, ("a", "b", "c"))
         assert [x.joint for x in found] == (["b"] if share > 1.0 else [])
     limits = JointLimits([-0.5], [2.0])
     robot = Robot("bar", np.eye(4)[None], np.array([False]), np.eye(4), limits)
     for low, high in ((-0.3, 1.9), (-0.1, 0.2), (-0.7, 1.0), (0.0, 2.3)):
         motion = polynomial((1.0, [[high - low], [low]]))
-        assert position.position_margins(robot, motion)[0] == pytest.approx(min(low + 0.5, 2.0 - high), abs=1e-12)
+        assert checks.position_margins(robot, motion)[0] == pytest.approx(min(low + 0.5, 2.0 - high), abs=1e-12)
 
 
 def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
@@ -461,10 +461,10 @@ def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
     """An acceleration that jumps at one knot, of more periods than are all looked at."""
     pieces = [(3.0, [[0.05], [0.0], [0.0]]), (2.0, [[-0.2], [0.3], [0.45]]), (4.0, [[0.01], [0.0], [0.0]])]
     motion, largest = polynomial(*pieces), 2.0 * 0.25 * 100.0
-    for most in (sampled_jerk.PERIODS, 20):
-        monkeypatch.setattr(sampled_jerk, "PERIODS", most)
-        assert sampled_jerk.sampled_jerk(motion, 100.0)[0] == pytest.approx(largest, rel=1e-9)
-    for rate in sampled_jerk.RATES:
-        assert np.isfinite(sampled_jerk.sampled_jerk(motion, rate)).all()
+    for most in (checks.PERIODS, 20):
+        monkeypatch.setattr(checks, "PERIODS", most)
+        assert checks.sampled_jerk(motion, 100.0)[0] == pytest.approx(largest, rel=1e-9)
+    for rate in checks.RATES:
+        assert np.isfinite(checks.sampled_jerk(motion, rate)).all()
         with pytest.raises(InvalidInput, match="rate"):
-            sampled_jerk.sampled_jerk(motion, rate * (1.01 if rate > 1.0 else 0.99))
+            checks.sampled_jerk(motion, rate * (1.01 if rate > 1.0 else 0.99))
