@@ -15,7 +15,7 @@ INTERPOLATIONS = ("linear", "cubic", "quintic")
 """Interpolation through positions; positions and velocities; positions, velocities and accelerations."""
 
 SAME_INSTANT = 1e-9
-"""Largest distance [s] of an instant from a knot that counts as zero: controllers count in nanoseconds."""
+"""Instants nearer to a knot than this are equal to it [s]: one nanosecond, the resolution of controllers."""
 
 POINTS = 1_000_000
 """Most setpoints of a motion: two hours at 125 per second."""

@@ -50,7 +50,7 @@ TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
 """Values of ``optik ik --task``."""
 
 app = typer.Typer(
-    help="Trajectories for serial arms: inverse kinematics, paths, time laws with a certificate, and a fair comparison.",
+    help="Plan certified trajectories for serial arms, and compare methods of inverse kinematics and time laws.",
     rich_markup_mode="markdown",  # units in [brackets] are no markup
     no_args_is_help=True,
     add_completion=False,
@@ -204,7 +204,7 @@ def ik(
         str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")
     ] = "lm",
     task: Annotated[str, typer.Option(help=f"Constrained part of the pose, one of: {', '.join(TASKS)}.")] = "pose",
-    closest: Annotated[bool, typer.Option(help="Without a solution, return the nearest pose.")] = False,
+    closest: Annotated[bool, typer.Option(help="If there is no solution, return the nearest pose.")] = False,
     restarts: Annotated[int, typer.Option(help="Largest number of restarts.")] = 200,
     as_json: AsJson = False,
 ) -> None:

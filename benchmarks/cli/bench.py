@@ -67,7 +67,7 @@ def bench_run(
 ) -> None:
     """Run a suite. Interrupted? Repeat the command to resume.
 
-    Single calls are timed in one process, for any number of workers. Exit status: 0 if the run is complete; 1 if a part
+    Single calls are always timed in one process. Exit status: 0 if the run is complete; 1 if a part
     failed; 2 for wrong arguments or a folder that cannot be written; 130 after Ctrl-C.
     """
     folder = run_with_progress(suite, out, workers, allow_plugins, dask, part_timeout)

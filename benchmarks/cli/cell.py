@@ -92,7 +92,7 @@ def cell(
     out: Out = Path("optik-cell.html"),
     as_json: AsJson = False,
 ) -> None:
-    """Move the tool of a simulated arm to a laser spot, as in the paper.
+    """Move the tool of a simulated arm to a laser spot.
 
     A simulated pan-tilt laser measures the spot on the graph paper, which lies on a level table. optik plans and certifies
     a straight line to it, a simulated drive executes the line, and the error of the tool is split into laser, inverse

@@ -26,7 +26,7 @@ from optik.kinematics import forward
 def kernels(
     compile_: Annotated[
         bool,
-        typer.Option("--compile", help="Compile common calls in advance, unless shipped or cached."),
+        typer.Option("--compile", help="Compile the kernels of common calls that are neither shipped nor cached."),
     ] = False,
     native: Annotated[
         bool, typer.Option("--native", help="With --compile: also compile the shipped kernels for this processor.")
@@ -34,7 +34,7 @@ def kernels(
     jobs: Annotated[int, typer.Option(min=1, help="With --compile: number of processes.")] = os.cpu_count() or 1,
     as_json: AsJson = False,
 ) -> None:
-    """List the shipped kernels and those compiled on this machine, with the reason; or compile in advance."""
+    """List compiled kernels (functions compiled by Numba): shipped ones, and those of this machine with the reason."""
     if native and not compile_:
         raise InvalidInput("--native", "--native alone", "--compile --native")
     if compile_:

@@ -70,7 +70,7 @@ class PlanOptions:
     timing: Annotated[
         str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
     ] = "optimal"
-    samples: Annotated[int, typer.Option(help="Samples of the path.")] = 151
+    samples: Annotated[int, typer.Option(help="Number of samples of the path for inverse kinematics.")] = 151
     velocity: Annotated[
         float | None, typer.Option(help="Velocity limit of every joint [rad/s, sliding m/s]; by default the robot's.")
     ] = None
@@ -120,7 +120,7 @@ class PlanOptions:
         str | None,
         typer.Option(
             help="start: the branch of the start configuration (default); best: the best branch for the whole path "
-            "(default if the path begins elsewhere)."
+            "(default if the start configuration is not on the path)."
         ),
     ] = None
     duration: Annotated[float | None, typer.Option(help="Duration of the motion [s]; by default the shortest.")] = None

@@ -23,7 +23,9 @@ AllowPlugins = Annotated[
     bool,
     typer.Option("--allow-plugins", help="Run the Python files that the suite names; `optik bench check` lists them."),
 ]
-Workers = Annotated[int, typer.Option(help="Number of processes; more than one affects measured times, not results.")]
+Workers = Annotated[
+    int, typer.Option(help="Number of processes. It does not change results, only measured times of plans.")
+]
 Dask = Annotated[
     str, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster of this scheduler: tls://HOST:PORT.")
 ]

@@ -28,7 +28,9 @@ RobotName = Annotated[
 ]
 PackageDir = Annotated[
     str | None,
-    typer.Option(help="Folder of ROS packages for package:// meshes of a URDF; also reads its collision shapes."),
+    typer.Option(
+        help="Folder of ROS packages for package:// meshes of a URDF, whose collision shapes are then loaded."
+    ),
 ]
 Tip = Annotated[str | None, typer.Option(help="Tool link of a URDF; required if it has several ends.")]
 Base = Annotated[str | None, typer.Option(help="Base link of a URDF, in which poses are given; by default its root.")]
@@ -75,7 +77,7 @@ StartDeg = Annotated[
     str,
     typer.Option(
         metavar=NUMBERS,
-        help="Start configuration [degrees, sliding mm]: 20,-35,40; by default the arm's home, or a well-conditioned sample.",
+        help="Start configuration [degrees, sliding mm]: 20,-35,40; by default the arm's home, or else a sampled one.",
     ),
 ]
 

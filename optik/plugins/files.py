@@ -63,8 +63,8 @@ def import_file(file: Path) -> ModuleType:
     if module is None:
         module = importlib.import_module(name)
     elif digest(file) != module.__sha256__:
-        expected = "the imported version; start a new process to use the new one"
-        raise InvalidInput(str(file), "a file that has changed", expected)
+        changed = "a file that has changed since it was imported; start a new process to use it"
+        raise InvalidInput(str(file), changed, "the imported version")
     return module
 
 
@@ -88,7 +88,7 @@ class _FileLoader(Loader):
     def exec_module(self, module: ModuleType) -> None:
         file = self._file
         if _code_forbidden.get():
-            raise InvalidInput(str(file), "a file with code", "no such file: reading a run or a plan runs no code")
+            raise InvalidInput(str(file), "a Python file", "none, because reading a run or a plan runs no code")
         source = _read(file)
         found = hashlib.sha256(source).hexdigest()
         if _expected.get(str(file), found) != found:

@@ -190,7 +190,12 @@ class Task:
             i = int(out.argmax())
             low, high, unit = robot.limits.lower[i], robot.limits.upper[i], joint_unit(robot, i)
             reason = f"{robot.joint_names[i]} is at {q[i]:.6g} {unit}, outside its range [{low:.6g}, {high:.6g}] {unit}"
-            raise self._fail("target", CellStatus.NO_PLAN, reason, "move it back by hand")
+            raise self._fail(
+                "target",
+                CellStatus.NO_PLAN,
+                reason,
+                f"move {robot.joint_names[i]} into its range by hand, then start again",
+            )
         return np.clip(q, robot.limits.lower, robot.limits.upper)
 
     def _aim(self) -> None:
@@ -267,7 +272,7 @@ class Task:
             self.steps.append(Step(name, True, said, "", result, seconds))
 
     def _execute(self, found: Plan, stop: StopRequest | None) -> Execution:
-        """Run the step "execution"; it is the step "stop" if a moving spot stopped the arm."""
+        """Execute the plan and record the step: "execution", or "stop" if a moving spot stopped the arm."""
         since = perf_counter()
         return self._check_end(self.cell.drive.execute(found, stop=stop, watch=self.settings.watch), since)
 

@@ -49,8 +49,10 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
     if not isinstance(motion, Motion):
         raise InvalidInput("motion", repr(motion)[:60], "a Motion")
     if motion.span is not None and motion.span[0] > 0.0:
-        expected = "a motion from the start of its path; execute a replanned motion in the program that replanned it"
-        raise InvalidInput("motion", f"one that begins at s = {motion.span[0]:.6g}", expected)
+        got = (
+            f"a replanned motion, which begins at s = {motion.span[0]:.6g}; execute it in the program that replanned it"
+        )
+        raise InvalidInput("motion", got, "a motion from the start of its path")
     proof = motion.certify()
     check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
     joints, (t, s) = _follow_path(motion, solver), proof.binding[:2]

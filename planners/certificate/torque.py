@@ -120,7 +120,7 @@ def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
 
 
 def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
-    """Return the bounds for one load; how: whether for the rates, the excess, and the largest number of intervals."""
+    """Return the bounds for one load; `how` is (for the rates, relative excess, largest number of intervals)."""
     rate, excess, most = how
     lower, upper = bound
     limits = np.stack([-lower, upper])

@@ -30,7 +30,7 @@ LIMITS_WEIGHT = 0.5
 SINGULAR_WEIGHT = 0.2
 """Weight of −ln of the smallest singular value along the path: half a radian for one that is ten times as small."""
 START_WEIGHT = 1.0
-"""Weight of the distance from a given start [rad or m]: counted like motion."""
+"""Weight of the distance from a given start [rad or m]."""
 
 
 class Branch(NamedTuple):

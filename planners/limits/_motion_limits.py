@@ -314,7 +314,7 @@ class MotionLimits:
         Parameters
         ----------
         data : mapping
-            Plain data by name: the limits that are arguments, those on torque only if given, and other known limits.
+            Plain data by name of the limit. Torque limits and added limits are optional; all others are required.
         n : int
             Number of joints.
 

@@ -49,7 +49,7 @@ def sides(bound: Array) -> tuple[Array, Array]:
 
 
 def symmetric_bound(bound: Array) -> Array:
-    """Return the greatest bound on the absolute value that is inside both sides."""
+    """Return the largest symmetric bound that both sides allow."""
     return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])
 
 

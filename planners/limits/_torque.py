@@ -74,9 +74,9 @@ def torque_rows(at: PathPoints, load: Load) -> Array:
 
 
 def torque_rate_rows(at: PathPoints, load: Load) -> Array:
-    """Return the rows of the torque rates, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + f (q' s̈ + q'' ṡ²).
+    """Return the rows of the torque rates, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + b (q' s̈ + q'' ṡ²).
 
-    d = p' + 2 c; f is the viscous friction, and the other letters as in `torque_rows`.
+    d = p' + 2 c, and b is the viscous friction; p, c and g are those of `torque_rows`.
     """
     found = _coefficients(at, load)
     friction = (load.viscous * at.q(1), load.viscous * at.q(2))

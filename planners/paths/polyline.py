@@ -33,7 +33,7 @@ MIDDLE = 5.0 / 64.0
 
 
 class Pieces(NamedTuple):
-    """The m pieces between breaks; a straight one is a corner without a segment before it.
+    """The m pieces between breaks; a straight piece is stored as a corner whose incoming rates are 0.
 
     p = base + d₂ b − d₁ a and R = exp(w₂ b) exp(−w₁ a) R_base, where a is the remaining part of the segment before
     the waypoint, and b the completed part of the one after it.

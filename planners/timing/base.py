@@ -32,7 +32,7 @@ COMPARED_AT = np.array([0.0625, 0.3, 0.7, 0.9375])
 POSITION_AGREES = 1e-9
 """Difference of positions [rad or m] that counts as agreement: far below the tolerance of a path."""
 JERK_AGREES = 2e-3
-"""Difference of jerks, over the jerk's scale, that counts as agreement; the certificate judges the refit itself."""
+"""Relative tolerance of equal jerks. The certificate checks the refit independently."""
 
 
 class StopKind(StrEnum):

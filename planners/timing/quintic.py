@@ -19,8 +19,7 @@ from planners.trajectory import Trajectory
 class Quintic(TimeLaw):
     """Quintic segments between samples Δt apart, exactly as in the paper (§3.3, eq. 16–17); the baseline.
 
-    It ignores and enforces no limits. The first and the last segment reach full speed within one Δt, which the certificate
-    shows.
+    The law ignores all limits. Its first and last segments accelerate within one Δt; the certificate shows the violations.
 
     Parameters
     ----------

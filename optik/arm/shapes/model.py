@@ -186,7 +186,7 @@ class Shapes:
         return replace(self, apart=(*self.apart, *pairs))
 
     def with_srdf(self, source: str | os.PathLike[str]) -> Shapes:
-        """Return the shapes without collision checks of the pairs of links that an SRDF disables.
+        """Return the shapes with the link pairs of an SRDF excluded from collision checks.
 
         Parameters
         ----------

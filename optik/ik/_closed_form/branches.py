@@ -31,7 +31,7 @@ from optik.task import POSE
 from optik.types import Array, Flags
 
 ROOT_ERROR = 1e-9
-"""Largest error of a root [m, rad] if any root is that accurate: near a singularity many others are within the tolerance."""
+"""If one root is this accurate [m, rad], less accurate roots are rejected; near a singularity many are within the tolerance."""
 
 MOST_WINDINGS = 4096
 """Largest number of windings of one root: joints that can turn a hundred times would otherwise have millions."""

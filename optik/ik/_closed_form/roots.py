@@ -30,7 +30,7 @@ WHOLE_POSE = POSE.flags
 """Flags of the complete pose."""
 
 POLISHING_STEPS = 40
-"""Largest number of steps that polish a candidate: near a singularity, least-squares solutions of a closed form take many."""
+"""Largest number of polishing steps of a candidate. Least-squares candidates near a singularity need many."""
 
 CLAMPED_STEPS = 20
 """Largest number of steps that correct a root after clamping to a limit."""

@@ -99,7 +99,7 @@ FOLLOWING = (0.05, 0.005)
 """Default of the largest difference of set-point and reading [rad, m]: far above the lag of a working servo, far below the
 error of a blocked joint after a quarter of a second."""
 START_AWAY = (1e-3, 1e-4)
-"""Default of the largest distance of the arm from a plan's start [rad, m]: the error of a servo under gravity."""
+"""Default tolerance on the start of a plan [rad, m]. A servo without integral action has this error under gravity."""
 END_AWAY = (5e-3, 5e-4)
 """Default of the largest difference of set-point and reading at rest [rad, m]: several times the error of a servo without
 integral action under gravity."""

@@ -41,9 +41,9 @@ class Timing(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The states of all joints: positions (n,) [rad, m], velocities (n,) [rad/s, m/s], and the times of the oldest one.
+    """The states of all joints: positions (n,) [rad, m], velocities (n,) [rad/s, m/s], and two times.
 
-    ``stamp`` is its time by the robot's clock [ns]; ``at`` is its arrival by `time.monotonic` [s].
+    ``stamp`` is the robot's time of the oldest joint state [ns]; ``at`` is the time of its arrival by `time.monotonic` [s].
     """
 
     q: Array

@@ -228,7 +228,7 @@ class Run:
         self.notes += (f"the goal was cancelled ({why}): the stop that followed was the controller's own",)
 
     def _settle(self, watch: Watcher | None, patience: float) -> None:
-        """Wait until the joint states show the arm at rest, and note that state; after `patience` [s] note that it moves."""
+        """Wait until the joint states show the arm at rest; after `patience` [s] note that it moves."""
         until, count = time.monotonic() + patience, len(self.samples)
         while time.monotonic() < until and not self.drive.transport.lost:
             self._look(watch)

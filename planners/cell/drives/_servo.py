@@ -30,7 +30,7 @@ FASTEST_GAIN = 1.0
 overcorrects in one step, and motors oscillate between their limits (from 160 Hz at 0.5 ms)."""
 
 EXAMINED = 20
-"""Number of configurations at which the inertia of every joint is checked: one is enough if it is not singular."""
+"""Number of random configurations at which the inertia of every joint is checked."""
 
 FULL_TURN = pi
 """Largest absolute position of the sampled configurations [rad, m]: joints without limits repeat after a turn."""

@@ -20,7 +20,7 @@ from planners.timing.smooth import NO_JOINT_MOTION
 Indices = NDArray[np.int64]
 
 SWEEP_PLACES, SWEEP_PER_PIECE = 300, 12
-"""Least number of grid points of the sweep, and between adjacent breaks."""
+"""Least number of grid points: of the whole sweep, and of each piece between breaks."""
 RAMP_BEND_SHARE, RAMP_TWIST_SHARE = 0.8, 0.6
 """Fractions of the limits on acceleration and jerk that the path's curvature may use at constant speed."""
 SWEEP_ROUNDS, SWEEP_EXCESS = 6, 1.1
