@@ -242,7 +242,7 @@ def _fit(pair: _Pair, signs: Array, *, offsets: bool, base: bool, tool: bool) ->
     if base and (offsets or tool):
         X = _base_rotation(pair, signs)
     if offsets:
-        o = _offsets(pair, signs, X, skip_first=base, to_tool=not tool)
+        o = _find_offsets(pair, signs, X, skip_first=base, to_tool=not tool)
     R = _frames(pair.first, signs * pair.q + o)[:, -1, :3, :3]
     if base and not (offsets or tool):
         X = _mean_rotation(pair.target[:, :3, :3] @ np.swapaxes(R, 1, 2))
@@ -274,7 +274,7 @@ def _base_rotation(pair: _Pair, signs: Array) -> Array:
     return np.asarray(se3.exp_so3(angle * b) @ X)
 
 
-def _offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
+def _find_offsets(pair: _Pair, signs: Array, X: Array, *, skip_first: bool, to_tool: bool) -> Array:
     """Return the offsets (n,) of the revolute joints from the directions of the next axes; 0 for prismatic joints."""
     offsets, R = np.zeros(pair.n), X
     for i in range(pair.n):

@@ -125,7 +125,7 @@ class PanTiltLaser:
             NaN, infinity, or shapes that do not broadcast.
         """
         pan, tilt, _ = check_readings(pan, tilt, 0.0)
-        return np.asarray(_beam(pan, tilt) @ self.pose[:3, :3].T)
+        return np.asarray(_beam_directions(pan, tilt) @ self.pose[:3, :3].T)
 
     def point(self, pan: ArrayLike, tilt: ArrayLike, range: ArrayLike) -> Array:
         """Return the points of readings; limits are not checked, because a noisy reading may exceed them.
@@ -148,7 +148,7 @@ class PanTiltLaser:
             NaN, infinity, a negative range, or shapes that do not broadcast.
         """
         pan, tilt, range = check_readings(pan, tilt, range)
-        return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam(pan, tilt) @ self.pose[:3, :3].T))
+        return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam_directions(pan, tilt) @ self.pose[:3, :3].T))
 
     def reading(self, points: ArrayLike) -> Spot:
         """Return the readings of points without noise and without limits; `angles` checks one point against the limits.
@@ -197,9 +197,9 @@ class PanTiltLaser:
             NaN, infinity, a negative range, or shapes that do not broadcast.
         """
         pan, tilt, range = check_readings(pan, tilt, range)
-        beam, across = _beam(pan, tilt), range * np.cos(tilt)
+        beam, across = _beam_directions(pan, tilt), range * np.cos(tilt)
         panned = np.stack([-np.sin(pan) * across, np.cos(pan) * across, np.zeros_like(across)], axis=-1)
-        tilted = range[..., None] * _beam(pan, tilt + pi / 2)
+        tilted = range[..., None] * _beam_directions(pan, tilt + pi / 2)
         R = self.pose[:3, :3]
         by_reading = R @ np.stack([panned, tilted, beam], axis=-1)
         arm = range[..., None] * by_reading[..., 2]
@@ -376,7 +376,7 @@ class PanTiltLaser:
         return np.asarray(np.hypot(y[..., 0], y[..., 1]) <= ON_PAN_AXIS * size)
 
 
-def _beam(pan: Array, tilt: Array) -> Array:
+def _beam_directions(pan: Array, tilt: Array) -> Array:
     """Return the directions (..., 3) of the beam in the unit's own frame."""
     flat = np.cos(tilt)
     return np.stack([np.cos(pan) * flat, np.sin(pan) * flat, np.sin(tilt)], axis=-1)

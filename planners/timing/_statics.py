@@ -34,11 +34,11 @@ def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> To
     for model, ends in zip(torques.models, torques.ends, strict=True):
         resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
         for s, value in resting:
-            found = _with_rest(found, bound, s, value, model[1].coulomb)
+            found = _include_rest(found, bound, s, value, model[1].coulomb)
     return found
 
 
-def _with_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
+def _include_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
     """Return the larger of the given ratios and those of a state of rest at s, with friction on both sides."""
     down, up = (value - friction) / bound[0], (value + friction) / bound[1]
     ratio = np.maximum(down, up)

@@ -237,7 +237,7 @@ def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
     return at.start + k, float(factor[k])
 
 
-def _factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
+def _slowdown_factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
     """Return the factor by which a ramp must be slowed, from as many instants as points; infinite if it is above `most`."""
     inside = int(np.searchsorted(what.s, ramp.s1) - np.searchsorted(what.s, ramp.s0))
     return ratio_of(what, ramp, max(24, inside), most)
@@ -259,7 +259,7 @@ def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
         for length in end * share * np.array(RAMP_LENGTHS):
             for shape in RAMP_SHAPES:
                 ramp = _ramp(what, last, length, 1.0, shape)
-                factor = _factor(what, ramp, max(b[0] for b in best.values()) if best else np.inf)
+                factor = _slowdown_factor(what, ramp, max(b[0] for b in best.values()) if best else np.inf)
                 quick = _is_quick(ramp, factor, shortest)
                 if quick not in best or max(factor, cruising) < best[quick][0]:
                     best[quick] = max(factor, cruising), ramp
@@ -296,7 +296,7 @@ def _find_shortest(what: Table, speed: float, share: float, room: float, shortes
 
 
 def _is_allowed(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
-    return not _is_quick(ramp, 1.0, shortest) and _factor(what, ramp, room) <= room
+    return not _is_quick(ramp, 1.0, shortest) and _slowdown_factor(what, ramp, room) <= room
 
 
 def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:

@@ -173,7 +173,7 @@ def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None
 def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
     """Return limit, joint, path parameter and ratio of the largest violation of a guess, a likely reason of failure."""
     K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
-    m, c = given.problem.node.shape[1], _values(given.problem, given.start)
+    m, c = given.problem.node.shape[1], _limit_ratios(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
     accelerations = given.rows.node.shape[1] - given.rows.static.shape[1]
     if i < m:
@@ -186,7 +186,7 @@ def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str,
     return limit, joint, float(place), float(np.abs(c[k]).max())
 
 
-def _values(problem: Problem, z: Array) -> Array:
+def _limit_ratios(problem: Problem, z: Array) -> Array:
     """Return the ratios of a motion to all limits (K + 1, m + 2 e): at grid points, and at both ends of the intervals."""
     K = problem.ds.size
     g, c = np.zeros((K, 3)), np.zeros((K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2]))
@@ -261,7 +261,7 @@ def _find_departures(joint_path: JointPath, given: Programme, z: Array) -> NDArr
 
 def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
     """Return the motion z, stretched by at most `most` until it uses at most a fraction of every limit."""
-    m, c = problem.node.shape[1], _values(problem, z)
+    m, c = problem.node.shape[1], _limit_ratios(problem, z)
     factor = max(
         1.0,
         float((z[1:-1, 0] / problem.top[1:-1]).max()) / share,
@@ -330,7 +330,7 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     )
     if not given.rows.loaded:
         return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
-    m, c = given.problem.node.shape[1], _values(given.problem, z)
+    m, c = given.problem.node.shape[1], _limit_ratios(given.problem, z)
     torque, rate = torque_excess(joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))

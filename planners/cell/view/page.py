@@ -111,7 +111,7 @@ def _data(show: Show, scene: dict[str, str]) -> dict[str, Any]:
     """Return the data that the script draws."""
     shapes = show.robot.shapes
     return {
-        "arm": _arm(show.robot),
+        "arm": _describe_arm(show.robot),
         "up": find_up(show.robot).tolist(),
         "capsules": None if shapes is None else _numbers(np.column_stack(shapes.capsules)),
         "planned": _track(show.planned),
@@ -122,7 +122,7 @@ def _data(show: Show, scene: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def _arm(robot: Robot) -> dict[str, Any]:
+def _describe_arm(robot: Robot) -> dict[str, Any]:
     fixed, prismatic, tool = robot.chain
     return {
         "joints": list(robot.joint_names),

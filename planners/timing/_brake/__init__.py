@@ -1,5 +1,5 @@
 """Brake a running motion as hard as its limits allow."""
 
-from planners.timing._brake.brake import Braking, brake, stop_time
+from planners.timing._brake.brake import BrakingMotion, brake, stop_time
 
-__all__ = ["Braking", "brake", "stop_time"]
+__all__ = ["BrakingMotion", "brake", "stop_time"]

@@ -36,7 +36,7 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 """Nodes in [−1, 1] and weights of the integral of q̇ over a piece."""
 
 
-class Braking(NamedTuple):
+class BrakingMotion(NamedTuple):
     """The joints' motion while they brake, None if none was found, and the time of the running motion at which it ends.
 
     The time is infinite if the running motion ends before the clock can reach its goal.
@@ -46,14 +46,14 @@ class Braking(NamedTuple):
     end: float
 
 
-NONE_FOUND, ENDS_BEFORE = Braking(None, 0.0), Braking(None, np.inf)
+NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0), BrakingMotion(None, np.inf)
 """No braking was found, or the running motion ends before it."""
 
 
 def brake(
     robot: Robot, running: Trajectory, limits: MotionLimits, t: float, clock: tuple[float, float],
     scales: dict[str, float], share: float, goal: float = 0.0,
-) -> Braking:  # fmt: skip
+) -> BrakingMotion:  # fmt: skip
     """Return the braking motion from time t on: the clock slows from `clock`, its rate and acceleration, to the rate `goal`.
 
     It uses the fraction `share` of the limits in `scales`, each multiplied by its scale, or as much as the running motion uses.
@@ -82,7 +82,7 @@ def brake(
         motion, stopped = _braking(running, t, out[:, : count + 1])
         rounds += 1
         if not _tighten(cells, robot, motion, limits, kinds, scales, out[0, : count + 1], rounds):
-            return Braking(motion, stopped)
+            return BrakingMotion(motion, stopped)
     return NONE_FOUND
 
 

@@ -74,7 +74,7 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
 
 def sweep(joint_path: JointPath, limits: MotionLimits) -> tuple[_sweep.Along, Array]:
     """Return the path at path parameters (m,), and the motion (4, m) of `_sweep.swept` along it from rest to rest."""
-    along = _along(joint_path, limits)
+    along = _make_sweep_input(joint_path, limits)
     motion = np.empty((4, along.s.size))
     _sweep.sweep(
         along, _sweep.speed_bounds(along, RAMP_BEND_SHARE, RAMP_TWIST_SHARE), SWEEP_ROUNDS, SWEEP_EXCESS, motion
@@ -137,7 +137,7 @@ def select_spaced(times: Array, end: float, least: float) -> NDArray[np.bool_]:
     return kept
 
 
-def _along(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
+def _make_sweep_input(joint_path: JointPath, limits: MotionLimits) -> _sweep.Along:
     s = make_graded_grid(
         joint_path.path.breaks, joint_path.end, max(SWEEP_PLACES, joint_path.knots.size), SWEEP_PER_PIECE
     )

@@ -33,7 +33,7 @@ def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     """Return ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
     fastest = _fastest(what.slowness, what.parts, what.s)
     shortest = min(SHORTEST_PHASE, 0.01 * duration)
-    nodes, open_since = _candidates(what, fastest, breaks, BRIEF * shortest)
+    nodes, open_since = _find_candidates(what, fastest, breaks, BRIEF * shortest)
     speeds = fastest[nodes][:, None] * SPEED_LEVELS
     speeds[[0, -1]] = -1.0
     speeds[[0, -1], 0] = 0.0
@@ -93,7 +93,7 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
     return np.asarray(np.where(finite, here, here[finite].max()))
 
 
-def _candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
+def _find_candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
     """Return indices (k,) of candidate ends of sections, and for each that of the last break before it.
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
