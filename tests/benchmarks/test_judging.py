@@ -300,7 +300,7 @@ def test_equal_time_tolerances_and_iterations_are_counted(
             k = int((c["inside"] & (c["position_error"] <= level) & (c["rotation_error"] <= level)).sum())
             assert at[label][f"at{name}"] == pytest.approx(plain_wilson(k, len(c["ns"])), abs=1e-6)
         if label in BODIES:
-            assert steps[label] == {"label": label, "n3": "cannot be told", "given": ""}
+            assert steps[label] == {"label": label, "n3": "no iteration limit", "given": ""}
             continue
         for budget in (3, 30):
             part = answers.filter((pl.col("method") == label) & (pl.col("budget") == budget))
@@ -434,7 +434,7 @@ def test_methods_that_vary_are_marked(block: CallRows) -> None:
     found = CallRows(block.block, block.rows, block.folder, facts)
     assert table(found)["dls"]["varies"] == "the clock, random numbers"
     assert table(found)["lm"]["varies"] == ""
-    assert "dls differs between runs by the clock, random numbers." in found.tables[0].note
+    assert "dls varies between runs with the clock, random numbers." in found.tables[0].note
 
 
 def test_winners_are_decided_problem_by_problem_on_those_that_all_were_given(block: CallRows) -> None:
@@ -446,7 +446,7 @@ def test_winners_are_decided_problem_by_problem_on_those_that_all_were_given(blo
     assert "few" not in [entry[0] for entry in (*most.entries, *fastest.entries)]
     assert (
         most.note
-        == f"the same {COUNT} problems for all, each with a known solution; not ranked, as given fewer: few ({given})"
+        == f"the same {COUNT} problems for all, each with a known solution; not ranked (fewer problems): few ({given})"
     )
     assert {entry[0] for entry in fastest.entries} == set(most.tied)
     ok = [set(block.by_method[label].filter("solved")["problem"]) for label in most.tied]

@@ -213,7 +213,8 @@ def _verdict(plan: Plan, joints: Joints, t: Array) -> Iterator[str]:
         yield f"holds, but {kept}"
     if not proof.is_valid and all(x < 1.0 - 1e-3 for x in kept.values()) and proof.tolerance is not None:
         off = proof.path_error
-        if off.distance <= proof.tolerance[0] and off.angle <= proof.tolerance[1] and proof.position_margin.min() >= 0:
+        on_path = off.distance <= proof.tolerance.position and off.angle <= proof.tolerance.rotation
+        if on_path and proof.position_margin.min() >= 0:
             yield f"does not hold ({proof.reasons}), but {kept}"
     if plan.law != "quintic" and not proof.is_valid:
         yield f"a law that promises, and does not hold: {proof.reasons}"

@@ -336,7 +336,7 @@ def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
         return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
 
     monkeypatch.setattr(deviation, "ERROR_INTERVALS", 0)
-    monkeypatch.setattr(deviation, "_first_look", whole)
+    monkeypatch.setattr(deviation, "_first_intervals", whole)
     monkeypatch.setattr(speeds, "SPEED_INTERVALS", 0)
 
 
