@@ -107,9 +107,10 @@ def test_no_module_is_imported_by_what_it_imports() -> None:
     assert circles(imports(REPOSITORY, PACKAGES)) == []
 
 
-def test_no_folder_of_optik_and_planners_is_imported_by_what_it_imports() -> None:
-    graph: dict[str, set[str]] = defaultdict(set)
-    for module, found in imports(REPOSITORY, ("optik", "planners"), with_types=True).items():
+def test_no_module_and_no_folder_of_optik_and_planners_is_imported_by_what_it_imports_types_included() -> None:
+    modules, graph = imports(REPOSITORY, ("optik", "planners"), with_types=True), defaultdict[str, set[str]](set)
+    assert circles(modules) == []
+    for module, found in modules.items():
         graph[part(module)] |= {part(other) for other in found if "." in other} - {part(module)}
     assert circles(graph) == []
 
@@ -129,6 +130,8 @@ def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tm
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     graph = imports(tmp_path, ("p",))
+    assert ["p.d", "p.e"] in circles(imports(tmp_path, ("p",), with_types=True))
+    assert ["p.d", "p.e"] not in circles(graph)
     assert graph["p.a"] == {"p.b"}
     assert graph["p.c"] == {"p.a"}
     assert graph["p.e"] == {"p.d"}
