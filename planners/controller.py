@@ -8,7 +8,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from planners.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")

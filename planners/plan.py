@@ -277,7 +277,7 @@ def plan(
     """
     solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
     _check_options(duration, strict)
-    allowed = request.tolerance.scaled(PATH_FRACTION)
+    allowed = request.tolerance.scale(PATH_FRACTION)
     started = perf_counter()
     followed = follow(solver, request.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene)
     return _add_seconds(started, perf_counter(), _time_path(request, followed, duration, strict))
@@ -443,7 +443,7 @@ def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) ->
     if law.enforced and duration < trajectory.duration:
         least = np.ceil(1e4 * trajectory.duration) / 1e4
         raise NoSolution(
-            f"a duration of {duration:.6g} s is too short: the shortest motion of {law.name} takes {least:.6g} s",
+            f"a duration of {duration:.6g} s is too short: the shortest motion of {law.name} takes {least:.4f} s",
             advice="a longer duration, or higher limits",
         )
     return trajectory.slowed(duration / trajectory.duration)

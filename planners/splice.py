@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from optik.types import Array
-from planners.hermite import quintic
+from planners.curve import quintic
 from planners.limits import MotionLimits
 from planners.trajectory import Trajectory
 

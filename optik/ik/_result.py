@@ -65,7 +65,7 @@ class Tolerance:
     def __iter__(self) -> Iterator[float]:
         return iter((self.position, self.rotation))
 
-    def scaled(self, factor: float) -> Tolerance:
+    def scale(self, factor: float) -> Tolerance:
         """Return the tolerance times a factor.
 
         Parameters

@@ -72,7 +72,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
 def _follow_path(motion: Motion, solver: str) -> JointPath:
     """Return the joint path from the motion's start."""
     tolerance = motion.tolerance or DEFAULT_TOLERANCE
-    allowed = tolerance.scaled(PATH_FRACTION)
+    allowed = tolerance.scale(PATH_FRACTION)
     found = follow(get_solver(motion.robot, solver), motion.path, motion.trajectory(0.0), tolerance=allowed)
     if found.failure is not None:
         failure = found.failure

@@ -11,10 +11,10 @@ from optik.scene import Scene
 from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.types import Array, Flags
 from planners.certificate.clearance import Clearance, clearance
+from planners.curve import quintic_through
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.following.joint_path import JointPath
 from planners.following.track import Track
-from planners.hermite import quintic_through
 from planners.trajectory import Trajectory
 
 CONTACT_SAMPLES = 401

@@ -20,6 +20,7 @@ from optik.ik.base import ToleranceLike
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
+from planners.curve import quintic_through
 from planners.following import march
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck, make_collision_check
@@ -37,7 +38,6 @@ from planners.following.joint_path import IKRecord, JointPath, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
-from planners.hermite import quintic_through
 from planners.paths.base import Path
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from optik import kinematics, se3
 from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
-from planners.curve import PiecewiseCurve
+from planners.curve import PiecewiseCurve, quintic_through
 from planners.following import march
-from planners.hermite import quintic_through
 from planners.paths.base import Path
 
 LEAST_SPACING = 2e-4

@@ -14,9 +14,8 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, find_times
+from planners.curve import apply_chain_rule, find_times, quintic
 from planners.following.follow import JointPath
-from planners.hermite import quintic
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names
 from planners.trajectory import Trajectory
 

@@ -12,10 +12,9 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, find_times
+from planners.curve import apply_chain_rule, find_times, quintic_through
 from planners.fit import fit, stretch_factor
 from planners.following.follow import JointPath
-from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.timing._optimal.derivatives import derivatives
 from planners.timing._optimal.start import select_spaced, sweep

@@ -12,10 +12,9 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule
+from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within
 from planners.following.follow import JointPath
-from planners.hermite import quintic_through
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.limits._sides import ratio_to_limit
 from planners.splice import match_start

@@ -8,9 +8,9 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
+from planners.curve import quintic_through
 from planners.fit import stretch_factor
 from planners.following.follow import JointPath
-from planners.hermite import quintic_through
 from planners.limits import MotionLimits
 from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory

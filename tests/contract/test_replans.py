@@ -31,8 +31,8 @@ from planners import (
     plan,
     replan,
 )
+from planners.curve import quintic
 from planners.following.joint_path import JointPath
-from planners.hermite import quintic
 from planners.plan import StopKind
 from planners.splice import cut_after, join
 from planners.timing.base import PathState

@@ -14,7 +14,7 @@ from optik import Scene, Shapes
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners import Trajectory
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 AXIS = 0.05 * np.sqrt(0.5)

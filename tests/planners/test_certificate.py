@@ -13,7 +13,7 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from planners.limits import DERIVATIVES
 from planners.paths.base import Path
 from tests import oracles

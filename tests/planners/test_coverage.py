@@ -14,7 +14,7 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.certificate.coverage import COVERED, Coverage, length_between
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 from scipy.interpolate import BPoly
 
-from planners.hermite import quintic, quintic_through
+from planners.curve import quintic, quintic_through
 
 laws_hold = settings(deadline=None, max_examples=50)
 seeds = st.integers(0, 2**31)

@@ -30,7 +30,7 @@ from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearan
 from planners.certificate.effort import energy
 from planners.certificate.path_error import PathError
 from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
 from planners.limits.base import Limit
 from tests.planners.contacts import pose

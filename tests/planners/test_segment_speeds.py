@@ -15,10 +15,9 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule
+from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import stretch_factor
 from planners.following.joint_path import JointPath
-from planners.hermite import quintic_through
 from planners.limits import PathPoints
 from tests.planners.cases import START, default_line, paper6r
 

@@ -18,7 +18,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.effort import energy, friction_steps
 from planners.certificate.torque_bounds import cubic_range, direction, fourth_bounds, sizes, slope_range
 from planners.certificate.torque_slowing import stretch_factor
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values
 

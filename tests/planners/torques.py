@@ -14,7 +14,7 @@ from optik.dynamics import torques_batch
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from planners.limits._motion import TorqueRatios
 from tests import oracles
 

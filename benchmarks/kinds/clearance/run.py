@@ -21,7 +21,7 @@ from optik.scene import Scene
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
-from planners.hermite import quintic_through
+from planners.curve import quintic_through
 from planners.trajectory import Trajectory
 
 END_CLEARANCE = 0.01

@@ -9,8 +9,8 @@ import numpy as np
 from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
 from optik.types import Array
+from planners.curve import quintic_through
 from planners.following.follow import JointPath
-from planners.hermite import quintic_through
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
 

@@ -16,8 +16,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule
-from planners.hermite import quintic
+from planners.curve import apply_chain_rule, quintic
 from planners.limits import MotionLimits
 from planners.limits._torque import LoadedLimit
 from planners.limits.base import Limit
