@@ -99,7 +99,8 @@ class LM(IKSolver):
             raise InvalidInput("robot", f"{robot.n} joints", f"at most {MOST_JOINTS} for lm; dls takes any number")
         self.gain = check_number(gain, "gain", "a finite number ≥ 0", least=0.0)
         self.preference = Preference.from_options(robot, prefer, posture)
-        vars(self).update(self.preference.options)
+        for option, value in self.preference.options.items():
+            setattr(self, option, value)  # vars(self) would make every later look-up of an attribute slower
         tolerance = self.tolerance
         self._numbers = np.array(
             [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
