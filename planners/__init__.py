@@ -1,6 +1,7 @@
 """Trajectories of serial arms along paths, with a certificate of the limits that they respect."""
 
-from planners.certificate.certificate import Certificate, certify
+from planners.certificate.certificate import Certificate
+from planners.certificate.certification import certify
 from planners.files import load_motion, save
 from planners.files._setpoints import load_trajectory
 from planners.following.follow import follow

@@ -12,9 +12,9 @@ from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene
-from planners.certificate.certificate import Certificate, certify
-from planners.certificate.coverage import check_span
-from planners.certificate.validity import check_valid
+from planners.certificate.certificate import Certificate, check_valid
+from planners.certificate.certification import certify
+from planners.certificate.checks import check_span
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow
 from planners.following.failure import FollowStatus
 from planners.limits import ALL_LIMITS, MotionLimits

@@ -19,8 +19,8 @@ from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.certificate import Certificate, certify
-from planners.certificate.summary import plan_summary
+from planners.certificate.certificate import Certificate, plan_summary
+from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
 from planners.fit import fit, stretch_factor

@@ -173,7 +173,7 @@ def plan_command(name: str) -> Callable[[Callable[..., Any]], Callable[..., None
 def run_plan(arm: optik.Robot, path: Any, q: Any, options: PlanOptions, words: str = "") -> None:
     """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
     import planners
-    from planners.certificate.validity import find_forbidden
+    from planners.certificate.certificate import find_forbidden
     from planners.certificate.violation import LIMIT_WORDS, words_for
 
     check_out(options)

@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import get_solver
-from planners.certificate.validity import check_valid
+from planners.certificate.certificate import check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow

@@ -9,11 +9,10 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.certificate import continuity
+from planners.certificate import checks
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
-from planners.certificate.segment_speed import segment_speed
-from planners.certificate.tool_speed import ToolSpeed, tool_speed
+from planners.certificate.tool_speed import ToolSpeed, segment_speed, tool_speed
 from planners.certificate.torque import TorqueBounds
 from planners.certificate.torque_slowing import stretch_factor
 from planners.limits._motion import LimitedMotion, TorqueRatios
@@ -117,13 +116,13 @@ class MotionAnalysis(LimitedMotion):
     @cached_property
     def jumps(self) -> Flags:
         """Discontinuities (4, m + 1, n) of the joints' derivatives of order 0 to 3 at the knots."""
-        return continuity.jumps(self.trajectory)
+        return checks.jumps(self.trajectory)
 
     def steps(self, order: int) -> Array:
         """Return the steps (m + 1, n) of a derivative at the knots."""
-        return continuity.steps(self.trajectory, order)
+        return checks.steps(self.trajectory, order)
 
     @cached_property
     def rest(self) -> tuple[bool, bool]:
         """Whether the motion starts and ends at rest."""
-        return continuity.rest(self.trajectory)
+        return checks.rest(self.trajectory)

@@ -10,37 +10,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.arm.robot import Robot
-from optik.errors import InvalidInput
-from optik.ik.base import Tolerance, ToleranceLike
-from optik.scene import Scene
-from optik.scene.contact import check_scene
+from optik.errors import InvalidInput, InvalidMotion
+from optik.ik.base import Tolerance
 from optik.types import Array
-from planners.certificate.active import Binding, active_constraints
-from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.checks import (
-    find_position_violations,
-    position_margins,
-    position_times,
-    sampled_jerk,
-    smallest_singular_value,
-)
-from planners.certificate.clearance import Clearance, clearance
-from planners.certificate.continuity import Jump, continuous_order, find_continuity_violations, largest_jump
-from planners.certificate.coverage import Coverage, check_span, coverage
-from planners.certificate.effort import Energy, FrictionStep, energy, friction_steps
-from planners.certificate.parts import judge_parts, limited_parts
+from planners.certificate.checks import Coverage, Jump, find_continuity_violations, find_position_violations
+from planners.certificate.clearance import Clearance
+from planners.certificate.effort import Energy, FrictionStep
 from planners.certificate.path_error import PathError
-from planners.certificate.violation import Violation, word_of_limit
-from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
+from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
+from planners.limits import ALL_LIMITS, LOADED, Extreme, ToolExtreme, kind_of
 from planners.limits._motion import plain
 from planners.paths.base import Path
-from planners.trajectory import Trajectory
 
 RATIO_ROUNDING = 1e-12
 """Largest excess of a ratio over 1 that counts as rounding error."""
-ENOUGH = 1.1
-"""Ratio of the tolerance to the path error above which the bound on the path error is not refined."""
 MOST_LIMITS = 7
 """Largest number of limits in a summary, by decreasing ratio."""
 
@@ -239,153 +222,6 @@ class Certificate:
         return out | {"binding": self.binding.to_dict()}
 
 
-def certify(
-    robot: Robot,
-    path: Path | None,
-    trajectory: Trajectory,
-    limits: MotionLimits | None = None,
-    *,
-    law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
-    tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
-    scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None, analysis: MotionAnalysis | None = None,
-) -> Certificate:  # fmt: skip
-    """Return the certificate of a trajectory: the limits that it respects at every instant.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    path : Path or None
-        Path of the tool; None for a joint motion: then the path error is NaN, and path parameters are times.
-    trajectory, limits : Trajectory, and MotionLimits, optional
-        The motion and its limits, by default the robot's own.
-    law, enforced : str, and tuple of str, optional
-        Name of the law, and the limits that it enforces; by default all kinds that ``limits`` has, given or free.
-    rate : float
-        The controller's rate [1/s], for `Certificate.sampled_jerk`.
-    tolerance : (2,) tuple of float, optional
-        Largest distance [m] and angle [rad] to the path of a valid motion.
-    span : (2,) tuple of float, optional
-        Path parameters of the required start and end [m, rad]; by default the ends of the path.
-    scene : Scene, optional
-        Obstacles and the margin to them; self-contact is checked too. By default there is no collision check.
-    before : (2,) tuple, optional
-        Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
-    analysis : MotionAnalysis, optional
-        Analysis of this trajectory, from `planners.timing.TimeLaw.run_with_analysis`, whose results are reused.
-
-    Returns
-    -------
-    Certificate
-        Proved properties; the exact extrema include the one-sided values at jumps.
-
-    Raises
-    ------
-    InvalidInput
-        An invalid argument, inconsistent arguments, an unknown limit in ``enforced``, or an arm without shapes.
-    """
-    limits = _check_kinds(robot, path, trajectory, limits)
-    if path is None and (tolerance is not None or span is not None):
-        raise InvalidInput("path", "None, with a tolerance or a span", "the Path of the tolerance and the span")
-    span = (0.0, trajectory.end) if path is None else check_span(span, path)
-    enforced = limits.names if enforced is None else enforced
-    if unknown := [field for field in enforced if field not in limits.names]:
-        raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
-    tolerance = None if tolerance is None else Tolerance.of(tolerance)
-    check_scene(robot, scene)
-    enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
-    promise = _Criteria(law, enforced, rate, tolerance, scene, before)
-    analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
-    if analysis.trajectory is not trajectory or analysis.robot != robot:
-        raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
-    return _certify(analysis.along_path(path, enough), limits, promise, span)
-
-
-class _Criteria(NamedTuple):
-    """Criteria of a certificate besides the limits; see `certify`."""
-
-    law: str
-    enforced: tuple[str, ...]
-    rate: float
-    tolerance: Tolerance | None
-    scene: Scene | None
-    before: tuple[MotionLimits, float] | None
-
-
-def _certify(
-    motion: MotionAnalysis, limits: MotionLimits, promise: _Criteria, span: tuple[float, float]
-) -> Certificate:
-    """Return the certificate for checked arguments."""
-    law, enforced, rate, tolerance, scene, before = promise
-    robot, trajectory = motion.robot, motion.trajectory
-    parts = limited_parts(motion, limits, before)
-    judged = judge_parts(motion, parts)
-    off, places, covered = _measure_along_path(motion, span)
-    singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
-    return Certificate(
-        joint_names=robot.joint_names,
-        law=law,
-        enforced=enforced,
-        duration=trajectory.duration,
-        sampled_jerk=sampled_jerk(trajectory, rate),
-        rate=rate,
-        position_margin=position_margins(robot, trajectory),
-        path_error=off,
-        tolerance=tolerance,
-        singular_value=singular_value,
-        t_singular_value=t_singular_value,
-        binding=active_constraints(motion, parts, places),
-        coverage=covered,
-        continuous=continuous_order(motion.jumps),
-        jump=largest_jump(trajectory, motion.jumps),
-        t_position_margin=position_times(robot, trajectory),
-        rest=motion.rest,
-        clearance=None if scene is None else clearance(robot, trajectory, scene),
-        **{name: judged.pop(name) for name in ALL_LIMITS},
-        extra=judged,
-        **_measure_effort(motion, limits),
-    )
-
-
-def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
-    """Return the energy and the friction steps, if the torque or its rate is limited."""
-    if all(limits.value(name) is None for name in LOADED):
-        return {}
-    torques = motion.torques
-    steps = friction_steps(motion.robot, motion.trajectory, torques, motion.rest)
-    return {"energy": energy(torques), "friction_steps": steps}
-
-
-def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
-    """Return the path error, the path parameters (m + 1,) at the knots, and the covered part of the path."""
-    if not motion.has_path:
-        end, nothing = motion.trajectory.end, (0.0, 0.0)
-        covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
-        return PathError(*(float("nan"),) * 6), motion.trajectory.knots, covered
-    off, passage = motion.along
-    return off, passage.s[passage.knot], coverage(motion.path, passage, span)
-
-
-def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
-    """Return the limits; raise InvalidInput for arguments of a wrong type or with a wrong number of joints."""
-    limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
-    kinds = {
-        "robot": (robot, Robot),
-        "path": (path, Path | None),
-        "trajectory": (trajectory, Trajectory),
-        "limits": (limits, MotionLimits),
-    }
-    for argument, (value, kind) in kinds.items():
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
-    if trajectory.n != robot.n:
-        raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
-    assert limits is not None
-    if path is not None:
-        limits.check_path(path)
-    return limits
-
-
 # ------------------------------------------------------------ summary
 
 
@@ -433,3 +269,62 @@ def shorten(words: str, most: int = 300) -> str:
     """Return text on one line, cut to at most a number of characters."""
     line = " ".join(words.split())
     return line if len(line) <= most else f"{line[: most - 1]}…"
+
+
+class Binding(NamedTuple):
+    """Path speed and active constraint of each of the m segments of a motion.
+
+    ``t`` and ``s`` (m + 1,) are times [s] and path parameters [m, or rad] of their ends, ``speed`` (m,) is the mean of ds/dt.
+    ``ratio`` (m,) is the peak ratio to a limit on the segment [1], 0 where nothing is limited; ``limit`` (m,) names that limit
+    and ``joint`` (m,) its joint, ``"tool"`` for limits of the tool.
+    """
+
+    t: Array
+    s: Array
+    speed: Array
+    ratio: Array
+    limit: tuple[str, ...]
+    joint: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files; None for infinite and undefined numbers."""
+        numbers = {k: plain(getattr(self, k)) for k in ("t", "s", "speed", "ratio")}
+        return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
+
+
+def find_forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:
+    """Return the violations of a motion that these words do not permit."""
+    allowed = check_allow(allow)
+    return tuple(violation for violation in proof.violations if violation.allow not in allowed)
+
+
+def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice: str = "") -> None:
+    """Raise InvalidMotion with the violations that these words do not permit, if there are any."""
+    violations = find_forbidden(proof, allow)
+    if violations:
+        reason = context + "; ".join(violation.words for violation in violations)
+        s = float(np.interp(violations[0].t, proof.binding.t, proof.binding.s))
+        raise InvalidMotion(reason, words_for(violations, allow), s=s, joint=violations[0].joint, advice=advice)
+
+
+def plan_summary(
+    headline: str,
+    path: Path,
+    failure: tuple[float, str | None, str, str] | None,
+    proof: Certificate | None,
+    slowed: float,
+) -> str:
+    """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion."""
+    lines = [headline]
+    if failure is not None:
+        s, name, reason, advice = failure
+        share = f" ({100.0 * s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
+        joint = f", {name}" if name else ""
+        lines.append(f"stopped at s = {s:.3g} {path.unit}{share}{joint}")
+        lines.append(f"reason: {shorten(reason)}")
+        lines.append(f"try: {shorten(advice)}")
+    if proof is not None:
+        lines += summary_lines(proof)[failure is not None :]
+        if slowed > 1.0:
+            lines.append(f"duration stretched by {100.0 * (slowed - 1.0):.3g} % to meet the limits")
+    return "\n".join(lines)

@@ -1,6 +1,8 @@
-"""Position limits, sampled jerk and the smallest singular value of a motion."""
+"""Position limits, sampled jerk, singular values, continuity, rest and covered path of a motion."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,9 +12,12 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.compiled import compiled
 from optik.errors import InvalidInput
+from optik.ik.base import Tolerance
 from optik.kinematics import Chain
-from optik.types import Array
+from optik.types import Array, Flags
+from planners.certificate.path_error import Passage
 from planners.certificate.violation import Violation
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 
@@ -95,3 +100,181 @@ def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array)
                 value = value * u + c[power, i, j]
             q[k, j] = value
     kinematics.singular_values_batch(chain, q, out)
+
+
+JUMP = 1e-5
+"""Difference of one-sided values above which it is a jump, relative to the joint's largest value of that derivative."""
+STEP_ROUNDING = 1e-14
+"""Rounding error of a derivative: this fraction of q, over the shorter piece's duration to the power of the order."""
+FROM_AFAR = 0.1
+"""Least q [rad or m] in the rounding error: a motion that ends at 0 keeps the rounding error of its earlier positions."""
+AT_REST = 1e-9
+"""Final velocity, relative to the joint's largest one, below which it is at rest; the rounding error is added."""
+
+
+class Jump(NamedTuple):
+    """A discontinuity of a joint's position or velocity [rad, m, or per s], and its time [s]."""
+
+    size: float
+    t: float
+    joint: int
+
+
+def jumps(trajectory: Trajectory) -> Flags:
+    """Return where a joint's derivative steps by more than rounding error, each joint on its own scale."""
+    standing = rest(trajectory)
+    size = np.abs(np.stack([steps(trajectory, order, standing) for order in range(4)]))
+    worst = np.stack([trajectory.extrema(order).worst for order in range(4)])
+    return np.asarray(size > JUMP * worst[:, None] + _rounding(trajectory))
+
+
+def _rounding(trajectory: Trajectory) -> Array:
+    """Return the rounding errors of derivatives (4, m + 1, n) at the knots, from the shorter of the adjacent pieces."""
+    h = np.diff(trajectory.knots)
+    shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
+    size = np.maximum(trajectory.extrema(0).worst, FROM_AFAR)
+    return np.asarray(STEP_ROUNDING * size / (shorter[:, None] ** np.arange(4)).T[:, :, None])
+
+
+def rest(trajectory: Trajectory) -> tuple[bool, bool]:
+    """Return whether a motion starts and ends at rest, each joint on its own scale.
+
+    The start is at rest only within rounding error: a motion that is replanned just after its start is slow but moves.
+    """
+    first, last = trajectory.ends(1)
+    begin, end = _rounding(trajectory)[1, [0, -1]]
+    still = AT_REST * trajectory.extrema(1).worst
+    begin, end = (
+        np.minimum(begin, still),
+        end + still,
+    )  # the remaining motion just before the end is slow but not at rest
+    return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
+
+
+def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
+    """Return the steps of a derivative at all knots; an end at rest continues with standstill."""
+    first, last = trajectory.ends(order)
+    # the position of a standstill is that of the adjacent end: it cannot jump
+    start, end = (standing or rest(trajectory)) if order else (False, False)
+    before = first[:1] if start else np.zeros_like(first[:1])
+    after = -last[-1:] if end else np.zeros_like(last[-1:])
+    return np.concatenate([before, trajectory.jumps(order), after])
+
+
+def continuous_order(jumping: Flags) -> int:
+    """Return the highest order up to which all derivatives of a motion are continuous; −1 if the position jumps."""
+    return next((order - 1 for order in range(4) if jumping[order].any()), 3)
+
+
+def largest_jump(trajectory: Trajectory, jumping: Flags) -> Jump | None:
+    """Return the largest jump of the position, or of the velocity if the position is continuous; None if neither jumps."""
+    order = continuous_order(jumping) + 1
+    if order > 1:
+        return None
+    size = np.abs(steps(trajectory, order, rest(trajectory))) * jumping[order]
+    knot, joint = (int(k) for k in np.unravel_index(size.argmax(), size.shape))
+    return Jump(float(size[knot, joint]), float(trajectory.knots[knot]), joint)
+
+
+def find_continuity_violations(continuous: int, jump: Jump | None, joint_names: tuple[str, ...]) -> list[Violation]:
+    """Return the jump found by `largest_jump` as a violation; no motion may have one."""
+    if continuous >= 1:
+        return []
+    what, unit = ("position", "rad or m") if continuous < 0 else ("velocity", "rad/s or m/s")
+    if jump is None:
+        return [Violation(f"the {what} jumps", 0.0, "limits")]
+    name = joint_names[jump.joint]
+    words = f"the {what} jumps by {jump.size:.3g} ({unit}) at t = {jump.t:.6g} s, joint {name}"
+    return [Violation(words, jump.t, "limits", name)]
+
+
+FALLS = 100
+"""Largest number of measured backward stretches, the longest first; each needs 65 twists."""
+COVERED = (1e-5, 1e-5)
+"""Largest distance along the path [m, rad] of start and end from their required positions, and of backward stretches, without
+a tolerance: the default tolerance of `planners.plan`."""
+SIMPSON_INTERVALS = 64
+"""Number of intervals of Simpson's rule for the length of a stretch, even: exact to 1e-6 on any arc of these paths."""
+
+
+class Coverage(NamedTuple):
+    """Part of its path that a motion covers.
+
+    ``begin`` and ``end`` are the path parameters of start and end, ``wanted`` the required ones; ``back`` and ``t_back`` are
+    the path parameter and the time [s] of the end of its longest backward stretch. ``missing`` are distances along the path
+    [m, rad]: of the start and of the end from their required positions, and of the longest backward stretch.
+    """
+
+    begin: float
+    end: float
+    wanted: tuple[float, float]
+    back: float
+    t_back: float
+    missing: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+
+    def find_violations(self, tolerance: Tolerance | None, duration: float) -> list[Violation]:
+        """Return the violations: a wrong start, a wrong end, and a backward stretch."""
+        late, early, back = (not np.less_equal(x, tuple(tolerance or COVERED)).all() for x in self.missing)
+        found = []
+        if late:
+            words = f"the motion begins at s = {self.begin:.6g} of its path, not at {self.wanted[0]:.6g}"
+            found.append(Violation(words, 0.0, "coverage"))
+        if early:
+            words = f"the motion ends at s = {self.end:.6g} of its path, not at {self.wanted[1]:.6g}"
+            found.append(Violation(words, duration, "coverage"))
+        if back:
+            words = f"the motion goes back along its path, to s = {self.back:.6g} at t = {self.t_back:.6g} s"
+            found.append(Violation(words, self.t_back, "coverage"))
+        return found
+
+
+def coverage(path: Path, passage: Passage, span: tuple[float, float]) -> Coverage:
+    """Return the part of its path that a motion covers, and its longest backward stretch."""
+    begin, end = float(passage.s[0]), float(passage.s[-1])
+    back = (0.0, 0.0), end, float(passage.t[-1])  # nowhere
+    for t, high, low in _find_backward_stretches(passage):
+        length = length_between(path, low, high)
+        if max(length) > max(back[0]):
+            back = length, float(low), float(t)
+    missing = length_between(path, begin, span[0]), length_between(path, end, span[1]), back[0]
+    return Coverage(begin, end, span, back[1], back[2], missing)
+
+
+def _find_backward_stretches(passage: Passage) -> Array:
+    """Return the longest backward stretches (k, 3): their end time, the largest s before, and the least s until the next.
+
+    A stretch may span many intervals; ``passage.falls`` has its part in each of them.
+    """
+    falls = passage.falls
+    t = np.concatenate([passage.t, falls[:, 0], falls[:, 0]])
+    s = np.concatenate([passage.s, falls[:, 1], falls[:, 2]])
+    order = np.lexsort((np.repeat([0, 1, 2], [passage.t.size, len(falls), len(falls)]), t))
+    t, s = t[order], s[order]
+    starts = np.flatnonzero(np.append(True, s[1:] > np.maximum.accumulate(s)[:-1]))
+    ends = np.append(starts[1:], s.size)
+    starts, ends = starts[ends > starts + 1], ends[ends > starts + 1]
+    lowest = np.array([first + s[first:last].argmin() for first, last in zip(starts, ends, strict=True)], np.int64)
+    back = np.column_stack([t[lowest], s[starts], s[lowest]])[s[lowest] < s[starts]]
+    return np.asarray(back[np.argsort(back[:, 2] - back[:, 1], kind="stable")[:FALLS]])
+
+
+def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
+    """Return how far the tool moves and turns between two positions along a path, by Simpson's rule."""
+    s = np.linspace(min(a, b), max(a, b), SIMPSON_INTERVALS + 1)
+    twist = path.twist(s)
+    weights = np.array([1.0, *[4.0, 2.0] * (SIMPSON_INTERVALS // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
+    moved, turned = (float(weights @ np.linalg.norm(part, axis=1)) for part in (twist[:, :3], twist[:, 3:]))
+    return moved, turned
+
+
+def check_span(span: tuple[float, float] | None, path: Path) -> tuple[float, float]:
+    """Return the part of a path that a motion must cover; raise InvalidInput for an invalid one."""
+    if span is None:
+        return 0.0, path.end
+    expected = f"two increasing path parameters in [0, {path.end:.9g}]"
+    if not isinstance(span, tuple | list) or len(span) != 2:
+        raise InvalidInput("span", repr(span)[:60], expected)
+    begin, end = (check_number(x, "span", expected, least=0.0) for x in span)
+    if not begin <= end <= path.end:
+        raise InvalidInput("span", repr(span)[:60], expected)
+    return begin, end

@@ -12,7 +12,7 @@ from optik.scene import Scene
 from optik.scene.contact import check_scene, find_pairs
 from optik.types import Flags
 from planners.certificate._clearance import search
-from planners.certificate.dividing import NARROWEST_SHARE
+from planners.certificate.bounds import NARROWEST_SHARE
 from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 

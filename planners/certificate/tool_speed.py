@@ -1,4 +1,4 @@
-"""Greatest speeds of the tool's point and of its rotation along a trajectory: proved upper bounds."""
+"""Greatest speeds of the tool, and their ratios to limits that differ between segments of the path: proved upper bounds."""
 
 from __future__ import annotations
 
@@ -9,8 +9,19 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
-from planners.certificate.bounds import Instants, MotionBounds, bezier_bound, joint_bounds, tool_bounds
-from planners.certificate.dividing import Closeness, SubdivisionBound, repeat_ends
+from planners.certificate.bounds import (
+    Closeness,
+    Instants,
+    MotionBounds,
+    SubdivisionBound,
+    bezier_bound,
+    joint_bounds,
+    repeat_ends,
+    tool_bounds,
+)
+from planners.certificate.path_error import Passage
+from planners.certificate.projection import Nearest
+from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 SPEED_EXCESS = 1e-6
@@ -81,3 +92,108 @@ def speeds_within(links: Array, prismatic: Flags, left: Instants, right: Instant
         a, b = left.motion[i], right.motion[i]
         out[i, 0] = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h[i], moves[i, 5])
         out[i, 1] = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h[i], spin[i])
+
+
+RATIO_FLOOR = 1e-6
+"""Least ratio to a limit that the excess of the bound is relative to."""
+CROSSING_ROUNDING = 1e-12
+"""Fraction of the path, and of the duration, below which two positions, or two instants, are the same: rounding is near."""
+CROSSING_STEPS = 60
+"""Largest number of steps to the instant at which a break is passed; three Newton steps are usual."""
+
+
+class LimitedInstants(NamedTuple):
+    """A motion at instants, as `Instants`, with the limit (k,) of the time interval of each."""
+
+    t: Array
+    joints: Array
+    poses: Array
+    motion: Array
+    bound: Array
+
+
+def segment_speed(
+    bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array, part: int
+) -> tuple[float, float]:
+    """Return a bound on the ratio of the tool's speed to the limit of the current piece of the path, and its time.
+
+    The current piece is that of s(t), the projection onto the path (`planners.certificate.path_error`). If s(t) decreases
+    within an interval, the least limit of all its pieces counts.
+    """
+    piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
+    ratios = _Ratios(bounds, float(bounds.knots[-1]), part)
+    left, right = (LimitedInstants(*bounds.at(piece, t), limit) for t in (begin, end))
+    return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
+
+
+class _Ratios(SubdivisionBound[LimitedInstants]):
+    """|v| or |ω| of the tool over its limit; the second value is not used."""
+
+    def __init__(self, bounds: MotionBounds, duration: float, part: int) -> None:
+        super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
+        self._bounds, self._part = bounds, part
+
+    def between(self, left: LimitedInstants, right: LimitedInstants) -> Array:
+        out = np.empty((left.t.size, 2))
+        speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*left[:4]), Instants(*right[:4]), out)
+        return np.stack([out[:, self._part] / left.bound, np.zeros(left.t.size)], axis=1)
+
+    def within(self, piece: Indices, left: LimitedInstants, right: LimitedInstants, shares: Array) -> LimitedInstants:
+        times = shares.size // piece.size
+        t = repeat_ends(left.t, times) + shares * repeat_ends(right.t - left.t, times)
+        return LimitedInstants(*self._bounds.at(repeat_ends(piece, times), t), repeat_ends(left.bound, times))
+
+    def values(self, side: LimitedInstants) -> Array:
+        first = 3 * self._part
+        ratio = np.linalg.norm(side.motion[:, 0, first : first + 3], axis=1) / side.bound
+        return np.stack([ratio, np.zeros(ratio.size)], axis=1)
+
+
+def _stretches(
+    bounds: MotionBounds, path: Path, passage: Passage, on_pieces: Array
+) -> tuple[Indices, Array, Array, Array]:
+    """Return intervals of time (k,) with one limit each: their pieces of the motion, starts, ends [s] and limits."""
+    t, s, inner = passage.t, passage.s, path.breaks[1:-1]
+    low, high = np.minimum(s[:-1], s[1:]), np.maximum(s[:-1], s[1:])
+    back = s[1:] < s[:-1]
+    for when, top, bottom in passage.falls:
+        i = min(int(np.searchsorted(t, when, side="right")) - 1, low.size - 1)
+        low[i], high[i], back[i] = min(low[i], bottom), max(high[i], top), True
+    first = np.searchsorted(inner, low + CROSSING_ROUNDING * path.end, side="right")
+    last = np.maximum(first, np.searchsorted(inner, high - CROSSING_ROUNDING * path.end, side="left"))
+    piece = np.cumsum(passage.knot)[:-1] - 1
+    limit = on_pieces[first]
+    for k in np.flatnonzero(back & (first < last)):
+        limit[k] = on_pieces[first[k] : last[k] + 1].min()
+    changes = np.flatnonzero(np.diff(on_pieces) != 0.0)  # inner breaks at which the limit changes
+    count = np.searchsorted(changes, last) - np.searchsorted(changes, first)
+    count[back] = 0
+    parted = np.repeat(np.arange(count.size), count)  # intervals, once for each change in them
+    if not parted.size:
+        return piece, t[:-1], t[1:], limit
+    nth = np.arange(parted.size) - np.repeat(np.cumsum(count) - count, count)
+    crossed = changes[np.searchsorted(changes, first[parted]) + nth]
+    when = _crossings(bounds, path, piece[parted], (t[parted], t[parted + 1]), inner[crossed])
+    begin, after = np.concatenate([t[:-1], when]), np.concatenate([limit, on_pieces[crossed + 1]])
+    owner = np.concatenate([piece, piece[parted]])
+    order = np.lexsort((np.arange(begin.size), begin))
+    begin = begin[order]
+    return owner[order], begin, np.append(begin[1:], t[-1]), after[order]
+
+
+def _crossings(bounds: MotionBounds, path: Path, piece: Indices, ends: tuple[Array, Array], places: Array) -> Array:
+    """Return the instants (k,) at which a motion passes positions along its path: Newton's method within a bisection."""
+    nearest, (low, high) = Nearest(path), ends
+    t, shortest = 0.5 * (low + high), CROSSING_ROUNDING * float(bounds.knots[-1])
+    for _ in range(CROSSING_STEPS):
+        found = nearest.places(bounds.at(piece, t), places)
+        off = found.s - places
+        low, high = np.where(off < 0.0, t, low), np.where(off < 0.0, high, t)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = t - off / found.speed
+        after = np.where((after > low) & (after < high), after, 0.5 * (low + high))
+        settled = np.abs(after - t).max() <= shortest
+        t = after
+        if settled:
+            break
+    return t

@@ -1,4 +1,4 @@
-"""Limits of a motion, one file for each kind: its bound, its rows in time laws, its judgement and its key in files."""
+"""Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
 
 from planners.limits._joint import DerivativeLimit
 from planners.limits._known import (
@@ -13,9 +13,8 @@ from planners.limits._known import (
 )
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits._motion_limits import MotionLimits
-from planners.limits._sides import ratio_to_limit, sides, symmetric_bound
 from planners.limits._tool import ToolSpeedLimit
-from planners.limits.base import Limit, scale_of
+from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
 
 SAME_SPEED = 1e-6
 """Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""

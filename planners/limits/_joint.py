@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from optik.types import Array, Flags
 from planners.curve import chain_rows
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints
-from planners.limits._sides import center_rows, ratio_to_limit, sides, symmetric_bound
-from planners.limits.base import Limit, scale_of
+from planners.limits.base import Limit, center_rows, ratio_to_limit, scale_of, sides, symmetric_bound
 from planners.trajectory import Extrema
 
 
@@ -69,3 +70,29 @@ def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jump
         np.where(jumping, infinite, extreme.ratio),
         np.where(jumping, when, extreme.time),
     )
+
+
+class Velocity(DerivativeLimit):
+    """Greatest velocity of every joint."""
+
+    name: ClassVar[str] = "velocity"
+    units: ClassVar[tuple[str, str]] = ("rad/s", "m/s")
+    order: ClassVar[int] = 1
+    sided: ClassVar[bool] = True
+
+
+class Acceleration(DerivativeLimit):
+    """Greatest acceleration of every joint."""
+
+    name: ClassVar[str] = "acceleration"
+    units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
+    order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
+
+
+class Jerk(DerivativeLimit):
+    """Greatest jerk of every joint."""
+
+    name: ClassVar[str] = "jerk"
+    units: ClassVar[tuple[str, str]] = ("rad/s³", "m/s³")
+    order: ClassVar[int] = 3

@@ -1,4 +1,4 @@
-"""Registry of the kinds of limits: those of this folder, and those that programs register."""
+"""Registry of the kinds of limits: the arguments of `MotionLimits`, files of this folder, and those that programs register."""
 
 from __future__ import annotations
 
@@ -6,19 +6,13 @@ from functools import cache
 
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
-from planners.limits._joint import DerivativeLimit
-from planners.limits._torque import LoadedLimit
-from planners.limits.acceleration import Acceleration
+from planners.limits._joint import Acceleration, DerivativeLimit, Jerk, Velocity
+from planners.limits._tool import RotationSpeed, ToolSpeed
+from planners.limits._torque import LoadedLimit, Torque, TorqueRate
 from planners.limits.base import Limit
-from planners.limits.jerk import Jerk
-from planners.limits.rotation_speed import RotationSpeed
-from planners.limits.tool_speed import ToolSpeed
-from planners.limits.torque import Torque
-from planners.limits.torque_rate import TorqueRate
-from planners.limits.velocity import Velocity
 
 FOLDER = "planners.limits"
-"""Folder in which each limit is a file."""
+"""Folder, and group of entry points, in which each further limit is a file."""
 FIELD_LIMITS: tuple[Limit, ...] = (
     Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed(), Torque(), TorqueRate()
 )  # fmt: skip
@@ -42,7 +36,7 @@ def register(kind: Limit) -> None:
     """Register a kind of limit by its name for ``MotionLimits(extra=...)`` and motion files, in this process."""
     if not isinstance(kind, Limit):
         raise InvalidInput("kind", repr(kind)[:60], "a Limit")
-    taken = kind.name in names(FOLDER) or type(_ADDED.get(kind.name, kind)) is not type(kind)
+    taken = kind.name in (*ALL_LIMITS, *names(FOLDER)) or type(_ADDED.get(kind.name, kind)) is not type(kind)
     if taken:
         raise InvalidInput("kind", f"the name {kind.name!r}", "a name that no other limit has")
     _ADDED[kind.name] = kind
@@ -50,7 +44,7 @@ def register(kind: Limit) -> None:
 
 def is_known(name: object) -> bool:
     """Return whether there is a limit of a name."""
-    return name in _ADDED or name in names(FOLDER)
+    return name in _BY_NAME or name in _ADDED or name in names(FOLDER)
 
 
 def check_names(names: object, argument: str) -> tuple[str, ...]:
@@ -58,7 +52,7 @@ def check_names(names: object, argument: str) -> tuple[str, ...]:
     expected = f"a tuple of names of limits, out of {', '.join((*ALL_LIMITS, *_ADDED))}"
     if not isinstance(names, tuple):
         raise InvalidInput(argument, repr(names)[:60], expected)
-    unknown = [name for name in names if name not in ALL_LIMITS and not is_known(name)]
+    unknown = [name for name in names if not is_known(name)]
     if unknown:
         raise InvalidInput(argument, repr(unknown[0])[:60], expected)
     return names
@@ -70,7 +64,7 @@ def kind_of(name: str) -> Limit:
     if found is not None:
         return found
     if name not in names(FOLDER):
-        raise UnknownName("limit", name, (*names(FOLDER), *_ADDED))
+        raise UnknownName("limit", name, (*ALL_LIMITS, *names(FOLDER), *_ADDED))
     return _from_folder(name)
 
 

@@ -96,3 +96,19 @@ def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, A
     """Return the bounds just after the start, and just before the end, of intervals of a path."""
     pieces, inner, near = bounds_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
     return pieces[np.searchsorted(inner, s[:-1] + near)], pieces[np.searchsorted(inner, s[1:] - near)]
+
+
+class ToolSpeed(ToolSpeedLimit):
+    """Greatest speed |v| of the tool's point."""
+
+    name: ClassVar[str] = "tool_speed"
+    units: ClassVar[tuple[str, str]] = ("m/s", "m/s")
+    part: ClassVar[int] = 0
+
+
+class RotationSpeed(ToolSpeedLimit):
+    """Greatest speed |ω| of the tool's rotation."""
+
+    name: ClassVar[str] = "rotation_speed"
+    units: ClassVar[tuple[str, str]] = ("rad/s", "rad/s")
+    part: ClassVar[int] = 1

@@ -11,8 +11,7 @@ from optik import dynamics
 from optik.arm.inertia import Load
 from optik.types import Array
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints
-from planners.limits._sides import sides
-from planners.limits.base import Limit
+from planners.limits.base import Limit, sides
 
 
 class LoadedLimit(Limit):
@@ -92,3 +91,63 @@ def _coefficients(at: PathPoints, load: Load) -> Array:
         dynamics.path_torques(at.joint_path.robot.chain, load.bodies, path, kept)
         at.torques[id(load)] = kept
     return kept
+
+
+STANDING_SHARE = 1e-9
+"""Fraction of the largest |q'| of all joints below which a joint is at rest: it is rounding error of the path."""
+
+
+class Torque(LoadedLimit):
+    """Greatest torque of every joint, friction included.
+
+    Coulomb friction is f sign(q̇). Where a joint rests or reverses, it is the least favourable value in [−f, f].
+    """
+
+    name: ClassVar[str] = "torque"
+    units: ClassVar[tuple[str, str]] = ("N·m", "N")
+    order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
+    rate: ClassVar[bool] = False
+    columns: ClassVar[int] = 4
+
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+        lower, upper = sides(bound)
+        free = ~np.isfinite(upper - lower)
+        lower, upper = np.where(free, -1.0, lower), np.where(free, 1.0, upper)
+        sign, still = _senses(at)
+        rows = torque_rows(at, load).copy()
+        rows[:, :, 3] += load.coulomb * sign - 0.5 * (lower + upper)
+        half = 0.5 * (upper - lower) - load.coulomb * still
+        # Friction alone may exceed the limit: then no motion respects it.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(free[:, None], 0.0, rows / np.maximum(half, 0.0)[:, :, None])
+
+
+def _senses(at: PathPoints) -> tuple[Array, Array]:
+    """Return the sign (k, n) of each joint's motion along the path, 0 where it rests or reverses; and 1 there, else 0.
+
+    All joints rest at both ends of the path. A joint counts as reversing at both of two adjacent points if its sign changes
+    between them.
+    """
+    q1 = at.q(1)
+    sign = np.where(np.abs(q1) > STANDING_SHARE * np.abs(q1).max(initial=0.0), np.sign(q1), 0.0)
+    turning = sign[1:] * sign[:-1] < 0.0
+    turning &= (np.diff(at.s) > 0.0)[:, None]
+    still = sign == 0.0
+    still[1:] |= turning
+    still[:-1] |= turning
+    still |= ((at.s <= 0.0) | (at.s >= at.joint_path.end))[:, None]
+    return np.where(still, 0.0, sign), still.astype(np.float64)
+
+
+class TorqueRate(LoadedLimit):
+    """Greatest rate of the torque of every joint, without Coulomb friction, which jumps where a joint reverses."""
+
+    name: ClassVar[str] = "torque_rate"
+    units: ClassVar[tuple[str, str]] = ("N·m/s", "N/s")
+    order: ClassVar[int] = 3
+    rate: ClassVar[bool] = True
+    columns: ClassVar[int] = 6
+
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+        return torque_rate_rows(at, load) / bound[:, None]

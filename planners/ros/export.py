@@ -16,9 +16,8 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes, write_atomically
-from planners.certificate.certificate import Certificate
-from planners.certificate.continuity import JUMP
-from planners.certificate.validity import check_valid
+from planners.certificate.certificate import Certificate, check_valid
+from planners.certificate.checks import JUMP
 from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES

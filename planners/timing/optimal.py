@@ -16,7 +16,7 @@ from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
-from planners.limits._sides import ratio_to_limit
+from planners.limits.base import ratio_to_limit
 from planners.splice import match_start
 from planners.timing._optimal import iteration
 from planners.timing._optimal.derivatives import derivatives, distances

@@ -14,8 +14,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, Line, Polyline
 from planners.certificate.bounds import Instants
-from planners.certificate.nearest import Nearest
-from planners.certificate.progress import positions_along
+from planners.certificate.projection import Nearest, positions_along
 from planners.paths.base import Path
 
 quick = settings(
@@ -138,7 +137,7 @@ def test_a_motion_nowhere_near_its_path_gets_the_nearest_places() -> None:
 @pytest.mark.parametrize("count", [300, 3000])
 def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: Any) -> None:
     """No more pairs of an instant and a chord are looked at than some for each instant."""
-    from planners.certificate import progress
+    from planners.certificate import projection
 
     rng = np.random.default_rng(0)
     u = np.linspace(0.0, 1.0, count)
@@ -146,5 +145,5 @@ def test_long_polylines_cost_what_their_length_costs(count: int, monkeypatch: An
     points += 0.15 / count * rng.normal(size=(count, 3))
     path = Polyline([se3.pose(np.eye(3), p) for p in points], blend=1e-3)
     s = path.grid(4 * count, 3)
-    monkeypatch.setattr(progress, "MOST_PAIRS", 60 * s.size)
+    monkeypatch.setattr(projection, "MOST_PAIRS", 60 * s.size)
     np.testing.assert_allclose(positions_along(path, path.pose(s)), s, rtol=0.0, atol=1e-3)

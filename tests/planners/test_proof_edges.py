@@ -22,14 +22,14 @@ from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
-from planners.certificate import checks, continuity
+from planners.certificate import checks
 from planners.certificate import clearance as module
 from planners.certificate._clearance import _judge_level, _sphere_distance
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
 from planners.certificate.effort import energy
 from planners.certificate.path_error import PathError
-from planners.certificate.torque_bounds import direction, fourth_bounds, sizes
+from planners.certificate.torque import direction, fourth_bounds, sizes
 from planners.curve import quintic_through
 from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
 from planners.limits.base import Limit
@@ -227,7 +227,7 @@ def leibniz(a: Array, b: Array, order: int, first: int = 0) -> float:
 @SEEDS
 @pytest.mark.parametrize("orders", [(1, 5), (2, 5), (1, 2, 3, 4, 5), (3, 4)])
 def test_the_fourth_derivatives_bound_is_its_closed_form(seed: int, orders: tuple[int, ...]) -> None:
-    """Two joints, the first one turning: what `planners.certificate.torque_bounds` derives, written anew."""
+    """Two joints, the first one turning: what `planners.certificate.torque` derives, written anew."""
     rng = np.random.default_rng(seed)
     slides = bool(seed % 2)
     rows = [DHRow(0.0, 0.3, 0.2, 0.1), DHRow(0.4, 1.1, 0.0 if slides else 0.3, 0.2, slides)]
@@ -368,14 +368,18 @@ def proved_energy(robot: Robot, motion: Trajectory) -> float:
 # ---------------------------------------------------------------- thresholds
 
 STATED = {
-    "planners.certificate.continuity": {"JUMP": 1e-5, "STEP_ROUNDING": 1e-14, "AT_REST": 1e-9},
-    "planners.certificate.coverage": {"COVERED": (1e-5, 1e-5)},
+    "planners.certificate.checks": {
+        "JUMP": 1e-5,
+        "STEP_ROUNDING": 1e-14,
+        "AT_REST": 1e-9,
+        "COVERED": (1e-5, 1e-5),
+        "LIMIT_TOLERANCE": 1e-9,
+    },
     "planners.certificate.clearance": {"POSITION_STEP": 1e-11, "VELOCITY_STEP": 1e-10},
     "planners.certificate.certificate": {"RATIO_ROUNDING": 1e-12},
     "planners.certificate.path_error": {"ERROR_EXCESS": 1.048, "ERROR_FLOOR": 1e-9, "ERROR_ROUNDING": 2e-15},
-    "planners.certificate.checks": {"LIMIT_TOLERANCE": 1e-9},
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
-    "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
+    "planners.certificate.tool_speed": {"CROSSING_ROUNDING": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
     "optik.distance": {"DISTANCE_ROUNDING": 1e-9},
@@ -398,11 +402,11 @@ def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps:
     smooth = Trajectory(quintic_through(t, q, np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]]), np.zeros((3, 2))))
     c, moved = smooth.coefficients.copy(), smooth
     for _ in range(4):  # the jump changes the largest value that it is compared with
-        most = continuity.JUMP * moved.extrema(order).worst + continuity._rounding(moved)[order, 1]
+        most = checks.JUMP * moved.extrema(order).worst + checks._rounding(moved)[order, 1]
         c[5 - order, 1, 0] += (share * most[0] - moved.jumps(order)[0, 0]) / factorial(order)
         moved = Trajectory(PPoly(c, smooth.knots))
     assert moved.jumps(order)[0, 0] == pytest.approx(share * most[0], rel=1e-3)
-    assert continuity.jumps(moved)[order, 1, 0] == jumps
+    assert checks.jumps(moved)[order, 1, 0] == jumps
 
 
 @pytest.mark.parametrize(("share", "rests"), [(0.99, True), (1.01, False)])
@@ -411,24 +415,24 @@ def test_a_motion_is_at_rest_just_below_its_threshold(share: float, rests: bool,
     t, q = np.array([0.0, 0.7, 1.3, 1.8]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0], [0.7, 20.0]])
     v = np.array([[0.0, 0.0], [1.0, 5.0], [-0.5, 2.0], [0.0, 0.0]])
     still = Trajectory(quintic_through(t, q, v, np.zeros((4, 2))))
-    most = continuity._rounding(still)[1, -end]
+    most = checks._rounding(still)[1, -end]
     if end:
-        most = most + continuity.AT_REST * still.extrema(1).worst
+        most = most + checks.AT_REST * still.extrema(1).worst
     v[-end, 0] = share * most[0]
-    found = continuity.rest(Trajectory(quintic_through(t, q, v, np.zeros((4, 2)))))
+    found = checks.rest(Trajectory(quintic_through(t, q, v, np.zeros((4, 2)))))
     assert found[end] == rests and found[1 - end]
 
 
 def test_a_joint_that_stands_at_0_is_at_rest() -> None:
-    assert continuity.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
+    assert checks.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
 
 
 def test_rounding_counts_by_the_shorter_of_the_pieces_beside_a_knot() -> None:
     h, worst = np.array([0.5, 0.01, 0.2]), np.array([0.3, 4.0])
     motion = polynomial(*((x, worst[None]) for x in h))
     shorter = np.array([0.5, 0.01, 0.01, 0.2])
-    expected = continuity.STEP_ROUNDING * worst / shorter[None, :, None] ** np.arange(4)[:, None, None]
-    np.testing.assert_allclose(continuity._rounding(motion), expected, rtol=1e-12)
+    expected = checks.STEP_ROUNDING * worst / shorter[None, :, None] ** np.arange(4)[:, None, None]
+    np.testing.assert_allclose(checks._rounding(motion), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("distance", "angle"), [(1.01, 0.5), (0.5, 1.01), (1.01, 1.01), (1.0, 1.0)])

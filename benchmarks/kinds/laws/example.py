@@ -16,7 +16,8 @@ from benchmarks.records import Journal, RunFolder
 from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
-from planners.certificate.certificate import Certificate, certify
+from planners.certificate.certificate import Certificate
+from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import JointPath, follow
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, ratio_to_limit, sides

@@ -30,7 +30,7 @@ from optik import se3
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
 from optik.registry import load_method
-from planners.certificate.certificate import certify
+from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import FollowResult, JointPath, follow
 from planners.limits import MotionLimits

@@ -22,7 +22,7 @@ from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.certificate.continuity import steps
+from planners.certificate.checks import steps
 from planners.limits import MotionLimits
 from planners.limits._motion import plain
 from planners.paths.line import Line

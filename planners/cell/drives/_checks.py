@@ -14,8 +14,7 @@ from optik.types import Array
 from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongSetpoint
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
-from planners.certificate.certificate import Certificate
-from planners.certificate.validity import check_valid
+from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.plan import Plan

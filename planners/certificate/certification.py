@@ -1,0 +1,265 @@
+"""Certification of a trajectory: its proved properties, from its polynomials and not from samples, for any time law."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.ik.base import Tolerance, ToleranceLike
+from optik.scene import Scene
+from optik.scene.contact import check_scene
+from optik.types import Array
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.certificate import Binding, Certificate
+from planners.certificate.checks import (
+    Coverage,
+    check_span,
+    continuous_order,
+    coverage,
+    largest_jump,
+    position_margins,
+    position_times,
+    sampled_jerk,
+    smallest_singular_value,
+)
+from planners.certificate.clearance import clearance
+from planners.certificate.effort import energy, friction_steps
+from planners.certificate.path_error import PathError
+from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme
+from planners.paths.base import Path
+from planners.splice import cut_after, cut_before
+from planners.trajectory import Trajectory
+
+ENOUGH = 1.1
+"""Ratio of the tolerance to the path error above which the bound on the path error is not refined."""
+
+
+def certify(
+    robot: Robot,
+    path: Path | None,
+    trajectory: Trajectory,
+    limits: MotionLimits | None = None,
+    *,
+    law: str = "", enforced: tuple[str, ...] | None = None, rate: float = 1000.0,
+    tolerance: ToleranceLike | None = None, span: tuple[float, float] | None = None,
+    scene: Scene | None = None, before: tuple[MotionLimits, float] | None = None, analysis: MotionAnalysis | None = None,
+) -> Certificate:  # fmt: skip
+    """Return the certificate of a trajectory: the limits that it respects at every instant.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    path : Path or None
+        Path of the tool; None for a joint motion: then the path error is NaN, and path parameters are times.
+    trajectory, limits : Trajectory, and MotionLimits, optional
+        The motion and its limits, by default the robot's own.
+    law, enforced : str, and tuple of str, optional
+        Name of the law, and the limits that it enforces; by default all kinds that ``limits`` has, given or free.
+    rate : float
+        The controller's rate [1/s], for `Certificate.sampled_jerk`.
+    tolerance : (2,) tuple of float, optional
+        Largest distance [m] and angle [rad] to the path of a valid motion.
+    span : (2,) tuple of float, optional
+        Path parameters of the required start and end [m, rad]; by default the ends of the path.
+    scene : Scene, optional
+        Obstacles and the margin to them; self-contact is checked too. By default there is no collision check.
+    before : (2,) tuple, optional
+        Limits that replace ``limits`` until a time [s], which must be a knot of the motion.
+    analysis : MotionAnalysis, optional
+        Analysis of this trajectory, from `planners.timing.TimeLaw.run_with_analysis`, whose results are reused.
+
+    Returns
+    -------
+    Certificate
+        Proved properties; the exact extrema include the one-sided values at jumps.
+
+    Raises
+    ------
+    InvalidInput
+        An invalid argument, inconsistent arguments, an unknown limit in ``enforced``, or an arm without shapes.
+    """
+    limits = _check_kinds(robot, path, trajectory, limits)
+    if path is None and (tolerance is not None or span is not None):
+        raise InvalidInput("path", "None, with a tolerance or a span", "the Path of the tolerance and the span")
+    span = (0.0, trajectory.end) if path is None else check_span(span, path)
+    enforced = limits.names if enforced is None else enforced
+    if unknown := [field for field in enforced if field not in limits.names]:
+        raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
+    tolerance = None if tolerance is None else Tolerance.of(tolerance)
+    check_scene(robot, scene)
+    enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
+    promise = _Criteria(law, enforced, rate, tolerance, scene, before)
+    analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
+    if analysis.trajectory is not trajectory or analysis.robot != robot:
+        raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
+    return _certify(analysis.along_path(path, enough), limits, promise, span)
+
+
+class _Criteria(NamedTuple):
+    """Criteria of a certificate besides the limits; see `certify`."""
+
+    law: str
+    enforced: tuple[str, ...]
+    rate: float
+    tolerance: Tolerance | None
+    scene: Scene | None
+    before: tuple[MotionLimits, float] | None
+
+
+def _certify(
+    motion: MotionAnalysis, limits: MotionLimits, promise: _Criteria, span: tuple[float, float]
+) -> Certificate:
+    """Return the certificate for checked arguments."""
+    law, enforced, rate, tolerance, scene, before = promise
+    robot, trajectory = motion.robot, motion.trajectory
+    parts = limited_parts(motion, limits, before)
+    judged = judge_parts(motion, parts)
+    off, places, covered = _measure_along_path(motion, span)
+    singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
+    return Certificate(
+        joint_names=robot.joint_names,
+        law=law,
+        enforced=enforced,
+        duration=trajectory.duration,
+        sampled_jerk=sampled_jerk(trajectory, rate),
+        rate=rate,
+        position_margin=position_margins(robot, trajectory),
+        path_error=off,
+        tolerance=tolerance,
+        singular_value=singular_value,
+        t_singular_value=t_singular_value,
+        binding=active_constraints(motion, parts, places),
+        coverage=covered,
+        continuous=continuous_order(motion.jumps),
+        jump=largest_jump(trajectory, motion.jumps),
+        t_position_margin=position_times(robot, trajectory),
+        rest=motion.rest,
+        clearance=None if scene is None else clearance(robot, trajectory, scene),
+        **{name: judged.pop(name) for name in ALL_LIMITS},
+        extra=judged,
+        **_measure_effort(motion, limits),
+    )
+
+
+def _measure_effort(motion: MotionAnalysis, limits: MotionLimits) -> dict[str, Any]:
+    """Return the energy and the friction steps, if the torque or its rate is limited."""
+    if all(limits.value(name) is None for name in LOADED):
+        return {}
+    torques = motion.torques
+    steps = friction_steps(motion.robot, motion.trajectory, torques, motion.rest)
+    return {"energy": energy(torques), "friction_steps": steps}
+
+
+def _measure_along_path(motion: MotionAnalysis, span: tuple[float, float]) -> tuple[PathError, Array, Coverage]:
+    """Return the path error, the path parameters (m + 1,) at the knots, and the covered part of the path."""
+    if not motion.has_path:
+        end, nothing = motion.trajectory.end, (0.0, 0.0)
+        covered = Coverage(0.0, end, span, end, end, (nothing, nothing, nothing))
+        return PathError(*(float("nan"),) * 6), motion.trajectory.knots, covered
+    off, passage = motion.along
+    return off, passage.s[passage.knot], coverage(motion.path, passage, span)
+
+
+def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits: MotionLimits | None) -> MotionLimits:
+    """Return the limits; raise InvalidInput for arguments of a wrong type or with a wrong number of joints."""
+    limits = MotionLimits.of(robot) if limits is None and isinstance(robot, Robot) else limits
+    kinds = {
+        "robot": (robot, Robot),
+        "path": (path, Path | None),
+        "trajectory": (trajectory, Trajectory),
+        "limits": (limits, MotionLimits),
+    }
+    for argument, (value, kind) in kinds.items():
+        if not isinstance(value, kind):
+            raise InvalidInput(argument, repr(value)[:60], f"a {getattr(kind, '__name__', 'Path or None')}")
+    if trajectory.n != robot.n:
+        raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
+    assert limits is not None
+    if path is not None:
+        limits.check_path(path)
+    return limits
+
+
+class LimitedPart(NamedTuple):
+    """A part of a motion, its start time [s], and its limits."""
+
+    motion: MotionAnalysis
+    begin: float
+    limits: MotionLimits
+
+
+def limited_parts(
+    motion: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None
+) -> tuple[LimitedPart, ...]:
+    """Return the whole motion as one part, or its parts before and after the time at which the limits change."""
+    if before is None:
+        return (LimitedPart(motion, 0.0, limits),)
+    expected = "limits of the same kinds, and the time of a knot inside the motion"
+    if not isinstance(before, tuple | list) or len(before) != 2 or not isinstance(before[0], MotionLimits):
+        raise InvalidInput("before", repr(before)[:60], expected)
+    old, t = before[0], check_number(before[1], "before", expected, above=0.0)
+    trajectory, path = motion.trajectory, motion.path if motion.has_path else None
+    knots = trajectory.knots
+    t = float(knots[int(np.abs(knots - t).argmin())]) if np.abs(knots - t).min() <= 1e-12 * trajectory.end else t
+    if old.names != limits.names or t not in knots:
+        raise InvalidInput("before", f"limits on {', '.join(old.names)} until {t:.9g} s", expected)
+    if t >= trajectory.end:
+        return (LimitedPart(motion, 0.0, old),)
+    first, second = (
+        MotionAnalysis(motion.robot, part, path) for part in (cut_after(trajectory, t), cut_before(trajectory, t))
+    )
+    return LimitedPart(first, 0.0, old), LimitedPart(second, t, limits)
+
+
+def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[str, Any]:
+    """Return the peak values of each kind of limit over the parts; infinite if a derivative jumps between two parts."""
+    n = motion.robot.n
+    found: dict[str, Any] = {}
+    for kind in parts[-1].limits.kinds:
+        each: list[Any] = [kind.judge(part.motion, part.limits.bounds(n)[kind.name]) for part in parts]
+        each = [x._replace(time=x.time + part.begin) for x, part in zip(each, parts, strict=True)]
+        found[kind.name] = each[0] if len(each) == 1 else _select_worse(*each)
+    if len(parts) > 1:
+        k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
+        jump = motion.jumps[:3, k].any(axis=0)
+        for kind in parts[-1].limits.kinds if jump.any() else ():
+            if (
+                kind.order > 2
+            ):  # a jump of the acceleration is an infinite rate; one of a joint moves the torques of all
+                worst, where = found[kind.name], jump if kind.name == "jerk" else jump.any()
+                ratio = np.where(where & ~np.isnan(worst.ratio), np.inf, worst.ratio)
+                found[kind.name] = worst._replace(ratio=ratio)
+    return found
+
+
+def _select_worse(first: Any, second: Any) -> Extreme | ToolExtreme:
+    """Return for each joint the peak with the larger ratio, or with the larger value if neither is limited."""
+    free = np.isnan(first.ratio) & np.isnan(second.ratio)
+    a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))
+    chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
+    return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))
+
+
+def active_constraints(motion: MotionAnalysis, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
+    """Return the peak ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
+
+    Joint ratios are exact; tool ratios are taken at both ends of each segment.
+    """
+    t, n, kinds = motion.trajectory.knots, motion.robot.n, parts[-1].limits.kinds
+    each = [[kind.piece_ratios(part.motion, part.limits.bounds(n)[kind.name]) for kind in kinds] for part in parts]
+    ratios = np.concatenate([np.concatenate(rows, axis=1) for rows in each], axis=0)
+    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(motion.robot)]
+    which = ratios.argmax(axis=1)
+    return Binding(
+        t=t,
+        s=places,
+        speed=np.diff(places) / np.diff(t),
+        ratio=ratios[np.arange(len(which)), which],
+        limit=tuple(columns[i][0] for i in which),
+        joint=tuple(columns[i][1] for i in which),
+    )
