@@ -92,11 +92,7 @@ def _excess(x: float, half: float) -> float:
 
 @inlined
 def _difference_from_box(a: Triple, d: Triple, half: Triple, s: float) -> Triple:
-    return (
-        _excess(a[0] + s * d[0], half[0]),
-        _excess(a[1] + s * d[1], half[1]),
-        _excess(a[2] + s * d[2], half[2]),
-    )
+    return (_excess(a[0] + s * d[0], half[0]), _excess(a[1] + s * d[1], half[1]), _excess(a[2] + s * d[2], half[2]))
 
 
 @inlined

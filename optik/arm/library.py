@@ -159,9 +159,8 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     if is_path(name):
         path, links = split_links(os.fspath(name))
         given = {k: v for k, v in (("tip", tip), ("base", base)) if v is not None}
-        if (
-            Path(path).suffix.lower() not in URDF
-        ):  # a URDF contains the robot's name, so its file may be named like one of our robots
+        # A URDF contains the robot's name, so its file may be named like one of our robots.
+        if Path(path).suffix.lower() not in URDF:
             data_file(ROBOTS, path, "robot")
         return _from_file(path, {**_parse_urdf_options(links), **given})
     if tip is not None or base is not None:

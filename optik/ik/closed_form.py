@@ -293,9 +293,8 @@ class ClosedForm(IKSolver):
             told += [ENUMERATION] if ENUMERATION not in told else []
             roots, singular = self._find_distinct(target, np.vstack([roots, more]))
             rows, free = self._expand(target, near, roots, singular, few, self._tight)
-            if not (
-                len(rows) or self._redundant
-            ):  # a search inside the limits may end within the tolerance, above rounding
+            # A search inside the limits may end within the tolerance, above rounding.
+            if not (len(rows) or self._redundant):
                 wide, flat = self._find_distinct(target, more, (self._errors,))
                 rows, free = self._expand(target, near, wide, flat, few, self._errors)
         if self._redundant:

@@ -228,9 +228,8 @@ def judge_parts(motion: MotionAnalysis, parts: tuple[LimitedPart, ...]) -> dict[
         k = int(np.searchsorted(motion.trajectory.knots, parts[1].begin))
         jump = motion.jumps[:3, k].any(axis=0)
         for kind in parts[-1].limits.kinds if jump.any() else ():
-            if (
-                kind.order > 2
-            ):  # a jump of the acceleration is an infinite rate; one of a joint moves the torques of all
+            # A jump of the acceleration is an infinite rate; one of a joint moves the torques of all.
+            if kind.order > 2:
                 worst, where = found[kind.name], jump if kind.name == "jerk" else jump.any()
                 ratio = np.where(where & ~np.isnan(worst.ratio), np.inf, worst.ratio)
                 found[kind.name] = worst._replace(ratio=ratio)

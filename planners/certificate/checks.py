@@ -58,9 +58,8 @@ def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
         raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
     periods = max(int(trajectory.end * rate + 1e-9), 1)
     first = np.arange(min(periods, PERIODS))
-    if (
-        periods > PERIODS
-    ):  # a motion of days: periods around the knots, where accelerations change fastest, and a sample
+    # A motion of days: periods around the knots, where accelerations change fastest, and a sample.
+    if periods > PERIODS:
         around = np.floor(trajectory.knots[:, None] * rate) + np.arange(-1, 2)
         first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])
     begin, end = (np.minimum(np.floor(i) / rate, trajectory.end) for i in (first, first + 1))
@@ -144,10 +143,8 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
     first, last = trajectory.ends(1)
     begin, end = _rounding(trajectory)[1, [0, -1]]
     still = AT_REST * trajectory.extrema(1).worst
-    begin, end = (
-        np.minimum(begin, still),
-        end + still,
-    )  # the remaining motion just before the end is slow but not at rest
+    # The remaining motion just before the end is slow but not at rest.
+    begin, end = np.minimum(begin, still), end + still
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 

@@ -294,9 +294,8 @@ def path_error(
     nearest = Nearest(path)
     piece, left, right, knot = _first_intervals(bounds)
     guess = positions_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
-    both = _compare(
-        nearest, join_ends(left, right), np.concatenate([guess[:-1], guess[1:]])
-    )  # one search for both ends
+    # One search for both ends.
+    both = _compare(nearest, join_ends(left, right), np.concatenate([guess[:-1], guess[1:]]))
     first, last = (
         ComparedInstants(*(x[half] for x in both)) for half in (slice(None, piece.size), slice(piece.size, None))
     )
@@ -368,9 +367,8 @@ def _count_parts(left: Instants, right: Instants) -> Indices:
     way = right.poses[:, :3, 3] - left.poses[:, :3, 3]
     size = (way * way) @ np.ones(3)
     a = np.stack([left.motion[:, 1, :3], right.motion[:, 1, :3]])
-    along = ((a * way) @ np.ones(3)) ** 2 / np.where(
-        size > 0.0, size, 1.0
-    )  # acceleration along the line does not bend it
+    # Acceleration along the line does not bend it.
+    along = ((a * way) @ np.ones(3)) ** 2 / np.where(size > 0.0, size, 1.0)
     bend = np.sqrt(np.maximum((a * a) @ np.ones(3) - along, 0.0).max(axis=0)) * (right.t - left.t) ** 2 / 8.0
     return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
 

@@ -226,9 +226,8 @@ class Nearest:
         self._still = float(PATH_STILL * np.hypot(rate[0], NEAREST_TURN * rate[1])) ** 2
         self._slow = CUSP * float(np.hypot(rate[0], CHORD_TURN * rate[1]))
         bend = np.hypot(bounds[:, 0, 1], CHORD_TURN * (bounds[:, 1, 1] - bounds[:, 1, 0] ** 2))  # ‖R''‖ ≤ |ω'| + |ω|²
-        bend = np.where(
-            bend > 1e-6 * self._slow, bend, np.inf
-        )  # beside a straight piece, that of its neighbours counts
+        # Beside a straight piece, that of its neighbours counts.
+        bend = np.where(bend > 1e-6 * self._slow, bend, np.inf)
         least = np.minimum(bend, np.minimum(np.append(bend[1:], np.inf), np.append(np.inf, bend[:-1])))
         self._width = np.minimum(np.sqrt(8.0 * BEND / least), path.end)
 

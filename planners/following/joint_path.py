@@ -137,16 +137,7 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
 
     def bounds(s: Array, q: Array, dq: Array) -> Array:
         out = np.empty((len(s) - 1, 2))
-        march.pieces_bound(
-            robot.chain,
-            s,
-            q,
-            dq,
-            path.pose(s),
-            path.twist(s),
-            fourth_bounds(path, s, pieces),
-            out,
-        )
+        march.pieces_bound(robot.chain, s, q, dq, path.pose(s), path.twist(s), fourth_bounds(path, s, pieces), out)
         return out
 
     out = bounds(s, q, dq)
@@ -156,9 +147,8 @@ def deviation_bounds(robot: Robot, path: Path, s: Array, q: Array, dq: Array, pi
         at[:, -1] = s[far + 1]
         curve, flat = quintic_through(s, q, dq[:, 0], dq[:, 1]), at.ravel()
         parts = bounds(flat, curve(flat), np.stack([curve(flat, order) for order in (1, 2, 3)], axis=1))
-        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PROOF_PARTS + 1, 2)[
-            :, :PROOF_PARTS
-        ]  # not from piece to piece
+        # Not from piece to piece.
+        whole = np.append(parts, parts[-1:], axis=0).reshape(len(far), PROOF_PARTS + 1, 2)[:, :PROOF_PARTS]
         out[far] = np.minimum(out[far], whole.max(axis=1))
     return out
 

@@ -127,13 +127,7 @@ def barrier_derivatives(middle: float, half: float, q: float) -> tuple[float, fl
 
 @compiled
 def continue_stations(
-    chain: Chain,
-    middle: Array,
-    half: Array,
-    poses: Array,
-    fractions: Array,
-    N: Array,
-    way: Array,
+    chain: Chain, middle: Array, half: Array, poses: Array, fractions: Array, N: Array, way: Array
 ) -> int:
     """Continue a configuration from station to station by minimum-norm steps, kept away from the limits.
 

@@ -262,9 +262,8 @@ class _Tracker:
         if self._check_step(soft, softer) != march.DONE:
             return None
         before = PathPoint(float(self.s[k - 1]), self.q[k - 1], self.dq[k - 1]) if k > 0 else soft
-        if (
-            k == 0 or self._check_step(before, soft) == march.DONE
-        ):  # the piece before must be accepted with this end, too
+        # The piece before must be accepted with this end, too.
+        if k == 0 or self._check_step(before, soft) == march.DONE:
             return [soft, softer]
         between = continue_to(self.robot, self.course, left, left.s - 0.2 * (left.s - before.s), 0.0)
         if between is not None and self._check_step(before, between) == self._check_step(between, soft) == march.DONE:

@@ -57,9 +57,8 @@ def _propose_motions(request: PlanRequest, plan: Plan, start: MovingState) -> It
     found = [run_law(law, request, joints, request.limits, start.at)]
     found += [start.rest] if rests >= joints.end and not free else []
     yield from sorted((motion for motion in found if motion is not None), key=lambda motion: motion.duration)
-    if (
-        rests < joints.end and start.rest is not None
-    ):  # the running motion stops before the path's end; the law continues there
+    # The running motion stops before the path's end; the law continues there.
+    if rests < joints.end and start.rest is not None:
         end, still = start.rest.end, np.zeros(joints.robot.n)
         second = run_law(
             law, request, joints, request.limits, PathState(rests, 0.0, 0.0, (start.rest(end), still, still))

@@ -219,9 +219,8 @@ def _solve(
         if given.moving is not None and given.moving.joints is not None:
             motion = match_start(motion, given.moving.joints, limits)
         excess = _excess(joint_path, given, motion, limits, z)
-        often = (
-            2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
-        )  # where nothing is slowed afterwards
+        # Where nothing is slowed afterwards.
+        often = 2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
         coarse |= (excess.worst > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST_INTERVALS:

@@ -86,14 +86,7 @@ def _cut(length: float, x: float, dx: float, keep: float) -> float:
 
 @compiled
 def _lengths(
-    problem: Problem,
-    at: Iterate,
-    mu: float,
-    d: Array,
-    slope: Array,
-    dslack: Array,
-    ddual: Array,
-    dbound: Array,
+    problem: Problem, at: Iterate, mu: float, d: Array, slope: Array, dslack: Array, ddual: Array, dbound: Array
 ) -> tuple[float, float]:
     """Compute the steps of slacks and duals; return the lengths of the primal and the dual step that keep them positive."""
     K, rows = problem.ds.shape[0], at.c.shape[1]
