@@ -28,6 +28,9 @@ class CollisionCheck:
     robot: Robot
     scene: Scene
 
+    def __post_init__(self) -> None:
+        check_scene(self.robot, self.scene)
+
     def are_free(self, q: Array) -> Flags:
         """Return which configurations have no links in contact, and keep more than its margin from the scene."""
         return np.asarray(find_nearest_pairs(self.robot, self.scene, q)[0] > 0.0)
@@ -68,9 +71,3 @@ class CollisionCheck:
             return f"{first} and {second} are in contact"
         distance, margin = 1e3 * near.distance, 1e3 * self.scene.margin
         return f"{first} and {second} are {distance:.4g} mm apart, and the margin is {margin:.4g} mm"
-
-
-def make_collision_check(robot: Robot, scene: Scene | None) -> CollisionCheck | None:
-    """Return the collision check of an arm in a scene; None without a scene."""
-    check_scene(robot, scene)
-    return None if scene is None else CollisionCheck(robot, scene)

@@ -23,8 +23,8 @@ from optik.types import Array, Flags
 from planners.curve import quintic_through
 from planners.following import march
 from planners.following.branches import find_branches
-from planners.following.collision import CollisionCheck, make_collision_check
-from planners.following.course import Course, Nodes, make_empty_guide
+from planners.following.collision import CollisionCheck
+from planners.following.course import Course, Nodes, make_empty_guide, smallest_singular_value
 from planners.following.failure import (
     FollowStatus,
     PlanFailure,
@@ -36,7 +36,6 @@ from planners.following.failure import (
 )
 from planners.following.joint_path import IKRecord, JointPath, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
-from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 
@@ -124,7 +123,8 @@ def follow(
     q, branch = _check_start(solver, path, q_start, branch, samples)
     tolerance = Tolerance.of(tolerance)
     grid = np.linspace(0.0, path.end, samples)
-    return Follower(solver, path, grid, q, branch, tolerance, make_collision_check(solver.robot, scene)).run()
+    collision = None if scene is None else CollisionCheck(solver.robot, scene)
+    return Follower(solver, path, grid, q, branch, tolerance, collision).run()
 
 
 def _check_start(

@@ -11,13 +11,13 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
-from planners.following.collision import make_collision_check
+from planners.following.collision import CollisionCheck
 from planners.following.follow import DEFAULT_TOLERANCE
 from planners.limits import MotionLimits
-from planners.plan import Plan, PlanRequest, PlanStatus
+from planners.plan import Plan, PlanStatus
 from planners.replan.onward import plan_onward
 from planners.replan.request import build_request
-from planners.replan.state import MovingState, build_moving_state
+from planners.replan.state import build_moving_state
 from planners.replan.stop import plan_stop
 from planners.timing import TimeLaw
 from planners.trajectory import Trajectory
@@ -69,19 +69,21 @@ def replan(
     Raises
     ------
     InvalidInput
-        A plan without a motion, a measured state off its path, a time outside its motion, a state that has ended or
-        stopped already, or a law that starts only at rest.
+        A plan without a motion, a state off its path, outside its motion, or at rest; or a law that starts only at rest.
     """
     running = _check_plan(plan, stop, time_limit)
     request = build_request(plan, timing, limits, (Tolerance.of(tolerance), rate, scene))
     start = build_moving_state(plan, running, state)
     if stop and start.still:
-        raise InvalidInput(
-            "state", f"a state at rest, at s = {start.at.s:.6g}", "a moving state; this one has already stopped"
-        )
+        given = f"a state at rest, at s = {start.at.s:.6g}"
+        raise InvalidInput("state", given, "a moving state; this one has already stopped")
     request = replace(request, start_error=start.error)
-    if scene is not None and (touch := _check_contact(request, start)) is not None:
-        return request.infeasible(plan.joint_path, touch, PlanStatus.CONTACT)
+    touch = None if scene is None else CollisionCheck(request.robot, scene).check_start(start.joints[0])
+    if touch is not None:
+        error = NoSolution(
+            touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means"
+        )
+        return request.infeasible(plan.joint_path, error, PlanStatus.CONTACT)
     return plan_stop(request, plan, start, time_limit) if stop else plan_onward(request, plan, start)
 
 
@@ -96,12 +98,3 @@ def _check_plan(plan: Plan, stop: bool, time_limit: float) -> Trajectory:
         return plan.trajectory
     except NoSolution:
         raise InvalidInput("plan", str(plan.status), "a plan with a motion") from None
-
-
-def _check_contact(request: PlanRequest, start: MovingState) -> NoSolution | None:
-    """Return the error for the pair in contact at the start of the motion."""
-    near = make_collision_check(request.robot, request.scene)
-    touch = None if near is None else near.check_start(start.joints[0])
-    if touch is None:
-        return None
-    return NoSolution(touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means")

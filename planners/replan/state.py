@@ -13,8 +13,7 @@ from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.following.joint_path import JointPath
-from planners.following.projection import find_nearest_between, find_nearest_s
+from planners.following.joint_path import JointPath, find_nearest_between, find_nearest_s
 from planners.limits import MotionLimits
 from planners.plan import Plan
 from planners.splice import State, cut_before, match_start

@@ -19,7 +19,7 @@ from planners.cell.drives._stop import check_stopped, refuse, relax
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
-from planners.following.projection import find_nearest_s
+from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
 from planners.replan import replan
 from planners.ros.export import JointNames, find_columns
