@@ -29,8 +29,7 @@ def replan(
     *,
     stop: bool = False, timing: str | os.PathLike[str] | TimeLaw | None = None,
     limits: MotionLimits | None = None, time_limit: float = 0.02,
-    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
-    scene: Scene | None = None,
+    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0, scene: Scene | None = None,
 ) -> Plan:  # fmt: skip
     """Replan from a moving state: to the end of the path, for example within other limits, or to rest on the path.
 
@@ -78,8 +77,7 @@ def replan(
         given = f"a state at rest, at s = {start.at.s:.6g}"
         raise InvalidInput("state", given, "a moving state; this one has already stopped")
     request = replace(request, start_error=start.error)
-    touch = None if scene is None else CollisionCheck(request.robot, scene).check_start(start.joints[0])
-    if touch is not None:
+    if scene is not None and (touch := CollisionCheck(request.robot, scene).check_start(start.joints[0])) is not None:
         error = NoSolution(
             touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means"
         )
