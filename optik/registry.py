@@ -8,15 +8,15 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from optik.errors import InvalidInput, UnknownName
-from optik.plugins.files import SUFFIXES, import_file, is_path, split_links
-from optik.plugins.methods import DATA_GROUPS, check_method, describe_base, find_base, name_dependency
+from optik.errors import InvalidInput, MissingDependency, UnknownName
+from optik.plugins.files import MODULES, SUFFIXES, import_file, is_path, split_links
 from optik.plugins.options import defaults, find_nearest_name
 from optik.plugins.usage import UsedPlugin, in_finished_run, note, resolve_file, suggest_file
 
@@ -24,6 +24,7 @@ GROUPS = (
     "optik.ik",
     "optik.robots",
     "planners.timing",
+    "planners.limits",
     "planners.paths",
     "planners.files",
     "planners.cell.drives",
@@ -34,6 +35,12 @@ GROUPS = (
     "benchmarks.suites",
 )
 """All groups: names of packages and of groups of entry points. For listings only."""
+
+_DATA_GROUPS = ("optik.robots", "benchmarks.suites")
+"""Groups of data files; importing them would hide `optik.robots()` behind a module."""
+
+_OURS = ("optik", "planners", "benchmarks")
+"""Our packages: if one of their modules is missing, no dependency is."""
 
 _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 """Plug-ins that this process has loaded, by group and name: the source, and the method."""
@@ -81,7 +88,7 @@ def check_name(group: str, name: Any, kind: str) -> str:
         file = resolve_file(text, kind)
         _check_stem(group, file, kind)
         note(UsedPlugin(group, file.stem, file))
-        return f"{file}{_links(text)}"
+        return f"{file}{text[len(split_links(text)[0]) :]}"
     point = _entry_point(group, name, kind)
     if point is not None:
         note(UsedPlugin(group, name, point))
@@ -135,10 +142,10 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
         return _from_file(group, resolve_file(name, kind), kind)
     point = _entry_point(group, name, kind)
     if point is not None:
-        method = check_method(group, _value(point, kind), str(name), _where(point))
+        method = _check_method(group, _value(point, kind), str(name), _where(point))
         _loaded[group, str(name)] = _where(point), method
         return method
-    with name_dependency(kind, str(name)):
+    with _name_dependency(kind, str(name)):
         return importlib.import_module(f"{group}.{name}").METHOD
 
 
@@ -212,7 +219,7 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
         return None
     points = entry_points(group).get(name, ())
     if not points:
-        file = suggest_file(name, SUFFIXES if group in DATA_GROUPS else (".py",))
+        file = suggest_file(name, SUFFIXES if group in _DATA_GROUPS else (".py",))
         raise UnknownName(kind, name, names(group), f"for a file write ./{file}" if file else "")
     reason = _reason(group, name, len(points))
     if reason:
@@ -232,7 +239,7 @@ def _reason(group: str, name: str, count: int) -> str:
 
 def _value(point: EntryPoint, kind: str) -> Any:
     """Import the object of an entry point."""
-    with name_dependency(kind, point.name):
+    with _name_dependency(kind, point.name):
         value: Any = importlib.import_module(point.module)
     for part in filter(None, (point.attr or "").split(".")):
         if not hasattr(value, part):
@@ -243,11 +250,6 @@ def _value(point: EntryPoint, kind: str) -> Any:
 
 def _where(point: EntryPoint) -> str:
     return f"entry point {point.name} = {point.value} of {describe_distribution(point)}"
-
-
-def _links(text: str) -> str:
-    """Return the options behind a URDF file, with #, or an empty string."""
-    return text[len(split_links(text)[0]) :]
 
 
 def _check_stem(group: str, file: Path, kind: str) -> None:
@@ -267,10 +269,78 @@ def _from_file(group: str, file: Path, kind: str) -> Any:
     _check_stem(group, file, kind)
     if file.suffix.lower() != ".py":
         raise InvalidInput(kind, repr(str(file)), "a Python file (.py)")
-    with name_dependency(kind, file.stem):
+    with _name_dependency(kind, file.stem):
         module = import_file(file)
     if not hasattr(module, "METHOD"):
-        raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {describe_base(find_base(group))}")
-    method = check_method(group, module.METHOD, file.stem, f"METHOD of {file}")
+        raise InvalidInput(str(file), "no METHOD", f"a line METHOD = …, {_describe_base(_find_base(group))}")
+    method = _check_method(group, module.METHOD, file.stem, f"METHOD of {file}")
     _loaded[group, file.stem] = str(file), method
     return method
+
+
+# ---------------------------------------------------------------- what a METHOD must be
+
+
+def _find_base(group: str) -> Any:
+    """Return the base class of a group's methods, ``METHOD_BASE`` of its module ``base``; None for data and functions."""
+    return None if group in _DATA_GROUPS else getattr(importlib.import_module(f"{group}.base"), "METHOD_BASE", None)
+
+
+def _describe_base(base: Any) -> str:
+    """Describe the METHOD that a group requires."""
+    if base is None:
+        return "a function or a class"
+    places = (base.__module__.removesuffix(".base"), base.__module__.partition(".")[0], base.__module__)
+    known = (place for place in places if getattr(sys.modules.get(place), base.__name__, None) is base)
+    return f"a subclass of {next(known)}.{base.__name__}"
+
+
+def _check_method(group: str, method: Any, name: str, where: str) -> Any:
+    """Check the type and name of a plug-in's method, and return the method."""
+    base = _find_base(group)
+    if base is None:
+        if not callable(method) and group != "optik.robots":
+            raise InvalidInput(where, repr(method)[:60], _describe_base(base))
+        return method
+    if isinstance(method, base):
+        found = type(method).__name__
+        raise InvalidInput(where, f"an object of the class {found}", f"the class, METHOD = {found}")
+    if not (isinstance(method, type) and issubclass(method, base)):
+        raise InvalidInput(where, repr(method)[:60], _describe_base(base))
+    kind: Any = method
+    asked = {a for k in base.__mro__ for a, t in vars(k).get("__annotations__", {}).items() if "ClassVar" in str(t)}
+    if "name" in asked and getattr(kind, "name", name) != name:
+        raise InvalidInput(where, f"the name {kind.name!r}", f"name = {name!r} in the class")
+    missing = sorted({*getattr(kind, "__abstractmethods__", ()), *(a for a in asked if not hasattr(kind, a))})
+    if missing:
+        raise InvalidInput(
+            where, f"{kind.__name__} without {', '.join(missing)}", f"{_describe_base(base)} that defines them"
+        )
+    return kind
+
+
+@contextmanager
+def _name_dependency(kind: str, name: str) -> Iterator[None]:
+    """Raise `MissingDependency` for a package that is missing during the import of a method."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if not package or package in _OURS or package.startswith(MODULES):
+            raise
+        raise MissingDependency(package, f"{kind} {name!r}", _extra_with(package)) from error
+
+
+def _extra_with(package: str) -> str | None:
+    """Return the extra of this distribution that installs a package, or None."""
+    wanted = re.sub(r"[-_.]+", "-", package).lower()
+    try:
+        requires = importlib.metadata.requires("optik-toolkit") or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    for line in requires:
+        named = re.match(r"[A-Za-z0-9_.-]+", line)
+        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", line)
+        if named and extra and re.sub(r"[-_.]+", "-", named[0]).lower() == wanted:
+            return extra[1]
+    return None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import copy
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -12,10 +14,12 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numba
 import numpy as np
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
@@ -25,6 +29,7 @@ from benchmarks.cli.app import app
 from benchmarks.peers.ik.base import build_peer
 from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.problems.base import ProblemSet
+from benchmarks.run.work import attempt
 from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import InvalidInput, MissingDependency, UnknownName
@@ -254,29 +259,123 @@ def test_a_solver_from_a_file_answers_the_same_in_another_process_that_knows_not
     assert done.stdout.split() == [b"stay_5", b"there"], done.stderr.decode()
 
 
+def test_an_object_brings_the_path_of_its_file_but_no_right_to_run_it(tmp_path: Path) -> None:
+    file = write(tmp_path / "stay_8.py", said="here")
+    solver = optik.ik.make_solver(paper6r(), file)
+    assert copy.deepcopy(solver).solve(paper6r().fk(START), START).message == "here"
+    data = pickle.dumps(solver)
+    del sys.modules[type(solver).__module__]
+    with files.forbid_code(), pytest.raises(InvalidInput, match="runs no code"):
+        pickle.loads(data)
+    assert type(pickle.loads(data)) is not type(solver)
+    file.unlink()
+    with pytest.raises(InvalidInput, match=r"stay_8\.py"):
+        pickle.loads(data)
+
+
+def test_two_files_of_one_stem_are_two_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    solvers = []
+    for folder in ("a", "a.b", "a b"):
+        monkeypatch.setattr(registry, "_loaded", {})
+        solvers.append(optik.ik.make_solver(paper6r(), write(tmp_path / folder / "stay_9.py", said=folder)))
+    assert len({type(solver).__module__ for solver in solvers}) == 3
+    for solver, folder in zip(solvers, ("a", "a.b", "a b"), strict=True):
+        again = pickle.loads(pickle.dumps(solver))
+        assert type(again) is type(solver)
+        assert again.solve(paper6r().fk(START), START).message == folder
+
+
+NEIGHBOUR = IK.replace('"{said}"', "said").replace("class Stay", "from .words import said\n\nclass Stay")
+"""A method that says what the file ``words.py`` beside it says."""
+
+
+def test_a_file_imports_its_neighbours_and_they_are_part_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    for folder in ("one", "two"):
+        words = write(tmp_path / folder / "words.py", "from . import deep\nfrom .deep import said\n")
+        write(words.with_name("deep.py"), f"said = {folder!r}\n")
+        monkeypatch.setattr(registry, "_loaded", {})
+        made.append(optik.ik.make_solver(paper6r(), write(words.with_name("says.py"), NEIGHBOUR)))
+    assert [solver.solve(paper6r().fk(START), START).message for solver in made] == ["one", "two"]
+    file, deep = tmp_path / "two" / "says.py", tmp_path / "two" / "deep.py"
+    code = "import pickle, sys; s = pickle.load(sys.stdin.buffer); print(s.solve(s.robot.fk([0.1] * 6), [0.0] * 6).message)"
+    there = subprocess.run(
+        [sys.executable, "-c", code], input=pickle.dumps(made[1]), capture_output=True, check=False, cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
+    )  # fmt: skip
+    assert there.stdout.split() == [b"two"], there.stderr.decode()
+    (recorded,) = usage.record_plugins([usage.UsedPlugin("optik.ik", "says", file)])
+    sums = "".join(
+        f"{hashlib.sha256(one.read_bytes()).hexdigest()}  {one.name}\n"
+        for one in (file, file.with_name("words.py"), deep)
+    )
+    assert recorded["sha256"] == hashlib.sha256(sums.encode()).hexdigest()
+    files.expect([recorded])
+    write(deep, "said = 'something else'\n")
+    with pytest.raises(InvalidInput, match="start a new process"):
+        registry.load_method("optik.ik", file)
+    with pytest.raises(InvalidInput, match="SHA-256"):
+        files.expect([recorded])
+    with pytest.raises(InvalidInput, match="as when the run began"):
+        usage.check_same_plugins([recorded], usage.record_plugins([usage.UsedPlugin("optik.ik", "says", file)]))
+
+
+def test_a_neighbour_that_is_missing_is_no_missing_package(tmp_path: Path) -> None:
+    file = write(tmp_path / "says_nothing.py", NEIGHBOUR)
+    with pytest.raises(ModuleNotFoundError, match="words"):
+        registry.load_method("optik.ik", file)
+    write(tmp_path / "words.py", "said = 'now'\n")
+    assert optik.ik.make_solver(paper6r(), file).solve(paper6r().fk(START), START).message == "now"
+
+
+def test_a_worker_checks_the_files_once_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write(tmp_path / "stay_10.py", said="a")
+    recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_10", file)])
+    read, taken = [], files.digest
+    monkeypatch.setattr(files, "digest", lambda one: read.append(one) or taken(one))
+    parts = SimpleNamespace(solve=lambda work: pl.DataFrame({"problem": [work]}))
+    monkeypatch.setattr("benchmarks.run.work.load_kind", lambda kind: parts)
+    for part in range(2):
+        assert isinstance(attempt("toy", part, recorded), pl.DataFrame)
+        assert read == [file] * (part + 1)
+    write(file, said="b")
+    refused = attempt("toy", 2, recorded)
+    assert isinstance(refused, InvalidInput)
+    assert refused.argument == str(file)
+
+
 KERNEL = """
 from optik.compiled import compiled
 
 @compiled
 def METHOD(x):
     {doc}
-    return 2.0 * x
+    return {factor} * x
+
+@compiled
+def other(x):
+    return x + 1.0
 """
 
 
-def test_a_compiled_function_of_a_file_is_kept_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiled_function_of_a_file_is_kept_beside_it_and_compiled_alone_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    file = write(tmp_path / "doubles.py", KERNEL, doc='"""Doubles."""')
+    file = write(tmp_path / "doubles.py", KERNEL, doc='"""Doubles."""', factor="2.0")
     assert registry.load_method("benchmarks.problems", file)(1.5) == 3.0
-    write(file, KERNEL, doc='"""Doubles a number."""')
+    assert files.import_file(file).other(1.5) == 2.5
     code = (
-        "import sys; from optik.registry import load_method; f = load_method('benchmarks.problems', sys.argv[1])\n"
-        "assert f(1.5) == 3.0; print(sum(f.stats.cache_hits.values()))"
+        "import sys; from pathlib import Path; from optik.plugins.files import import_file\n"
+        "module = import_file(Path(sys.argv[1])); print(module.METHOD(1.5), module.other(1.5))\n"
+        "print(*(kernel.stats.cache_hits.total() for kernel in (module.METHOD, module.other)))"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=REPOSITORY)
-    assert done.stdout.strip() == "1", done.stderr
-    assert len(list((tmp_path / "__pycache__").glob("doubles.*.nbk"))) == 1
+    for doc, factor, said in (('"""Doubles a number."""', "2.0", "3.0 2.5 1 1"), ("", "4.0", "6.0 2.5 0 1")):
+        write(file, KERNEL, doc=doc, factor=factor)
+        done = subprocess.run([sys.executable, "-c", code, str(file)], capture_output=True, text=True, cwd=REPOSITORY)
+        assert done.stdout.split() == said.split(), done.stderr
+    assert len(list((tmp_path / "__pycache__").glob("doubles.*.nbk"))) == 2
 
 
 # ---------------------------------------------------------------- entry points
@@ -321,6 +420,28 @@ def test_ours_stay_what_they_are_and_a_name_of_two_packages_is_refused(installed
         optik.ik.make_solver(paper6r(), write(installed.parent / "stay_put.py"))
     refused = {(r.name, r.distribution) for r in registry.find_refused("optik.ik")}
     assert refused == {("lm", "stays 1.0"), ("both", "stays 1.0"), ("both", "others 1.0"), ("a/b", "stays 1.0")}
+
+
+LIMIT = """
+from planners.limits import Limit
+
+class Heat(Limit):
+    name, units, order = "heat", ("W", "W"), 2
+
+    def judge(self, motion, bound): ...
+    def rows(self, path, bound): ...
+    def piece_ratios(self, motion, bound, pieces): ...
+"""
+
+
+def test_a_limit_of_an_installed_package_is_known_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = "[planners.limits]\nheat = heats:Heat\nno_limit = heats:LIMITS\n"
+    monkeypatch.syspath_prepend(package(tmp_path, "heats", points, heats=LIMIT + "LIMITS = dict\n"))
+    assert "planners.limits" in registry.GROUPS
+    limits = planners.MotionLimits(2.0, 10.0, 100.0, extra={"heat": 3.0})
+    assert planners.MotionLimits.from_plain(limits.to_plain(), 6).extra == limits.extra
+    with pytest.raises(InvalidInput, match=r"a subclass of planners\.limits\.Limit"):
+        planners.MotionLimits(2.0, 10.0, 100.0, extra={"no_limit": 3.0})
 
 
 def test_a_warm_solve_looks_at_no_installed_package(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -606,7 +727,8 @@ def test_what_a_run_records_refuses_other_files_and_versions(installed: Path, tm
     ):
         with pytest.raises(InvalidInput, match=r"^plug-in .*as when the run began; restore it, or use another --out"):
             usage.check_same_plugins(first, now)
-    files.expect(first)
+    with pytest.raises(InvalidInput, match="SHA-256"):
+        files.expect(first)
     with pytest.raises(InvalidInput, match="SHA-256"):
         registry.load_method("optik.ik", file)
 

@@ -9,10 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from numba.core.caching import _CacheLocator
 from numba.core.registry import cpu_target
 
 from benchmarks.kernels.parts import WARM_UP
 from benchmarks.kernels.run import Progress, run_parts
+from benchmarks.kinds._fresh import ROOT
 from optik.compiled import archive
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
@@ -40,11 +42,13 @@ def main() -> None:
     print(f"{len(kernels)} kernels in {file}, {file.stat().st_size / 1e6:.2f} MB")
 
 
-def _kernels(folder: Path) -> Iterator[tuple[str, tuple[str, bytes]]]:
-    """Fingerprint, name and code of each cached file."""
-    for file in sorted(folder.rglob("*.nbk")):
-        for fingerprint, code in read_code(file).items():
-            yield fingerprint, (file.name.rsplit("-", 1)[0], code)
+def _kernels(cache: Path) -> Iterator[tuple[str, tuple[str, bytes]]]:
+    """Fingerprint, name and code of each cached kernel of our packages; the documentation also compiles plug-in files."""
+    files = (file for package in ("optik", "planners", "benchmarks") for file in (ROOT / package).rglob("*.py"))
+    for folder in sorted({_CacheLocator.get_suitable_cache_subpath(str(file)) for file in files}):
+        for file in sorted((cache / folder).glob("*.nbk")):
+            for fingerprint, code in read_code(file).items():
+                yield fingerprint, (file.name.rsplit("-", 1)[0], code)
 
 
 if __name__ == "__main__":

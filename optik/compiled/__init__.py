@@ -1,5 +1,5 @@
 """Compilation of kernels by Numba: decorators, cache of machine code, and the archive in the wheel."""
 
-from optik.compiled.decorators import compiled, inlined, parallel
+from optik.compiled.kernel import compiled, inlined, parallel
 
 __all__ = ["compiled", "inlined", "parallel"]

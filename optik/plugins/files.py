@@ -1,38 +1,51 @@
-"""Files of plug-ins: recognition of paths, and import of Python files."""
+"""Files of plug-ins: recognition of paths, import of Python files, and SHA-256.
+
+A Python file is imported only if its path is given. Its module has a name of its own, derived from the absolute path, and
+may import the files beside it relatively. A process runs one version of a file: a file that has changed since its import is
+an error.
+"""
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import os
+import pickle
 import re
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_file_location
+from functools import lru_cache
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from urllib.parse import quote, unquote
 
 from optik.errors import InvalidInput
-
-PARENT = "optik.plugins"
-"""Package of the modules of files."""
+from optik.file_io import read_bytes
 
 SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".json")
 """Suffixes of plug-ins' files; a name with one of them is a path."""
 
+MODULES = "optik_plugin_"
+"""Begin of the names of the modules of files."""
+
 _FRAGMENT = re.compile(r"(.*\.(?:urdf|xml))#(.*)", re.IGNORECASE | re.DOTALL)
 """A URDF file with options behind it: ``arm.urdf#tip=tool0&base=base_link``."""
 
+_importing = threading.RLock()
+"""Lock of imports: no thread may get the module of a file that another thread is running."""
 
 _code_forbidden: ContextVar[bool] = ContextVar("code_forbidden", default=False)
 _expected: dict[str, str] = {}
 """SHA-256 of files in the recorded run, by absolute path."""
+
+
+# ---------------------------------------------------------------- paths and their content
 
 
 def is_path(name: Any) -> bool:
@@ -52,62 +65,102 @@ def split_links(name: str) -> tuple[str, str]:
 
 
 def digest(file: Path) -> str:
-    """Return the SHA-256 of a file."""
-    return hashlib.sha256(_read(file)).hexdigest()
+    """Return the SHA-256 of a file, with the files beside it that it imports: ``sha256sum a.py b.py | sha256sum``."""
+    return _digest(_read_with_neighbours(file))
+
+
+def _digest(sources: Mapping[Path, bytes]) -> str:
+    sums = [(hashlib.sha256(source).hexdigest(), file.name) for file, source in sources.items()]
+    lines = "".join(f"{found}  {name}\n" for found, name in sums)
+    return sums[0][0] if len(sums) == 1 else hashlib.sha256(lines.encode()).hexdigest()
+
+
+def _read_with_neighbours(file: Path) -> dict[Path, bytes]:
+    """Read a file and, for Python, the files beside it that it imports, directly or through each other."""
+    found: dict[Path, bytes] = {}
+    remaining = [file]
+    while remaining:
+        one = remaining.pop(0)
+        if one in found:
+            continue
+        found[one] = read_bytes(one, argument=str(one))
+        if one.suffix.lower() == ".py":
+            beside = (one.with_name(f"{name}.py") for name in _relative_imports(found[one]))
+            remaining += [neighbour for neighbour in beside if neighbour.is_file()]
+    return found
+
+
+@lru_cache(maxsize=64)
+def _relative_imports(source: bytes) -> tuple[str, ...]:
+    """Return the names that Python code imports from its own folder; none if the code cannot be parsed."""
+    try:
+        nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom) and node.level == 1]
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return ()
+    names = (name for node in nodes for name in ([node.module] if node.module else [a.name for a in node.names]))
+    return tuple(dict.fromkeys(name.partition(".")[0] for name in names))
+
+
+# ---------------------------------------------------------------- import
 
 
 def import_file(file: Path) -> ModuleType:
     """Import a Python file, or return its module if this process has imported it."""
-    name = f"{PARENT}.{quote(file.as_posix(), safe='/ ').replace('.', '%2E')}"
-    module = sys.modules.get(name)
-    if module is None:
-        module = importlib.import_module(name)
-    elif digest(file) != module.__sha256__:
+    stem = re.sub(r"\W", "_", file.stem)
+    name = f"{MODULES}{stem}_{hashlib.sha256(os.fsencode(file)).hexdigest()[:16]}"
+    with _importing:
+        module = sys.modules.get(name)
+        if module is None:
+            return exec_module(file, name)
+    if digest(file) != module.__sha256__:
         changed = "a file that has changed since it was imported; start a new process to use it"
         raise InvalidInput(str(file), changed, "the imported version")
     return module
 
 
-class _Finder(MetaPathFinder):
-    """Finder of the modules of `import_file`."""
-
-    def find_spec(self, fullname: str, path: object, target: object = None) -> ModuleSpec | None:
-        place = fullname.removeprefix(f"{PARENT}.")
-        file = Path(unquote(place))
-        if place == fullname or not file.is_absolute() or not file.is_file():
-            return None
-        return spec_from_file_location(fullname, file, loader=_FileLoader(file))
-
-
-class _FileLoader(Loader):
-    """Loader that runs exactly the bytes of the module's SHA-256, without a bytecode cache."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-
-    def exec_module(self, module: ModuleType) -> None:
-        file = self._file
-        if _code_forbidden.get():
-            raise InvalidInput(str(file), "a Python file", "none, because reading a run or a plan runs no code")
-        source = _read(file)
-        found = hashlib.sha256(source).hexdigest()
-        if _expected.get(str(file), found) != found:
-            raise InvalidInput(str(file), "a file that has changed", "the file with the recorded SHA-256")
-        module.__dict__["__sha256__"] = found
-        exec(compile(source, str(file), "exec", dont_inherit=True), module.__dict__)
-        method = vars(module).get("METHOD")
-        if isinstance(method, type) and method.__module__ == module.__name__ and "name" not in vars(method):
-            method.name = file.stem  # type: ignore[attr-defined] # here, because unpickling imports too
-
-
-sys.meta_path.append(_Finder())
-
-
-def _read(file: Path) -> bytes:
+def exec_module(file: Path, name: str) -> ModuleType:
+    """Run exactly the bytes of a file's SHA-256, without a bytecode cache, as the module of a name."""
+    if _code_forbidden.get():
+        raise InvalidInput(str(file), "a Python file", "none, because reading a run or a plan runs no code")
+    sources = _read_with_neighbours(file)
+    found = _digest(sources)
+    _check_expected(file, found)
+    spec = ModuleSpec(name, SourceFileLoader(name, str(file)), origin=str(file), is_package=True)
+    spec.has_location, spec.submodule_search_locations = True, [str(file.parent)]  # where relative imports search
+    module = sys.modules[name] = module_from_spec(spec)
+    values = vars(module)
+    values["__sha256__"] = found
+    importlib.invalidate_caches()  # a neighbour may be newer than the last look at the folder
     try:
-        return file.read_bytes()
-    except OSError as error:
-        raise InvalidInput(str(file), error.strerror or str(error), "a readable file") from None
+        exec(compile(sources[file], str(file), "exec", dont_inherit=True), values)
+    except BaseException:
+        for loaded in [key for key in sys.modules if key.partition(".")[0] == name]:
+            del sys.modules[loaded]
+        raise
+    for kind in values.values():
+        own = isinstance(kind, type) and kind.__module__.partition(".")[0] == name
+        if own and kind.__reduce_ex__ is object.__reduce_ex__:
+            kind.__reduce_ex__ = _reduce
+    method = values.get("METHOD")
+    if isinstance(method, type) and method.__module__ == name and "name" not in vars(method):
+        method.name = file.stem  # type: ignore[attr-defined]
+    return module
+
+
+def _reduce(self: Any, protocol: Any) -> Any:
+    """Pickle an object of a plug-in's class behind the path of the file, which another process imports first."""
+    made = object.__reduce_ex__(self, protocol)
+    if isinstance(made, str):
+        return made
+    file = sys.modules[type(self).__module__.partition(".")[0]].__file__
+    return (_rebuild, (file, pickle.dumps(made[:2], protocol)), *made[2:])
+
+
+def _rebuild(file: str, made: bytes) -> Any:
+    """Import the file of a plug-in, and return the object that `_reduce` has pickled, without its state."""
+    import_file(Path(file))
+    function, arguments = pickle.loads(made)
+    return function(*arguments)
 
 
 @contextmanager
@@ -121,5 +174,14 @@ def forbid_code() -> Iterator[None]:
 
 
 def expect(recorded: Iterable[Mapping[str, str]]) -> None:
-    """Make this process refuse files whose SHA-256 differs from the recorded one."""
-    _expected.update({row["path"]: row["sha256"] for row in recorded if "path" in row})
+    """Check that Python files have the recorded SHA-256, now and whenever this process imports them."""
+    for row in recorded:
+        file = Path(row.get("path", ""))
+        if file.suffix.lower() == ".py":
+            _expected[str(file)] = row["sha256"]
+            _check_expected(file, digest(file))
+
+
+def _check_expected(file: Path, found: str) -> None:
+    if _expected.get(str(file), found) != found:
+        raise InvalidInput(str(file), "a file that has changed", "the file with the recorded SHA-256")

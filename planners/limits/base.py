@@ -306,3 +306,7 @@ class Limit(ABC):
 def scale_of(ratio: float, order: int) -> float:
     """Return the time scale at which a value proportional to 1 / scale**order is at its bound."""
     return float(max(ratio ** (1.0 / order), np.nextafter(1.0, 2.0) if ratio > 1.0 else 0.0))
+
+
+METHOD_BASE = Limit
+"""Base class of the METHOD of every limit."""

@@ -8,16 +8,19 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numba.core.registry import cpu_target
 
 from benchmarks.cli.kernels import kernels as command
-from benchmarks.kernels import parts, process, run
+from benchmarks.kernels import build, parts, process, run
 from benchmarks.run.lock import locked
 from optik.compiled import archive, compiled
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 from optik.errors import InvalidInput, OutputError
+from optik.linear import copy_vector
+from optik.plugins.files import import_file
 from tests.oracles import REPOSITORY
 
 FK = "import optik; optik.load('paper6r').fk([0.0] * 6)"
@@ -76,6 +79,18 @@ def test_a_process_tells_what_it_compiles(
         os.dup2(saved, 1)
     assert capfd.readouterr().out == f"{half.__module__}.half\n"
     assert len(list(tmp_path.rglob("*.nbk"))) == 1
+
+
+def test_kernels_of_plug_in_files_are_not_packed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache, file = tmp_path / "cache", tmp_path / "linear.py"
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(cache))
+    monkeypatch.setenv("OPTIK_COMPILES", "native")
+    file.write_text("from optik.compiled import compiled\n\n@compiled\ndef twice(x):\n    return 2.0 * x\n")
+    assert import_file(file).twice(1.5) == 3.0
+    compiled(half)(3.0)
+    compiled(copy_vector.py_func)(np.zeros(2), np.zeros(2))
+    assert len(list(cache.rglob("*.nbk"))) == 3
+    assert [name.partition("-")[0] for _, (name, _) in build._kernels(cache)] == ["linear.copy_vector"]
 
 
 def half(x: float) -> float:
