@@ -1,15 +1,24 @@
-"""Scale a motion uniformly in time until it reaches a limit and exceeds none."""
+"""Scale a motion in time until it reaches a limit and exceeds none, test the static torque, and match a given start."""
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
+import scipy
 
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
+from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.bounds import MotionBounds
+from planners.certificate.torque import TorqueBounds
+from planners.curve import quintic
+from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names
+from planners.limits._motion import TorqueRatios
 from planners.paths.base import Path
-from planners.trajectory import Trajectory
+from planners.trajectory import State, Trajectory, shift_pieces
 
 FIRST_MARGIN = 1e-12
 """Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""
@@ -71,3 +80,92 @@ def fit(motion: MotionAnalysis, limits: MotionLimits, enforced: tuple[str, ...] 
             break
         motion = closer
     return motion
+
+
+PEAKS = np.array([[1.875, 1.0, 0.1], [5.78, 3.95, 1.0], [60.0, 36.0, 9.0]])
+"""Largest velocity, acceleration and jerk of the quintic from a unit of q, q̇ or q̈ to standstill at 0, in unit time."""
+FADE_FRACTION = 1e-3
+"""Fraction of the jerk limits that the correction of the initial state may use: the time lost is negligible."""
+SAME_POSITION = 1e-14
+"""Largest difference of positions [rad or m] that is rounding."""
+
+
+def match_start(trajectory: Trajectory, start: State, limits: MotionLimits) -> Trajectory:
+    """Return the motion with exactly this start q, q̇, q̈ (n,) each, which is close to its own.
+
+    q(s) differs from a measured or refitted state by noise or rounding. The difference is added as a quintic that fades to 0
+    at the first knot at which its jerk is at most `FADE_FRACTION` of the limits, else at the last. A difference of position
+    that is rounding is added as a constant: to fade it out over a short time would need jerk.
+    """
+    off = np.array([x - trajectory(0.0, order) for order, x in enumerate(start)])
+    off[0, np.abs(off[0]) <= SAME_POSITION] = 0.0
+    knots, c = trajectory.knots, trajectory.padded.copy()
+    jerk = limits.arrays(trajectory.n)["jerk"]
+    ends = knots[1:, None]
+    peaks = sum(PEAKS[2, i] * np.abs(off[i]) / ends ** (3 - i) for i in range(3)) / jerk
+    little = np.flatnonzero(np.max(peaks, axis=1) <= FADE_FRACTION)
+    count = int(little[0]) + 1 if little.size else knots.size - 1
+    still = np.zeros((1, trajectory.n))
+    over = quintic(knots[[0, count]], (off[:1], off[1:2], off[2:]), (still, still, still)).c
+    c[:, :count] += shift_pieces(np.repeat(over, count, axis=1), knots[:count])
+    c[5] += np.where(off[0] == 0.0, start[0] - trajectory(0.0), 0.0)
+    for order, x in enumerate(start):
+        c[5 - order, 0] = x / factorial(order)
+    return Trajectory(scipy.interpolate.PPoly(c, knots, extrapolate=True), trajectory.s)
+
+
+STATIC_EXCESS = 1e-3
+"""Largest excess of the bound on the static torque over the largest value found, as a fraction of it: if the limit is between
+both, the time law decides."""
+
+
+def static_torque(joint_path: JointPath, bound: Array, since: float = 0.0) -> TorqueRatios:
+    """Return bounds on the static torque on a joint path: of gravity, and of Coulomb friction in the path's direction.
+
+    Where a joint rests or reverses, as all joints do at both ends, friction counts on both sides.
+    """
+    along = Trajectory(scipy.interpolate.PPoly(joint_path.coefficients, joint_path.nodes))
+    bounds = MotionBounds(joint_path.robot, along)
+    begin = int(np.searchsorted(along.knots[1:-1], since, side="right"))
+    pieces, knots = np.arange(begin, along.knots.size - 1), along.knots[begin:]
+    first, last = (bounds.joints_at(pieces, s) for s in (knots[:-1], knots[1:]))
+    torques = TorqueBounds(joint_path.robot, knots, first, last, still=True)
+    found = torques.bound_ratios(bound, rate=False, excess=STATIC_EXCESS)
+    for model, ends in zip(torques.models, torques.ends, strict=True):
+        resting = [(along.end, ends.right[-1, 0])] + ([] if since > 0.0 else [(0.0, ends.left[0, 0])])
+        for s, value in resting:
+            found = _include_rest(found, bound, s, value, model[1].coulomb)
+    return found
+
+
+def _include_rest(found: TorqueRatios, bound: Array, s: float, value: Array, friction: Array) -> TorqueRatios:
+    """Return the larger of the given ratios and those of a state of rest at s, with friction on both sides."""
+    down, up = (value - friction) / bound[0], (value + friction) / bound[1]
+    ratio = np.maximum(down, up)
+    return TorqueRatios(
+        np.maximum(found.ratio, ratio),
+        np.maximum(found.found, ratio),
+        np.where(ratio > found.found, s, found.time),
+        np.where(ratio > found.found, up >= down, found.upper),
+    )
+
+
+def check_statics(joint_path: JointPath, limits: MotionLimits, enforced: tuple[str, ...], since: float = 0.0) -> None:
+    """Raise NoSolution if gravity and friction alone exceed the torque limits along a path, and those are enforced."""
+    if limits.torque is None or "torque" not in enforced:
+        return
+    given = limits.bounds(joint_path.robot.n)["torque"]
+    bound = np.stack([-given, given]) if given.ndim == 1 else given
+    found = static_torque(joint_path, bound, since)
+    ratio = np.where(np.isfinite(bound[1]), found.found, 0.0)
+    i = int(ratio.argmax())
+    if ratio[i] <= 1.0:
+        return
+    limit = abs(float(bound[1 if found.upper[i] else 0, i]))
+    robot, s = joint_path.robot, float(found.time[i])
+    force = "N" if robot.prismatic[i] else "N·m"
+    raise NoSolution(
+        f"the limit of {limit:.6g} {force} on the torque of {robot.joint_names[i]} is below the {ratio[i] * limit:.6g} {force} "
+        f"that gravity and friction need at s = {s:.6g} {joint_path.path.unit}, however slowly the arm moves",
+        s=s, joint=robot.joint_names[i], advice="another path, a lighter payload, or a higher limit",
+    )  # fmt: skip

@@ -23,14 +23,13 @@ from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.files import save
-from planners.fit import fit, stretch_factor
+from planners.fit import check_statics, fit, stretch_factor
 from planners.following.follow import DEFAULT_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._statics import check_statics
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
 

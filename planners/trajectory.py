@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from math import factorial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +12,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import PiecewiseCurve
-from planners.extrema import piece_ends, piece_extrema
+from planners.curve import PiecewiseCurve, piece_ends, piece_extrema
 
 
 class Extrema(NamedTuple):
@@ -268,3 +268,55 @@ def _lock(array: Array) -> Array:
     view = array.view()
     view.setflags(write=False)
     return view
+
+
+State = tuple[Array, Array, Array]
+"""q, q̇ and q̈ (n,)."""
+
+
+def shift_pieces(c: Array, u: Array) -> Array:
+    """Return the coefficients (6, m, n) of the same quintics about u (m,), by repeated Horner steps (Taylor shift)."""
+    c, u = c.copy(), u[:, None]
+    for last in range(5, 0, -1):
+        for i in range(1, last + 1):
+            c[i] += u * c[i - 1]
+    return c
+
+
+def cut_before(trajectory: Trajectory, t: float, s: float | None = None) -> Trajectory:
+    """Return the part of a motion from time t [s] on, with the same polynomials up to rounding.
+
+    It begins with exactly the values of the trajectory at t; `s` is the path parameter there, if it is known.
+    """
+    knots, c = trajectory.knots, trajectory.padded
+    first = int(np.searchsorted(knots, t, side="right")) - 1
+    c = c[:, first:].copy()
+    c[:, :1] = shift_pieces(c[:, :1], np.array([t - knots[first]]))
+    for order in range(3):
+        c[5 - order, 0] = trajectory(t, order) / factorial(order)
+    known = None if s is None or trajectory.s is None else np.append(s, trajectory.s[first + 1 :])
+    return Trajectory(scipy.interpolate.PPoly(c, np.append(0.0, knots[first + 1 :] - t), extrapolate=True), known)
+
+
+def cut_after(trajectory: Trajectory, t: float) -> Trajectory:
+    """Return the part of a motion up to time t [s], at most to its end, with the same polynomials."""
+    before = int(np.searchsorted(trajectory.knots, t, side="left"))
+    knots = np.append(trajectory.knots[:before], t)
+    return Trajectory(scipy.interpolate.PPoly(trajectory.coefficients[:, :before], knots, extrapolate=True))
+
+
+def join(first: Trajectory, second: Trajectory) -> Trajectory:
+    """Return one motion followed by another."""
+    c = np.concatenate([first.padded, second.padded], axis=1)
+    a, b = first.s, second.s
+    s = None if a is None or b is None else np.append(a, b[1:])
+    return Trajectory(
+        scipy.interpolate.PPoly(c, np.append(first.knots, first.end + second.knots[1:]), extrapolate=True), s
+    )
+
+
+def append_rest(trajectory: Trajectory, duration: float) -> Trajectory:
+    """Return a motion that ends at rest, prolonged by a time at rest [s]."""
+    still = np.zeros((6, 1, trajectory.n))
+    still[5] = trajectory(trajectory.end)
+    return join(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))

@@ -11,10 +11,10 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate import checks
 from planners.certificate.bounds import MotionBounds
+from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.tool_speed import ToolSpeed, segment_speed, tool_speed
 from planners.certificate.torque import TorqueBounds
-from planners.certificate.torque_slowing import stretch_factor
 from planners.limits._motion import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory

@@ -31,8 +31,7 @@ from planners.certificate.effort import energy, friction_steps
 from planners.certificate.path_error import PathError
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme
 from planners.paths.base import Path
-from planners.splice import cut_after, cut_before
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, cut_after, cut_before
 
 ENOUGH = 1.1
 """Ratio of the tolerance to the path error above which the bound on the path error is not refined."""

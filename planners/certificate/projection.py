@@ -10,7 +10,7 @@ import numpy as np
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants
-from planners.paths._nearest import chords, embed_poses
+from planners.paths._poses import chords, embed_poses
 from planners.paths.base import Path
 
 CHORD_TURN = 0.1

@@ -14,8 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.paths._nearest import TURN_WEIGHT
-from planners.paths._rotation import make_poses, rotations_along, shortest_turn
+from planners.paths._poses import TURN_WEIGHT, make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
 
 SAME_POINT = 1e-9

@@ -15,7 +15,7 @@ from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import Curve
-from planners.paths._nearest import find_nearest
+from planners.paths._poses import find_nearest
 
 
 class Path(Curve):

@@ -17,7 +17,7 @@ from optik.ik import solve_ik
 from optik.ik._problem import check_start
 from optik.types import Array
 from planners.curve import Curve
-from planners.paths._rotation import rotation_derivative_norms
+from planners.paths._poses import rotation_derivative_norms
 from planners.paths.base import Path, fields
 
 BOUND_SAMPLES = 32

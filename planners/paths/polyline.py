@@ -15,7 +15,7 @@ from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
-from planners.paths._rotation import make_poses, shortest_turn
+from planners.paths._poses import make_poses, shortest_turn
 from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
 

@@ -10,18 +10,17 @@ import numpy as np
 import scipy
 
 from optik.errors import NoSolution
-from planners.fit import fit_to_limits, stretch_factor
+from planners.fit import fit_to_limits, match_start, stretch_factor
 from planners.following.joint_path import JointPath
 from planners.plan import Plan, PlanRequest
 from planners.replan.reason import explain_infeasible
 from planners.replan.request import certify_motion, choose_law, run_law
 from planners.replan.state import ENDED, MovingState, limits_at, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
-from planners.splice import cut_after, cut_before, join, match_start
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import PathState, refit
 from planners.timing.smooth import QUINTIC
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, cut_after, cut_before, join
 
 WIDENED = (1.001, 1.003, 1.01)
 """Factors on the limits with which a law is tried from rest; its motion can be slowed as a whole afterwards."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from optik.errors import NoSolution
+from planners.fit import check_statics
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, ratio_to_limit
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion
 from planners.replan.state import MovingState
-from planners.timing._statics import check_statics
 from planners.timing.base import StopKind
 
 

@@ -11,11 +11,11 @@ from optik.scene import Scene
 from optik.scene.contact import check_scene
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.violation import word_of_limit
+from planners.fit import match_start
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanRequest
 from planners.replan.state import MovingState
-from planners.splice import match_start
 from planners.timing import TimeLaw, law_for, laws
 from planners.timing.base import PathState, StopKind, check_motion
 from planners.timing.optimal import Optimal

@@ -13,12 +13,12 @@ from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
+from planners.fit import match_start
 from planners.following.joint_path import JointPath, find_nearest_between, find_nearest_s
 from planners.limits import MotionLimits
 from planners.plan import Plan
-from planners.splice import State, cut_before, match_start
 from planners.timing.base import PathState
-from planners.trajectory import Trajectory
+from planners.trajectory import State, Trajectory, cut_before
 
 OFF_PATH = 1e-6
 """Largest distance of a measured state from the path [rad or m], and the same relative to the greatest velocity and

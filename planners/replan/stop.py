@@ -8,14 +8,15 @@ from time import perf_counter
 
 import numpy as np
 
+from planners.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.reason import explain_infeasible
 from planners.replan.request import certify_motion
 from planners.replan.state import MovingState, limits_at, s_at
-from planners.splice import cut_after, join, match_start
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
+from planners.trajectory import cut_after, join
 
 LIMIT_FRACTIONS = (0.995, 0.9)
 """Fractions of the limits for a sweep, tried in turn, because a sweep slightly exceeds its limits between its knots."""

@@ -17,8 +17,7 @@ from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.ros.message import Form, Times, message_of, reconstruct
 from planners.ros.replies import NANOSECONDS
-from planners.splice import append_rest
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, append_rest
 
 SLOWINGS = 20
 """Largest number of slowings of a motion; two are usual."""

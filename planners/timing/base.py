@@ -1,10 +1,11 @@
-"""Base of time laws: the limits that a law needs and enforces, greatest speeds, and the refit of s(t) to q(t)."""
+"""Base of time laws, and laws by name: the limits that a law needs and enforces, greatest speeds, the refit of s(t) to q(t)."""
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from enum import StrEnum
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.registry import build_method, names
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, find_times, quintic
@@ -226,6 +228,60 @@ def check_law(law: object) -> TimeLaw:
         raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
     check_names(getattr(law, "enforced", None), f"enforced of the time law {law.name!r}")
     return law
+
+
+def laws() -> tuple[str, ...]:
+    """Names of all time laws."""
+    return names("planners.timing")
+
+
+def make_law(law: str | os.PathLike[str], **options: Any) -> TimeLaw:
+    """Build a time law by its name, or from a file that is given as a path.
+
+    Parameters
+    ----------
+    law : str or path
+        A name from `laws`, or a Python file such as ``"./law.py"``, which is run.
+    **options
+        Options of the law.
+
+    Returns
+    -------
+    TimeLaw
+        The law.
+
+    Raises
+    ------
+    UnknownName
+        No such law; the nearest names are offered.
+    InvalidInput
+        An option that the law does not have, or out of range; a file that is no law, or whose
+        ``enforced`` is no tuple of names of limits.
+    """
+    return check_law(build_method("planners.timing", law, "time law", **options))
+
+
+def law_for(timing: str | os.PathLike[str] | TimeLaw) -> TimeLaw:
+    """Return a time law that is given by name, as a file or built.
+
+    Parameters
+    ----------
+    timing : str, path or TimeLaw
+        What `make_law` takes, or a law.
+
+    Returns
+    -------
+    TimeLaw
+        The law.
+
+    Raises
+    ------
+    UnknownName
+        No such law; the nearest names are offered.
+    InvalidInput
+        No law, a file that is no law, or a law whose ``enforced`` is no tuple of names of limits.
+    """
+    return make_law(timing) if isinstance(timing, str | os.PathLike) else check_law(timing)
 
 
 def check_motion(law: TimeLaw, motion: object, robot: Robot) -> Trajectory:

@@ -16,8 +16,8 @@ from planners.curve import apply_chain_rule, find_times, quintic_through
 from planners.fit import fit, stretch_factor
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.timing._optimal.derivatives import derivatives
-from planners.timing._optimal.start import select_spaced, sweep
+from planners.timing._optimal.programme import select_spaced, sweep
+from planners.timing._optimal.rows import derivatives
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST_PHASE,

@@ -13,17 +13,21 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, quintic_through
-from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within
+from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
 from planners.limits.base import ratio_to_limit
-from planners.splice import match_start
 from planners.timing._optimal import iteration
-from planners.timing._optimal.derivatives import derivatives, distances
-from planners.timing._optimal.limited import dynamic_excess, torque_excess
 from planners.timing._optimal.newton import Problem
-from planners.timing._optimal.programme import Programme, halve_intervals, moving_programme, quintic_programme
-from planners.timing._optimal.start import briefest, start
+from planners.timing._optimal.programme import (
+    Programme,
+    briefest,
+    halve_intervals,
+    moving_programme,
+    quintic_programme,
+    start,
+)
+from planners.timing._optimal.rows import derivatives, distances, dynamic_excess, torque_excess
 from planners.timing.base import AnalysingLaw, PathState
 from planners.trajectory import Trajectory
 
@@ -64,7 +68,7 @@ BETWEEN_SAMPLES = 1.00005
 class Optimal(AnalysingLaw):
     """Time-optimal with jerk limits: s⃛ is constant on intervals between fixed path parameters, whose durations are free.
 
-    The initial guess is a motion that nearly respects all limits, from two sweeps (`planners.timing._optimal.start`). An
+    The initial guess is a motion that nearly respects all limits, from two sweeps (`planners.timing._optimal.programme`). An
     interior-point iteration solves the programme (`planners.timing._optimal.iteration`). Then the motion is refitted. Where its
     exact extrema exceed a limit, the limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a
     uniform stretch, so that every limit is respected exactly. The computing time grows linearly with the length of the path.

@@ -34,9 +34,9 @@ from planners import (
 from planners.curve import quintic
 from planners.following.joint_path import JointPath
 from planners.plan import StopKind
-from planners.splice import cut_after, join
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
+from planners.trajectory import cut_after, join
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from optik.errors import OptikError
 from planners import Plan, replan
+from planners.fit import match_start
 from planners.replan.state import build_moving_state
-from planners.splice import match_start
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.figures.figure import Row, Value, main

@@ -27,7 +27,7 @@ from planners.ros.export import from_ros, to_ros
 from planners.ros.message import LONGEST_DURATION, _to_yaml
 from planners.ros.pace import NEAR_KNOT
 from planners.ros.replies import NANOSECONDS
-from planners.splice import cut_before
+from planners.trajectory import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
 from tests.planners.test_controller import between, exact

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PPoly, make_interp_spline
 
-import planners.timing._ruckig as ruckig_call
+import planners.timing.ruckig as ruckig_call
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.types import Array

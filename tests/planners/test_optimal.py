@@ -16,7 +16,7 @@ from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES
 from planners.timing import optimal
 from planners.timing._optimal import iteration, newton
-from planners.timing._optimal.derivatives import derivatives, distances
+from planners.timing._optimal.rows import derivatives, distances
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
 from tests.planners.cases import default_joint_path, random_joint_paths

@@ -17,8 +17,8 @@ from planners import Line, MotionLimits, certify, follow
 from planners.following.joint_path import JointPath
 from planners.limits import PathPoints
 from planners.paths.joint_line import JointLine
-from planners.timing._optimal import iteration, limited, newton
-from planners.timing._optimal.derivatives import derivatives
+from planners.timing._optimal import iteration, newton
+from planners.timing._optimal.rows import build_rows, derivatives
 from planners.timing.optimal import Optimal
 from tests.oracles import moved
 from tests.oracles.time_optimum import best_duration
@@ -192,7 +192,7 @@ def test_rows_of_the_programme_are_those_of_the_limits() -> None:
     s = np.linspace(0.0, joint_path.end, 41) + 1e-4 * joint_path.end
     found = derivatives(joint_path, s[:-1])
     places = s[:-1]
-    given = limited.rows(joint_path, limits, places, found, (found[3, :-1], found[3, 1:]))
+    given = build_rows(joint_path, limits, places, found, (found[3, :-1], found[3, 1:]))
     at = PathPoints(joint_path, places, tuple(found))
     assert given.node.shape[1] == given.static.shape[1] == robot.n
     np.testing.assert_allclose(given.node[1:], limits.rows("torque", at)[1:], rtol=1e-9, atol=1e-9)

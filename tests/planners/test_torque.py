@@ -15,9 +15,8 @@ from optik.arm.inertia import Inertia
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.effort import energy, friction_steps
+from planners.certificate.effort import energy, friction_steps, stretch_factor
 from planners.certificate.torque import cubic_range, direction, fourth_bounds, sizes, slope_range
-from planners.certificate.torque_slowing import stretch_factor
 from planners.curve import quintic_through
 from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values

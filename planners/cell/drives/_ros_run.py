@@ -20,7 +20,7 @@ from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
 from planners.ros.transport import Goal
-from planners.splice import cut_after, join
+from planners.trajectory import cut_after, join
 
 POLL = 0.01
 """Polling interval of a running goal [s]: half the usual interval of joint states."""

@@ -12,8 +12,7 @@ from planners.cell.drives._setpoints import Setpoints, make_setpoints
 from planners.cell.drives._stop import ends_at_goal, plan_stop
 from planners.cell.drives.base import Fault
 from planners.plan import Plan, PlanStatus
-from planners.splice import cut_after, join
-from planners.trajectory import Trajectory
+from planners.trajectory import Trajectory, cut_after, join
 
 
 class EncoderMonitor:

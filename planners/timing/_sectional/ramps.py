@@ -12,7 +12,7 @@ from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
 from planners.paths.base import Path
-from planners.timing._grid import make_graded_grid
+from planners.timing._sweep import make_graded_grid
 from planners.timing.base import speed_bound
 
 TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
