@@ -224,7 +224,7 @@ def execution_data(done: Execution) -> dict[str, Any]:
         distance, angle = compute_tool_error(done)
         data |= {
             "duration": done.motion.end,
-            "setpoints": {"t": done.setpoints.t.tolist(), "q": _plain(done.setpoints.q)},
+            "setpoints": {name: _plain(x) for name, x in done.setpoints._asdict().items() if name != "period"},
             "tracking": _plain(np.abs(compute_tracking_error(done)).max(axis=0)),
             "tool_error": {"distance": _plain(np.array(distance)), "angle": _plain(np.array(angle))},
         }

@@ -12,9 +12,11 @@ import pytest
 
 import optik
 from optik.scene import Scene
+from optik.scene.contact import find_contact
 from optik.types import Array
-from planners.cell.view.page import write_page
-from planners.cell.view.show import Beam, Show, Track, show_motion
+from planners.cell.view.page import embed_arm, write_page
+from planners.cell.view.show import Beam, Show, Track, sample_track, show_motion
+from planners.limits import MotionLimits
 from tests.benchmarks.browser import CHROMIUM, Browser
 from tests.planners.motions import planned
 
@@ -38,7 +40,7 @@ READ = """(() => {
 def shown() -> Show:
     """A motion with an execution 0.01 rad beside it, a beam and a scene."""
     show = show_motion(planned())
-    t, q, dq = show.planned
+    t, q, dq = show.planned[:3]
     late = np.append(t, t[-1] + 0.1)  # it settles for another 0.1 s
     q, dq = (np.vstack([values, values[-1]]) for values in (q, dq))
     T = np.eye(4)
@@ -259,4 +261,171 @@ def test_an_arm_without_shapes_and_with_a_sliding_joint(drawn: Browser, tmp_path
     np.testing.assert_allclose(drawn.run("optikView.state(2.0).velocity"), speed, atol=1e-9)
     assert "no shapes" in drawn.run("document.getElementById('legend').textContent")
     assert " mm/s" in drawn.run("document.getElementById('joints').textContent")
+    assert drawn.errors == []
+
+
+# ---------------------------------------------------------------- plots, payload and nearest pair
+
+
+def loaded() -> Show:
+    """A motion of an arm with a payload past a wall and a box, with an execution."""
+    robot, q = optik.load("panda").with_payload(1.5, (0.0, 0.02, 0.08)), np.deg2rad([0, -45, 0, -135, 0, 90, 45])
+    t = np.linspace(0.0, 1.0, 201)
+    turn = 0.5 * (1.0 - np.cos(np.pi * t))[:, None] * np.array([0.4, 0.2, 0.1, -0.2, 0.1, 0.3, -0.5])
+    rate = np.gradient(turn, t, axis=0)
+    second = np.gradient(rate, t, axis=0)
+    track, T = Track(t, q + turn, rate, second), np.eye(4)
+    T[:3, 3] = [0.6, 0.5, 0.4]
+    scene = Scene([(T, [0.1, 0.1, 0.6])], planes=[([0.0, 0.0, -0.2], [0.0, 0.0, 1.0])], margin=0.02)
+    limits = MotionLimits.of(robot, velocity=0.8, acceleration=(-6.0, 3.0))
+    done = Track(t, q + turn + 0.001, rate, None, np.full_like(turn, 3.0))
+    return Show(robot, "loaded", track, robot.fk(track.q)[:, :3, 3], done, scene, limits)
+
+
+@pytest.fixture(scope="module")
+def full(drawn: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    file = tmp_path_factory.mktemp("loaded") / "page.html"
+    write_page(loaded(), file)
+    drawn.emulate(width=SIZE[0])
+    drawn.open(file)
+    drawn.until("document.title === 'loaded' && window.optikView")
+    yield drawn
+    assert drawn.errors == []
+
+
+def said_of(browser: Browser, quantity: str) -> str:
+    browser.run("optikView.draw()")
+    return str(
+        browser.run(
+            f"document.querySelector('[data-quantity={quantity}]').parentElement.querySelector('output').textContent"
+        )
+    )
+
+
+def choose(browser: Browser, name: str, value: str) -> None:
+    browser.run(
+        f"(s => {{ s.value = '{value}'; s.dispatchEvent(new Event('change')); }})(document.getElementById('{name}'))"
+    )
+
+
+def test_plots_say_which_joint_is_nearest_to_its_limit(full: Browser) -> None:
+    show, k = loaded(), 60
+    full.run(f"optikView.seek({float(show.planned.t[k])!r})")
+    choose(full, "joint", "")
+    i = int(np.abs(show.planned.dq[k] / 0.8).argmax())
+    speed = np.rad2deg(show.planned.dq[k, i])
+    share = 100.0 * abs(show.planned.dq[k, i]) / 0.8
+    assert said_of(full, "dq").replace("−", "-") == f"joint{i + 1} {speed:.1f}°/s, {share:.0f} % of limit"
+    assert show.planned.ddq is not None
+    sides = show.planned.ddq[k] / np.where(show.planned.ddq[k] < 0.0, -6.0, 3.0)
+    i = int(sides.argmax())
+    assert f"joint{i + 1} " in said_of(full, "ddq")
+    assert said_of(full, "ddq").endswith(f", {100.0 * sides[i]:.0f} % of limit")
+    assert said_of(full, "q") == ""
+    choose(full, "joint", "5")
+    assert said_of(full, "torque") == "joint6 3.0 N·m, 25 % of limit"  # measured, of 12 N·m
+    assert said_of(full, "q").replace("−", "-") == f"joint6 {np.rad2deg(show.planned.q[k, 5] + 0.001):.1f}°"
+    choose(full, "joint", "")
+
+
+def test_plots_show_limits_and_the_time(full: Browser) -> None:
+    inked = """(name => { optikView.draw(); const b = document.querySelector(`[data-quantity=${name}]`);
+        const p = b.getContext('2d').getImageData(0, 0, b.width, b.height).data, rows = {}, columns = {};
+        for (let k = 0; k < b.width * b.height; k++) if (p[4 * k + 3] > 60) {
+            const y = Math.floor(k / b.width), x = k % b.width;
+            if (p[4 * k] > 2 * p[4 * k + 2]) rows[y] = (rows[y] || 0) + 1; else columns[x] = (columns[x] || 0) + 1;
+        }
+        const dark = Object.keys(columns).reduce((a, c) => (columns[c] > columns[a] ? c : a));
+        const long = Object.keys(rows).filter(y => rows[y] > 0.2 * b.width);
+        return [long.map(y => y / b.height), (dark - 45.5) / (b.width - 54)]; })"""
+    full.run("optikView.seek(0.9)")
+    choose(full, "joint", "1")  # the orange joint, in a plot that holds its limits of ±0.8 rad/s
+    rows, _ = full.run(f"{inked}('dq')")
+    assert min(rows) < 0.15
+    assert 0.7 < max(rows) < 0.9
+    for t in (0.25, 0.75):
+        full.run(f"optikView.seek({t})")
+        for name in ("q", "dq", "ddq", "torque", "clearance"):
+            assert full.run(f"{inked}('{name}')")[1] == pytest.approx(t, abs=0.02)
+    choose(full, "joint", "")
+
+
+def test_the_nearest_pairs_are_those_of_the_shown_arm(full: Browser) -> None:
+    show = loaded()
+    assert show.executed is not None and show.scene is not None
+    for which, track in (("planned", show.planned), ("executed", show.executed)):
+        choose(full, "which", which)
+        for k in (10, 150):
+            full.run(f"optikView.seek({float(track.t[k])!r}); optikView.draw()")
+            lines = full.run("[...document.querySelectorAll('#nearest li')].map(l => l.textContent)")
+            contact = find_contact(show.robot, show.scene, track.q[k])
+            assert any(f": {' and '.join(contact.pair)}, {1e3 * contact.distance:.1f} mm" in line for line in lines)
+
+
+def test_payload_and_nearest_pair_are_drawn(full: Browser) -> None:
+    show = loaded()
+    choose(full, "which", "planned")
+    full.run("document.getElementById('reset').click(); optikView.seek(0.3)")
+    found = full.run(READ.replace("0x11", "0x6a").replace("0x14", "0x4f").replace("0x17", "0xc4"))
+    q, _ = show.planned.at(0.3)
+    T = show.robot.fk(q)
+    centre = T[:3, :3] @ [0.0, 0.02, 0.08] + T[:3, 3]
+    assert np.abs(np.array(found["at"]) - picture(centre, found, np.array([0.0, 0.0, 1.0]))).max() < 1.5
+    assert "payload 1.5 kg" in full.run("document.getElementById('labels').textContent")
+    yellow = """(() => { optikView.draw(); const gl = document.getElementById('canvas').getContext('webgl2');
+        const w = gl.drawingBufferWidth, h = gl.drawingBufferHeight, p = new Uint8Array(4 * w * h); let n = 0;
+        gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);
+        for (let k = 0; k < p.length; k += 4) if (p[k] > 2.2 * p[k + 2] && p[k + 1] > 0.75 * p[k]) n++; return n; })()"""
+    assert full.run(yellow) > 100
+
+
+def test_paper_is_white(full: Browser) -> None:
+    full.emulate(scheme="dark", width=SIZE[0])
+    full.until(f"Math.max(...{READ}.back) < 40", 10.0)
+    full.run("dispatchEvent(new Event('beforeprint'))")
+    assert full.run(READ)["back"] == [255, 255, 255]
+    assert full.run("getComputedStyle(document.body).color") == "rgb(27, 30, 34)"
+    full.run("dispatchEvent(new Event('afterprint'))")
+    assert max(full.run(READ)["back"]) < 40
+    full.emulate(width=SIZE[0])
+
+
+# ---------------------------------------------------------------- the arm in another page
+
+
+def test_another_page_shows_two_arms(drawn: Browser, tmp_path: Path) -> None:
+    robot, file = planned().robot, tmp_path / "report.html"
+    motions = {law: sample_track(planned(law).trajectory) for law in ("ruckig", "constant_speed")}
+    path = robot.fk(motions["ruckig"].q)[:, :3, 3]
+    one, two = embed_arm(robot, motions, path), embed_arm(robot, {"ruckig": motions["ruckig"]}, path)
+    assert one.script == two.script
+    file.write_text(f"""<!DOCTYPE html><meta charset="utf-8"><title>report</title><style>button {{ color: red }}</style>
+        <div id="a"></div><div id="b"></div><script>{one.script}</script><script>
+        const arms = ["a", "b"].map((id, k) => optikArm(document.getElementById(id), [{one.data}, {two.data}][k]));</script>""")
+    drawn.emulate(width=SIZE[0], height=1400)
+    drawn.open(file)
+    drawn.until("document.title === 'report' && window.arms === undefined && typeof arms === 'object'")
+    drawn.until("arms.every(arm => arm.camera.aspect > 1)")
+    for k, ends in enumerate(([motions["ruckig"].t[-1], motions["constant_speed"].t[-1]], [motions["ruckig"].t[-1]])):
+        part = f"document.getElementById('{'ab'[k]}').shadowRoot.getElementById"
+        assert drawn.run(f"arms[{k}].end") == pytest.approx(ends[0])
+        assert drawn.run(f"getComputedStyle({part}('play')).color") != "rgb(255, 0, 0)"
+        read = READ.replace("optikView", f"arms[{k}]").replace("document.getElementById", part)
+        drawn.run(f"arms[{k}].seek(0.3)")
+        found = drawn.run(read)
+        tool = robot.fk(planned().trajectory(0.3))[:3, 3]
+        assert np.abs(np.array(found["at"]) - picture(tool, found, np.array([0.0, -1.0, 0.0]))).max() < 1.5
+        assert drawn.run(f"[...{part}('beside').options].map(o => o.value)") == ["", *list(motions)[: len(ends)]]
+    part = "document.getElementById('a').shadowRoot.getElementById"
+    count = READ.replace("optikView", "arms[0]").replace("document.getElementById", part)
+    exact = "pixels[4 * k] === 0x11 && pixels[4 * k + 1] === 0x14 && pixels[4 * k + 2] === 0x17"
+    magenta = count.replace(
+        exact, "pixels[4 * k] > 1.4 * pixels[4 * k + 1] && pixels[4 * k + 2] > 1.05 * pixels[4 * k + 1]"
+    )
+    assert drawn.run(magenta)["n"] < 50
+    drawn.run(f"(s => {{ s.value = 'constant_speed'; s.dispatchEvent(new Event('change')); }})({part}('beside'))")
+    assert drawn.run("arms[0].end") == pytest.approx(max(motions[law].t[-1] for law in motions))
+    assert drawn.run(magenta)["n"] > 300
+    drawn.run(f"{part}('play').click()")
+    drawn.until("arms[0].shown.time > 0.35")
     assert drawn.errors == []

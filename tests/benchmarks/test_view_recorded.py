@@ -51,6 +51,10 @@ def test_an_execution_is_shown(typed: Any, motion: Path, tmp_path: Path, stop: l
     assert show.executed is not None
     np.testing.assert_allclose(show.executed.q[-1], data["q"][-1])
     np.testing.assert_allclose(show.planned.q, data["setpoints"]["q"])
+    np.testing.assert_array_equal(show.planned.ddq, data["setpoints"]["ddq"])
+    old = data | {"setpoints": {name: data["setpoints"][name] for name in ("t", "q")}}  # as files were
+    assert show_recorded(old).planned.ddq is None
+    assert show.limits is not None and show.limits.acceleration is not None
     assert dict(show.facts)["Execution"] == data["status"] == ("stopped" if stop else "done")
     status, _, said = typed("drive", str(did))
     assert status == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from optik.arm.robot import Robot
 from optik.registry import load_method
 from planners.cell.drives import drives
 from planners.cell.drives.base import Execution
@@ -26,6 +27,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
         ("Path", f"{path.name}, {way}"),
         ("Law", motion.law or "not stated"),
         ("Duration", f"{motion.trajectory.duration:.4f} s"),
+        *payload_facts(robot),
     ]
     if motion.speed is not None:
         unit = "rad/s" if path.turns_only else "m/s"
@@ -33,6 +35,14 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     if motion.scene is not None:
         rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.scene.margin:.4g} mm"))
     return tuple(rows)
+
+
+def payload_facts(robot: Robot) -> tuple[tuple[str, str], ...]:
+    """Return the payload of an arm as rows."""
+    if robot.payload is None:
+        return ()
+    centre = ", ".join(f"{1e3 * x:.4g}" for x in robot.payload.com)
+    return (("Payload", f"{robot.payload}, centre of mass at ({centre}) mm in the tool's frame"),)
 
 
 def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
@@ -81,6 +91,7 @@ def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
         rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
     if outcome.executions:
         rows.append(("Drive", drive_words(outcome.executions[0].drive)))
+    rows += payload_facts(outcome.robot)
     rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
     return (*rows, *(("Note", note) for note in outcome.notes))
 

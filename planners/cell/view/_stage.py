@@ -8,7 +8,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
-from planners.cell.view.page import find_up
+from planners.cell.view._data import find_up
 from planners.cell.view.show import Show, Track
 
 ARM_COLOURS = ((217, 138, 61), (143, 153, 166))

@@ -2,8 +2,11 @@
 // Numbers of the page: the arm's forward kinematics and the state of a motion at any time. Lengths in m, angles in rad.
 
 const Arm = (() => {
+  const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
   /** Decode an array of 64-bit floats from base64. */
-  const numbers = text => new Float64Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
+  const numbers = text => new Float64Array(bytes(text));
+  /** Decode rows of 16-bit integers from base64, each column with its own unit. */
+  const scaled = ({ scale, values }) => Float64Array.from(new Int16Array(bytes(values)), (v, k) => v * scale[k % scale.length]);
 
   /** Product of two poses, 16 numbers each, row after row. */
   const times = (a, b) => {
@@ -60,24 +63,46 @@ const Arm = (() => {
   const track = (data, n) => {
     const t = numbers(data.t), q = numbers(data.q), dq = numbers(data.dq), last = t.length - 1;
     const row = (values, k) => values.subarray(n * k, n * k + n);
-    const at = time => {
-      if (!(time > t[0])) return { q: [...row(q, 0)], dq: [...row(dq, 0)] };
-      if (time >= t[last]) return { q: [...row(q, last)], dq: time > t[last] ? Array(n).fill(0) : [...row(dq, last)] };
+    const columns = { q, dq };
+    for (const name of ["ddq", "torque", "clearance"]) if (data[name]) columns[name] = scaled(data[name]);
+
+    /** The last instant that is not after a time, and the fraction of the way to the next one. */
+    const place = time => {
+      if (!(time > t[0])) return [0, 0];
+      if (time >= t[last]) return [last, 0];
       let low = 0, high = last; // t[low] <= time < t[high]
       while (high - low > 1) {
         const k = (low + high) >> 1;
         if (t[k] <= time) low = k; else high = k;
       }
-      const h = t[high] - t[low], u = (time - t[low]) / h, out = { q: [], dq: [] };
-      for (let i = 0; i < n; i++) {
-        const a = q[n * low + i], b = q[n * high + i], va = h * dq[n * low + i], vb = h * dq[n * high + i];
+      return [low, (time - t[low]) / (t[high] - t[low])];
+    };
+    const at = time => {
+      const [k, u] = place(time);
+      if (!u) return { q: [...row(q, k)], dq: time > t[last] ? Array(n).fill(0) : [...row(dq, k)] };
+      const h = t[k + 1] - t[k], out = { q: [], dq: [] };
+      for (let i = n * k; i < n * k + n; i++) {
+        const a = q[i], b = q[i + n], va = h * dq[i], vb = h * dq[i + n];
         const c = 3 * (b - a) - 2 * va - vb, d = 2 * (a - b) + va + vb;
         out.q.push(a + u * (va + u * (c + u * d)));
         out.dq.push((va + u * (2 * c + 3 * u * d)) / h);
       }
       return out;
     };
-    return { t, q, dq, at, end: t[last], count: t.length, row };
+
+    /** The values of a quantity at a time, by straight lines between the instants; null if the motion lacks it. */
+    const values = (name, time) => {
+      const all = columns[name], width = all && all.length / t.length, [k, u] = place(time);
+      return all ? Array.from({ length: width }, (_, i) =>
+        all[width * k + i] + (u ? u * (all[width * (k + 1) + i] - all[width * k + i]) : 0)) : null;
+    };
+
+    /** The nearest pair of shapes of each kind at a time. */
+    const nearest = time => {
+      const [k] = place(time);
+      return (data.nearest || []).map(changes => changes.findLast(([first]) => first <= k)[1]);
+    };
+    return { t, columns, at, values, nearest, end: t[last], count: t.length, configuration: k => row(q, k) };
   };
 
   return { numbers, made, track, moved, origin, axis, minus, plus, cross, dot, length, unit };

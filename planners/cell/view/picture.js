@@ -1,5 +1,5 @@
 "use strict";
-// What is in the picture: the arm at an instant, the path and the executed one, scene, laser beam, grid and frames.
+// The picture: the arm at an instant, a second arm beside it, path, executed path, scene, payload, laser beam, grid and frames.
 
 const Picture = (canvas, labels, data, arm, tracks) => {
   const { numbers, moved, origin, axis, plus, minus, dot, length } = Arm;
@@ -11,8 +11,9 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const path = rows(data.path, 3), up = data.up;
   const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
   const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
-  const did = tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
-  const executed = did ? Array.from(did.t, (t, k) => [arm.tool(tracks.planned.at(t).q), arm.tool(did.row(did.q, k))]) : [];
+  const payload = data.payload;
+  const did = data.executed && tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
+  const executed = did ? Array.from(did.t, (t, k) => [arm.tool(tracks.planned.at(t).q), arm.tool(did.configuration(k))]) : [];
 
   // ---- how large everything is
 
@@ -64,6 +65,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     const normal = plane.slice(3), near = normal.map(c => c * dot(plane.slice(0, 3), normal)), [x, y] = Draw.across(normal);
     return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([i, j]) => plus(plus(near, x, 1.2 * i * reach), y, 1.2 * j * reach));
   };
+  const outline = plane => { const c = square(plane); return [...c, c[0]]; };
   const faces = box => {
     const c = corners(box), out = [];
     for (let i = 0; i < 3; i++) for (const side of [0, 1]) {
@@ -87,7 +89,8 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16) / 255);
   };
   const theme = () => {
-    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "grid", "mark", "x", "y", "z"];
+    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "near", "contact", "payload", "grid", "mark",
+      "x", "y", "z"];
     colours = Object.fromEntries(names.map(name => [name, colour(name)]));
   };
   const build = () => {
@@ -95,15 +98,16 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     if (!surface) return false;
     const { lines, capsules: round, triangles } = surface;
     layers = {
-      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), edges: lines(),
-      x: lines(), y: lines(), z: lines(), arm: round(), marks: round(), rounds: round(), boxes: triangles(), planes: triangles(),
+      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), edges: lines(), near: lines(),
+      x: lines(), y: lines(), z: lines(), arm: round(), second: round(), marks: round(), rounds: round(),
+      boxes: triangles(), planes: triangles(),
     };
     layers.grid.set(gridLines());
     layers.path.set([path]);
     layers.beam.set(data.beam ? [data.beam] : []);
     layers.boxes.set(boxes.flatMap(faces).reduce((out, v, k, all) => (k % 2 ? out : [...out, [v, all[k + 1]]]), []));
     layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
-    layers.edges.set([...boxes.flatMap(edges), ...planes.map(p => { const c = square(p); return [...c, c[0]]; })]);
+    layers.edges.set([...boxes.flatMap(edges), ...planes.map(outline)]);
     return true;
   };
 
@@ -112,18 +116,26 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     if (surface) layers.executed.set([executed.map(([planned, done]) => plus(planned, minus(done, planned), factor))]);
   };
 
-  const bodies = poses => {
-    if (capsules) return capsules.map(c =>
-      [moved(poses[c.link], c.a), moved(poses[c.link], c.b), c.r, c.link % 2 ? colours.link : colours.arm]);
+  /** The capsules of the arm at the poses of its frames; those of a list in another colour. */
+  const bodies = (poses, near = [], tint = null) => {
+    if (capsules) return capsules.map((c, i) => [moved(poses[c.link], c.a), moved(poses[c.link], c.b), c.r,
+      near.includes(i) ? tint : c.link % 2 ? colours.link : colours.arm]);
     const points = poses.map(origin), thin = 0.008 * reach;
     return [...points.slice(1).map((p, k) => [points[k], p, thin, colours.arm]),
       ...points.slice(0, -1).map(p => [p, p, 2 * thin, colours.link])];
   };
-  const move = (poses, ghost) => {
-    const tool = poses[arm.n + 1], dot_ = 0.006 * camera.distance;
-    layers.arm.set(bodies(poses));
-    layers.rounds.set(rounds.map(r => [r.slice(0, 3), r.slice(3, 6), r[6], colours.scene]));
+  const move = (poses, { ghost, second, pair }) => {
+    const tool = poses[arm.n + 1], dot_ = 0.006 * camera.distance, { capsule, kind, object, room } = pair || {};
+    colours.pair = room < 0 ? colours.contact : colours.near;
+    layers.arm.set(bodies(poses, kind === "own" ? [capsule, object] : [capsule], colours.pair));
+    const moving = second ? bodies(second).filter((_, i) => !capsules || capsules[i].link) : [];
+    layers.second.set(moving.map(body => [...body.slice(0, 3), colours.executed]));
+    layers.rounds.set(rounds.map((r, i) =>
+      [r.slice(0, 3), r.slice(3, 6), r[6], kind === "rounds" && object === i ? colours.pair : colours.scene]));
+    layers.near.set(kind === "boxes" && boxes[object] ? edges(boxes[object])
+      : kind === "planes" ? [outline(planes[object])] : []);
     const marks = [[origin(tool), origin(tool), dot_, colours.mark]];
+    if (payload) marks.push([moved(tool, payload.com), moved(tool, payload.com), 1.5 * dot_, colours.payload]);
     for (const p of data.beam || []) marks.push([p, p, dot_, colours.beam]);
     layers.marks.set(marks);
     layers.planned.set(ghost ? [ghost.map(origin)] : []);
@@ -133,13 +145,13 @@ const Picture = (canvas, labels, data, arm, tracks) => {
 
   const paintLines = (gl, names, alpha) => {
     const { line } = surface;
-    const widths = { grid: 1, edges: 1.5, path: 5, executed: 2.5, planned: 2.5, beam: 3, x: 3, y: 3, z: 3 };
+    const widths = { grid: 1, edges: 1.5, near: 3, path: 5, executed: 2.5, planned: 2.5, beam: 3, x: 3, y: 3, z: 3 };
     line.use();
     gl.uniformMatrix4fv(line.at("camera"), false, camera.matrix);
     gl.uniform2f(line.at("viewport"), gl.drawingBufferWidth, gl.drawingBufferHeight);
     for (const name of names) {
       gl.uniform1f(line.at("width"), widths[name] * devicePixelRatio);
-      gl.uniform4f(line.at("paint"), ...colours[name === "edges" ? "scene" : name], alpha);
+      gl.uniform4f(line.at("paint"), ...colours[{ edges: "scene", near: "pair" }[name] || name], alpha);
       layers[name].draw();
     }
   };
@@ -154,16 +166,16 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     for (const name of names) layers[name].draw();
   };
 
-  /** Draw the arm at the poses of its frames, and lines between others' origins beside it. */
-  const draw = (poses, ghost) => {
+  /** Draw the arm at the poses of its frames; beside it `ghost` as lines, `second` as a translucent arm, the nearest `pair`. */
+  const draw = (poses, beside = {}) => {
     const ratio = devicePixelRatio, width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     camera.aspect = width / Math.max(1, height);
     camera.update();
     label(poses);
     if (!surface) return;
-    const { gl, solid, mesh } = surface, traces = ["path", "executed", "planned", "beam", "x", "y", "z"];
-    move(poses, ghost);
+    const { gl, solid, mesh } = surface, traces = ["path", "executed", "planned", "beam", "near", "x", "y", "z"];
+    move(poses, beside);
     gl.viewport(0, 0, width, height);
     gl.clearColor(...colours.back, 1);
     gl.depthMask(true);
@@ -179,7 +191,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     gl.depthMask(false);
     paintLines(gl, traces, 0.3);
     gl.depthFunc(gl.LEQUAL);
-    paintSolid(gl, solid, ["rounds"], 0.5);
+    paintSolid(gl, solid, ["rounds", "second"], 0.5);
     paintSolid(gl, mesh, ["boxes"], 0.4);
     paintSolid(gl, mesh, ["planes"], 0.18);
     gl.disable(gl.DEPTH_TEST);
@@ -193,6 +205,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   if (data.beam) words.push(["laser unit", () => data.beam[0]], ["spot", () => data.beam[1]]);
   else if (path.length) words.push(["goal", () => path[path.length - 1]]);
   words.push(["tool", poses => origin(poses[arm.n + 1])]);
+  if (payload) words.push([payload.words, poses => moved(poses[arm.n + 1], payload.com)]);
   const places = words.map(([text]) => {
     const place = labels.appendChild(document.createElement("span"));
     place.textContent = text;

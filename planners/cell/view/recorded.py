@@ -76,17 +76,21 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
         expected = "one of a motion that was sent, written by `optik drive --out`"
         raise InvalidInput("PLAN", "an execution without a motion", expected)
     motion = from_plain(data["plan"])
-    n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints")
+    n, sent = motion.robot.n, read_record(data["setpoints"], ("t", "q"), "setpoints", optional=("dq", "ddq"))
     t, q = _check_table(sent["t"], sent["q"], n, "setpoints")
+    rates = [_check_table(t, sent[name], n, f"setpoints.{name}")[1] for name in ("dq", "ddq") if name in sent]
+    planned = Track(t, q, *rates) if rates and np.isfinite([q, *rates]).all() else _make_track(t, q)
     done, did = _check_table(data.get("t"), data.get("q"), n, "q")
-    executed, unread = thin_execution(done, did, _check_table(data.get("t"), data.get("dq"), n, "dq")[1])
+    speed = _check_table(data.get("t"), data.get("dq"), n, "dq")[1]
+    torque = None if data.get("torque") is None else _check_table(done, data["torque"], n, "torque")[1]
+    executed, unread = thin_execution(done, did, speed, torque)
     drive = read_word(data.get("drive", ""), "drive")
     status = read_word(data.get("status", ""), "status").replace("_", " ")
     rows = [("Drive", drive_words(drive)), ("Execution", status)]
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     return Show(
-        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", _make_track(t, q),
-        sample_path(motion.path), executed, motion.scene,
+        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", planned,
+        sample_path(motion.path), executed, motion.scene, motion.limits,
         facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from planners.cell.view._facts import (
 )
 from planners.certificate.certificate import Certificate
 from planners.following.follow import JointPath
+from planners.limits import MotionLimits
 from planners.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -45,11 +46,17 @@ class Track(NamedTuple):
         Times, 0 first [s].
     q, dq : (k, n) arrays
         Configurations [rad, m] and their velocities [rad/s, m/s].
+    ddq : (k, n) array or None
+        Accelerations [rad/s², m/s²]; None if they are unknown.
+    torque : (k, n) array or None
+        Measured torques of the motors [N·m, N]; None if there are none.
     """
 
     t: Array
     q: Array
     dq: Array
+    ddq: Array | None = None
+    torque: Array | None = None
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return the state at a time; at rest outside of the motion.
@@ -64,7 +71,7 @@ class Track(NamedTuple):
         tuple of arrays
             Configuration (n,) [rad, m] and velocities (n,) [rad/s, m/s].
         """
-        t, q, dq = self
+        t, q, dq = self[:3]
         if time <= t[0] or len(t) == 1:
             return q[0], dq[0] if time == t[0] else np.zeros_like(dq[0])
         if time >= t[-1]:
@@ -101,6 +108,8 @@ class Show:
         The executed motion.
     scene : Scene or None
         The obstacles.
+    limits : MotionLimits or None
+        The limits of the motion.
     beam : Beam or None
         The laser beam to the spot.
     facts : tuple of (name, text)
@@ -113,6 +122,7 @@ class Show:
     path: Array
     executed: Track | None = None
     scene: Scene | None = None
+    limits: MotionLimits | None = None
     beam: Beam | None = None
     facts: tuple[tuple[str, str], ...] = ()
 
@@ -149,7 +159,8 @@ def show_motion(motion: Motion | HasMotion) -> Show:
         proof = found.certify()
     return Show(
         found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
-        sample_path(found.path), scene=found.scene, facts=(*motion_facts(found), *certificate_facts(proof)),
+        sample_path(found.path), scene=found.scene, limits=found.limits,
+        facts=(*motion_facts(found), *certificate_facts(proof)),
     )  # fmt: skip
 
 
@@ -175,11 +186,11 @@ def show_execution(execution: Execution) -> Show:
     planned, executed, unread = plan.trajectory, None, 0
     if execution.motion is not None:
         planned = execution.motion
-        executed, unread = thin_execution(execution.t, execution.q, execution.dq)
+        executed, unread = thin_execution(execution.t, execution.q, execution.dq, execution.torque)
     title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
     facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
     return Show(
-        execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene, facts=facts
+        execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene, plan.limits, facts=facts
     )  # fmt: skip
 
 
@@ -209,10 +220,11 @@ def show_outcome(outcome: Outcome) -> Show:
     gaps = [part for points in paths for part in (np.full((1, 3), np.nan), points)][1:]
     beam = None if outcome.beam is None else Beam(*outcome.beam)
     motions = [*certificate_facts(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
+    limits = outcome.executions[0].plan.limits if outcome.executions else None
     facts = (*outcome_facts(outcome), *unread_facts(unread), *motions)
     return Show(
         outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _join(planned),
-        np.vstack(gaps), _join(executed) if executed else None, outcome.scene, beam, facts,
+        np.vstack(gaps), _join(executed) if executed else None, outcome.scene, limits, beam, facts,
     )  # fmt: skip
 
 
@@ -223,17 +235,16 @@ def sample_track(trajectory: Trajectory) -> Track:
     """Sample a motion for a viewer."""
     count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
     t = np.linspace(0.0, trajectory.duration, count)
-    return Track(t, trajectory(t), trajectory(t, 1))
+    return Track(t, trajectory(t), trajectory(t, 1), trajectory(t, 2))
 
 
-def thin_execution(t: Array, q: Array, dq: Array) -> tuple[Track | None, int]:
+def thin_execution(t: Array, q: Array, dq: Array, torque: Array | None = None) -> tuple[Track | None, int]:
     """Return an executed motion thinned out for a viewer, and its number of instants without a reading."""
     read = np.isfinite(q).all(axis=1) & np.isfinite(dq).all(axis=1)
-    t, q, dq = t[read], q[read], dq[read]
-    unread = int(read.size - read.sum())
-    if not t.size:
-        return None, unread
-    return _thin(t, q, dq), unread
+    if torque is not None and not np.isfinite(torque[read]).all():
+        torque = None
+    whole, unread = Track(t, q, dq, None, torque), int(read.size - read.sum())
+    return thin(_select(whole, read), MOST_INSTANTS) if read.any() else None, unread
 
 
 def sample_path(path: Path) -> Array:
@@ -250,7 +261,7 @@ def _collect_executions(
     for execution in outcome.executions:
         if execution.motion is None:
             continue
-        did, unread = thin_execution(execution.t, execution.q, execution.dq)
+        did, unread = thin_execution(execution.t, execution.q, execution.dq, execution.torque)
         planned.append((began, sample_track(execution.motion)))
         ends = [execution.motion.duration]
         if did is not None:
@@ -274,19 +285,28 @@ def _find_unexecuted(outcome: Outcome) -> list[Track]:
 
 def _join(tracks: list[tuple[float, Track]]) -> Track:
     """Return several motions as one, each from its start time; the arm rests between them."""
-    t, q, dq = (np.concatenate(parts) for parts in zip(*_add_rests(tracks), strict=True))
-    return _thin(t, q, dq)
+    columns: Any = zip(*_add_rests(tracks), strict=True)
+    joined = [None if any(part is None for part in column) else np.concatenate(column) for column in columns]
+    return thin(Track._make(joined), MOST_INSTANTS)
 
 
-def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the instants of every motion, and its last one again, at rest, before the next motion begins."""
+def _add_rests(tracks: list[tuple[float, Track]]) -> Iterator[Track]:
+    """Yield every motion from its start time, and its last instant again, at rest, before the next motion begins."""
     for k, (began, track) in enumerate(tracks):
-        yield began + track.t, track.q, track.dq
-        if k + 1 < len(tracks) and tracks[k + 1][0] > began + track.t[-1]:
-            yield np.array([tracks[k + 1][0]]), track.q[-1:], np.zeros_like(track.dq[-1:])
+        track = track._replace(t=began + track.t)
+        yield track
+        if k + 1 < len(tracks) and tracks[k + 1][0] > track.t[-1]:
+            last = _select(track, slice(-1, None))
+            still = None if last.ddq is None else np.zeros_like(last.ddq)
+            yield last._replace(t=np.array([tracks[k + 1][0]]), dq=np.zeros_like(last.dq), ddq=still)
 
 
-def _thin(t: Array, q: Array, dq: Array) -> Track:
-    """Return at most `MOST_INSTANTS` of the instants, both ends included."""
-    kept = np.unique(np.linspace(0, t.size - 1, min(t.size, MOST_INSTANTS)).round().astype(np.int64))
-    return Track(t[kept], q[kept], dq[kept])
+def thin(track: Track, most: int) -> Track:
+    """Return at most so many instants of a motion, both ends included."""
+    size = track.t.size
+    return _select(track, np.unique(np.linspace(0, size - 1, min(size, most)).round().astype(np.int64)))
+
+
+def _select(track: Track, chosen: Any) -> Track:
+    """Return some of the instants of a motion."""
+    return Track._make(None if column is None else column[chosen] for column in track)
