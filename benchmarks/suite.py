@@ -5,18 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks.kinds.base import KINDS, Block, Kind, load_kind
+from benchmarks.blocks.base import KINDS, Block, Kind, load_kind
 from benchmarks.records import slug
-from benchmarks.settings import NAMED_KEYS, check_different, check_known
+from benchmarks.settings import check_different
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
 from optik.plugins.usage import UsedPlugin, collect_plugins
-from optik.registry import data_file, names, short_name
+from optik.registry import data_file
 
 SUITES = "benchmarks.suites"
 """The package in which a suite is found by its name."""
@@ -42,8 +42,6 @@ class Suite:
         Those that it has blocks of, in the order in which they run.
     asked : dict
         Blocks by the name of their kind.
-    sources : dict
-        What each kind was found by, by its name: that name, or the path of a file.
     settings : dict
         All settings as they were read.
     plugins : tuple of Used
@@ -57,7 +55,6 @@ class Suite:
     seed: int
     kinds: tuple[Kind, ...]
     asked: dict[str, tuple[Any, ...]]
-    sources: dict[str, str]
     settings: dict[str, Any]
     plugins: tuple[UsedPlugin, ...] = ()
     allow_plugins: bool = False
@@ -89,11 +86,6 @@ class Suite:
         return tuple(dict.fromkeys(robot for _, block in self.pairs() for robot in block.robots))
 
     @property
-    def unread(self) -> tuple[str, ...]:
-        """Names of the kinds whose settings are not checked, since they come from files that may not be run."""
-        return tuple(kind.name for kind in self.kinds if isinstance(kind, _Unread))
-
-    @property
     def fingerprint(self) -> str:
         """First 16 hexadecimal digits of the SHA-256 of all settings."""
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
@@ -107,8 +99,7 @@ def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
     name : str
         Of a suite, or the path of a file that ends in ``.toml``.
     allow_plugins : bool
-        Whether the code in files that the suite names may be run. Where it may not, the suite can be looked at, not run:
-        the settings of a kind that comes from a file are not checked.
+        Whether the code in files that the suite names may be run. Where it may not, the suite can be looked at, not run.
 
     Returns
     -------
@@ -129,44 +120,13 @@ def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
         raise InvalidInput(f"suite {file.name}", str(error), "a TOML file") from None
     with collect_plugins(file.parent) as used:
         called = file.stem if is_path(name) else name
-        suite = suite_of(called, data, find=_kind if allow_plugins else _kind_without_code)
+        suite = suite_of(called, data)
     return replace(suite, plugins=tuple(used), allow_plugins=allow_plugins)
 
 
-class _Unread(Kind):
-    """A kind that comes from a file whose code may not be run: it has blocks, and nothing is known of them."""
-
-    def __init__(self, file: str) -> None:
-        self.name = short_name(file)  # type: ignore[misc]
-        self.title = self.name  # type: ignore[misc]
-
-    def settings(self, data: Any) -> Block:
-        found = data if isinstance(data, dict) else {}
-        for key, where in NAMED_KEYS.items():
-            if is_path(found.get(key)):  # so that the files of its blocks are noted, too
-                check_known(found[key], *where)
-        name = str(found.get("id", self.name))
-        return Block(id=name, title=str(found.get("title", name)))
-
-
-def _source(name: str) -> str:
-    """What any process finds a kind by: its name, or the absolute path of its file."""
-    return check_known(name, KINDS, "kind of block") if is_path(name) else name
-
-
-def _kind(name: str) -> Kind:
-    """Find a kind, and note it where it is a plug-in."""
-    return load_kind(check_known(name, KINDS, "kind of block"))
-
-
-def _kind_without_code(name: str) -> Kind:
-    """Find a kind, without running a file."""
-    return _Unread(_source(name)) if is_path(name) else _kind(name)
-
-
-def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = load_kind) -> Suite:
+def suite_of(name: str, data: dict[str, Any]) -> Suite:
     """Check the settings of a suite and return it."""
-    keys = _kind_keys(data, find)
+    keys = _kind_keys(data)
     kinds = sorted(keys, key=lambda kind: (kind.order, kind.name))
     asked = {kind.name: _blocks(kind, keys[kind], data[keys[kind]]) for kind in kinds}
     if not any(asked.values()):
@@ -175,24 +135,23 @@ def suite_of(name: str, data: dict[str, Any], *, find: Callable[[str], Kind] = l
     check_different(ids, "blocks", "id")
     _check_files(ids)
     check_count(data.get("seed", 0), "seed", 0)
-    sources = {kind.name: _source(ALIASES.get(key, key)) for kind, key in keys.items()}
-    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, sources, data)
+    return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, data)
 
 
 def _known_keys() -> list[str]:
     """Keys that ask for a kind of block, as suites write them."""
     written = {kind: key for key, kind in ALIASES.items()}
-    return [written.get(kind, kind) for kind in names(KINDS)]
+    return [written.get(kind, kind) for kind in KINDS]
 
 
-def _kind_keys(data: dict[str, Any], find: Callable[[str], Kind]) -> dict[Kind, str]:
+def _kind_keys(data: dict[str, Any]) -> dict[Kind, str]:
     """The key of every kind that a suite has blocks of."""
     found: dict[Kind, str] = {}
     for key in data:
         if key in OWN_KEYS:
             continue
         try:
-            kind = find(ALIASES.get(key, key))
+            kind = load_kind(ALIASES.get(key, key))
         except UnknownName:
             raise UnknownName("key of a suite", key, (*OWN_KEYS, *_known_keys())) from None
         if kind in found:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
 
-from benchmarks.records import RunFolder
 from benchmarks.settings import Target, bounds, check_keys
 from optik.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from benchmarks.suite import Suite
 
 
 @dataclass(frozen=True)
@@ -112,11 +108,6 @@ class Outcome:
     def unit(self) -> str:
         """Unit of the value and of the bound."""
         return self.measure.unit
-
-
-def outcomes(suite: Suite, folder: RunFolder) -> list[Outcome]:
-    """Every target of a suite with its outcome, in the order of its blocks."""
-    return [outcome for kind, block in suite.pairs() for outcome in kind.outcomes(block, folder)]
 
 
 def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:

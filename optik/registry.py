@@ -31,7 +31,7 @@ GROUPS = (
     "benchmarks.problems",
     "benchmarks.peers.ik",
     "benchmarks.peers.laws",
-    "benchmarks.kinds",
+    "benchmarks.blocks",
     "benchmarks.suites",
 )
 """All groups: names of packages and of groups of entry points. For listings only."""

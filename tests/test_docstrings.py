@@ -32,6 +32,9 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 FILES = sorted(f for part in ("optik", "planners", "benchmarks") for f in (REPOSITORY / part).rglob("*.py"))
 
+NO_PLUGINS = {"blocks", "report"}
+"""Folders of benchmarks whose base.py no plug-in implements."""
+
 REAL, WHOLE = {"real"}, {"whole"}
 TYPES = {"Array": REAL, "ArrayLike": REAL, "Flags": WHOLE, "Indices": WHOLE}
 """Array types by name: of real numbers, which have a unit, or of truth values and indices."""
@@ -169,11 +172,15 @@ def pages_objects():
 
 
 def plugin_objects():
-    """Every METHOD with a public name, and the classes of every base.py."""
+    """Every METHOD with a public name, and the classes of every base.py that plug-ins implement."""
     for file in FILES:
         text, module = file.read_text(encoding="utf-8"), ".".join(file.relative_to(REPOSITORY).with_suffix("").parts)
         wanted = re.findall(r"^METHOD = ([A-Za-z]\w*)", text, re.MULTILINE)
-        wanted += re.findall(r"^class ([A-Za-z]\w*)", text, re.MULTILINE) if file.name == "base.py" else []
+        wanted += (
+            re.findall(r"^class ([A-Za-z]\w*)", text, re.MULTILINE)
+            if file.name == "base.py" and file.parts[-2] not in NO_PLUGINS
+            else []
+        )
         yield from (getattr(importlib.import_module(module.removesuffix(".__init__")), name) for name in wanted)
 
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.kinds._block import Entry
-from benchmarks.kinds._problems import ProblemBlock, check_set
-from benchmarks.kinds.base import Block, Kind
-from benchmarks.kinds.cell.settings import Noise
-from benchmarks.kinds.laws.motions import path_in_file
-from benchmarks.kinds.laws.sets import LineSet
-from benchmarks.kinds.laws.settings import Example, LawBlock
+from benchmarks.blocks._problems import ProblemBlock, check_set
+from benchmarks.blocks.base import Block, Entry, Kind
+from benchmarks.blocks.cell.settings import Noise
+from benchmarks.blocks.timing.laws.motions import path_in_file
+from benchmarks.blocks.timing.laws.sets import LineSet
+from benchmarks.blocks.timing.laws.settings import Example, LawBlock
 from benchmarks.settings import NAMED_KEYS, Target, naming
 from benchmarks.suite import ALIASES, Suite
 from optik.errors import InvalidInput, OptikError
@@ -98,22 +97,18 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
     kinds = {kind.name: kind for kind in suite.kinds}
     for key, data in suite.settings.items():
         name = ALIASES.get(key, key)
-        kind = kinds.get(name) or next((k for k in suite.kinds if suite.sources[k.name] and is_path(key)), None)
+        kind = kinds.get(name)
         if key in SUITE_KEYS or kind is None:
             continue
         blocks, tables = suite.of(kind.name), [data] if kind.single else data
         for block, table in zip(blocks, tables, strict=True):
             with collect_plugins(folder):
-                found += _block(kind, block, table, key if kind.single else f"{key}.{block.id}", suite.unread)
+                found += _block(kind, block, table, key if kind.single else f"{key}.{block.id}")
     return found
 
 
-def _block(kind: Kind, block: Block, table: dict[str, Any], at: str, unread: Sequence[str]) -> Iterator[Explained]:
-    """Explain the keys of one block; the keys of a kind from a file have no explanation."""
-    if kind.name in unread:
-        words = "Not explained: its kind is in a file, which this check does not run."
-        yield from (Explained(f"{at}.{key}", value, "", "", words) for key, value in table.items())
-        return
+def _block(kind: Kind, block: Block, table: dict[str, Any], at: str) -> Iterator[Explained]:
+    """Explain the keys of one block."""
     words_of = read_parameter_docs(type(block))
     known = {field.name for field in fields(block)} & set(words_of)
     for key in [*table, *(key for key in sorted(known - set(table)) if _taken(kind, table, key))]:

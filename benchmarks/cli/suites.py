@@ -110,7 +110,7 @@ def _named(file: Path, robot: str, tip: str | None, base: str | None) -> str:
 
 def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
     """Return the text of a suite."""
-    from benchmarks.kinds.laws.motions import MOTION_KINDS
+    from benchmarks.blocks.timing.laws.motions import MOTION_KINDS
     from optik.registry import own_names
 
     def others(group: str, *taken: str) -> str:
@@ -153,8 +153,6 @@ def bench_check(
     words = f"{asked.name}: no errors"
     if any(str(row.get("path", "")).endswith(".py") for row in rows):
         words += "; its Python files were not run"
-    if asked.unread:
-        words += f", so blocks of these kinds were not checked: {', '.join(asked.unread)}"
     out_console.print(words, highlight=False, markup=False, soft_wrap=True)
     for row in rows:
         what = f"{row['path']}, SHA-256 {row['sha256']}" if "path" in row else f"{row['distribution']} {row['version']}"

@@ -14,7 +14,7 @@ import numpy as np
 
 import optik
 import planners
-from benchmarks.kinds._fresh import ROOT
+from benchmarks.blocks._fresh import ROOT
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 """A configuration of panda [rad]."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from tempfile import TemporaryFile
 
-from benchmarks.kinds._fresh import ROOT
+from benchmarks.blocks._fresh import ROOT
 
 PROGRESS_SECONDS = 10.0
 """Between two lines of progress where the error stream is no terminal [s]."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from benchmarks.kinds.base import Block, Compared, Kind
+from benchmarks.blocks.base import Block, Compared, Kind
 from benchmarks.records import slug
 from benchmarks.report.run import Run
 from benchmarks.report.words import quoted

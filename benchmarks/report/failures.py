@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kinds._shown import Cell
-from benchmarks.kinds.base import Column, Kind, Section, Table
+from benchmarks.blocks.base import Kind
 from benchmarks.records import slug
+from benchmarks.report.base import Cell, Column, Section, Table
 from benchmarks.report.run import Run
 from benchmarks.report.words import listed
 
@@ -72,7 +72,7 @@ def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
     return Section(home.title, home.anchor, lambda run: {"tables": [table]}, _FAILURES, home.order)
 
 
-def home_of(kind: Kind, sections: list[Section]) -> Section:
+def home_of(kind: Kind, sections: Sequence[Section]) -> Section:
     """The section of a kind in which its failures stand: the one that has its title, else the first."""
     own = sorted((s for s in sections if s.place == "section"), key=lambda section: section.order)
     return next((section for section in own if section.title == kind.title), own[0])

@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, Finding
 from benchmarks.experiments.counterparts import PAPER_TITLE
 from benchmarks.records import slug
+from benchmarks.report.base import load_report
 from benchmarks.report.run import Run
 from benchmarks.report.tables import target_row
 from optik.registry import short_name
@@ -66,7 +67,7 @@ def limitations(run: Run) -> dict[str, Any]:
         "not for other targets or another start.",
     ]
     for kind in run.suite.kinds:
-        items += kind.limitations(run)
+        items += load_report(kind).limitations(run)
     return {"items": items}
 
 

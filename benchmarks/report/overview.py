@@ -6,6 +6,7 @@ from collections import Counter
 from typing import Any
 
 from benchmarks.experiments.base import PARTLY
+from benchmarks.report.base import load_report
 from benchmarks.report.failures import failure_words
 from benchmarks.report.run import Run
 from benchmarks.report.winners import won
@@ -17,7 +18,8 @@ def overview(run: Run) -> dict[str, Any]:
     """What was compared, on what, and what came out."""
     begun = [b.block for b in run.begun]
     # A kind that says who wins has its findings in that table.
-    own = [words for kind in run.suite.kinds if not kind.winners(run) for words in kind.findings(run)]
+    shown = [load_report(kind) for kind in run.suite.kinds]
+    own = [words for kind in shown if not kind.winners(run) for words in kind.findings(run)]
     return {
         "title": run.suite.title,
         "suite": run.suite.name,
@@ -41,7 +43,9 @@ def _axes(run: Run, name: str) -> str:
 
 def _subjects(run: Run) -> str:
     """What was compared, in words; a subject that another one says more exactly is left out."""
-    found = dict.fromkeys(words for kind in run.suite.kinds for words in kind.subjects(run.suite.of(kind.name)))
+    found = dict.fromkeys(
+        words for kind in run.suite.kinds for words in load_report(kind).subjects(run.suite.of(kind.name))
+    )
     own = [words for words in found if not any(other != words and other.startswith(words) for other in found)]
     return ", and ".join(own) + ("," if len(own) > 1 else "")
 

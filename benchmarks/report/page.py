@@ -9,8 +9,8 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from benchmarks.kinds.base import Section
 from benchmarks.records import RunFolder
+from benchmarks.report.base import Section
 from benchmarks.report.board import strict
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.overview import overview

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
+from benchmarks.blocks.base import BlockRows
 from benchmarks.experiments.base import UNTESTED, Finding
-from benchmarks.kinds._stored import kind_or_stored
-from benchmarks.kinds.base import BlockRows
 from benchmarks.records import ARMS, RunFolder
+from benchmarks.report.base import load_report
 from benchmarks.report.board import Key, When
 from benchmarks.report.figures import method_colour, method_dash, method_symbol
 from benchmarks.suite import Suite, suite_of
-from benchmarks.targets import Outcome, outcomes
+from benchmarks.targets import Outcome
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -41,14 +41,12 @@ class Run:
 
     @cached_property
     def suite(self) -> Suite:
-        """The suite that was run; a kind that is not available here stands as what the run has stored of it."""
+        """The suite that was run."""
         with (
             collect_plugins(None),
             forbid_code(),
         ):  # its files may be gone, and a report runs no code that a suite names
-            return suite_of(
-                self.manifest["suite"], self.manifest["settings"], find=partial(kind_or_stored, folder=self.folder)
-            )
+            return suite_of(self.manifest["suite"], self.manifest["settings"])
 
     @cached_property
     def _arms(self) -> dict[str, Any]:
@@ -88,8 +86,9 @@ class Run:
         """Everything that has a colour on the page, each once: what is ours first, then the peers, then the sweeps."""
         pairs = list(self.suite.pairs())
         peers = {entry.label for _, block in pairs for entry in block.entries if entry.role == "peer"}
-        compared = dict.fromkeys(label for kind, block in pairs if not block.sweep for label in kind.labels(block))
-        found = dict.fromkeys((*compared, *(label for kind, block in pairs for label in kind.labels(block))))
+        shown = [(block, load_report(kind).labels(block)) for kind, block in pairs]
+        compared = dict.fromkeys(label for block, labels in shown if not block.sweep for label in labels)
+        found = dict.fromkeys((*compared, *(label for _, labels in shown for label in labels)))
         return sorted(found, key=lambda label: (label not in compared, label in peers))
 
     def colour(self, label: str) -> str:
@@ -112,7 +111,7 @@ class Run:
     @cached_property
     def outcomes(self) -> list[Outcome]:
         """Every target of the suite with its outcome."""
-        return outcomes(self.suite, self.folder)
+        return [outcome for kind, block in self.suite.pairs() for outcome in kind.outcomes(block, self.folder)]
 
     @cached_property
     def on_paper(self) -> bool:

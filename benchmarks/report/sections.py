@@ -6,10 +6,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kinds.base import Section
+from benchmarks.report.base import Section, load_report
 from benchmarks.report.failures import failure_section, home_of
 from benchmarks.report.findings import asked, claims, limitations, misprints, provenance
-from benchmarks.report.rows import section_of
 from benchmarks.report.run import Run
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -29,7 +28,7 @@ def all_sections(run: Run) -> list[Section]:
     """Sections of all kinds that were run, and what closes the page."""
     found: dict[Section, None] = {}
     for kind in run.suite.kinds:
-        own = list(kind.sections() or (section_of(kind),))
+        own = load_report(kind).sections
         failed = failure_section(kind, home_of(kind, own), run)
         found |= dict.fromkeys([*own, *([] if failed is None else [failed])])
     return sorted((*found, *CLOSING), key=lambda section: section.order)

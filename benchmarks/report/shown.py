@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from benchmarks.kinds._shown import Cell, Column, Table
+from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number, p_value, ratio
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from benchmarks.kinds._shown import Cell, Column, Table, Winner
+from benchmarks.report.base import Cell, Column, Table, Winner, load_report
 from benchmarks.report.run import Run
 from benchmarks.report.shown import written
 from benchmarks.report.words import listed
@@ -51,7 +51,7 @@ class Won:
 
 def winners(run: Run) -> list[Winner]:
     """Every question with its entries, in the order of the kinds."""
-    return [winner for kind in run.suite.kinds for winner in kind.winners(run) if winner.entries]
+    return [winner for kind in run.suite.kinds for winner in load_report(kind).winners(run) if winner.entries]
 
 
 def won(run: Run) -> list[Won]:

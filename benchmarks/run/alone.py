@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from benchmarks.kinds.base import Tell, load_kind
+from benchmarks.blocks.base import Kind, Tell
 from benchmarks.records import Journal, RunFolder
 from benchmarks.run.pool import end_with_parent, ending, start
 from benchmarks.run.work import Failure, words_of_error
@@ -60,8 +60,8 @@ class Apart(NamedTuple):
 
     Attributes
     ----------
-    kind : str
-        Name or file of its kind.
+    kind : Kind
+        Its kind.
     block : Block
         The block.
     seed : int
@@ -72,7 +72,7 @@ class Apart(NamedTuple):
         Plug-ins that the run has recorded.
     """
 
-    kind: str
+    kind: Kind
     block: Any
     seed: int
     folder: RunFolder
@@ -128,13 +128,13 @@ class _Next:
     what: str
 
 
-def _run(pipe: Connection, kind: str, block: Any, seed: int, folder: str, recorded: list[Mapping[str, str]]) -> None:
+def _run(pipe: Connection, kind: Kind, block: Any, seed: int, folder: str, recorded: list[Mapping[str, str]]) -> None:
     """Run a block in this process; send each next work, then the error or None."""
     threading.Thread(target=end_with_parent, daemon=True).start()
     told: Any = None
     try:
         expect(recorded)
-        load_kind(kind).run(block, seed, RunFolder(folder), lambda what: pipe.send(_Next(what)))
+        kind.run(block, seed, RunFolder(folder), lambda what: pipe.send(_Next(what)))
     except OptikError as error:
         told = error
     except Exception as error:  # a method or a peer may raise any

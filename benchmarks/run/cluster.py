@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
+from benchmarks.blocks.base import Kind
 from benchmarks.run.work import Failure, Outcome, attempt
 from optik.errors import InvalidInput, MissingDependency, OptikError
 
@@ -62,7 +63,7 @@ class OnDask:
         comm = await self._dask.comm.connect(address, timeout=CONNECT_SECONDS, **arguments)
         comm.abort()
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         """Submit work."""
         future = self._client.submit(attempt, kind, work, self._recorded, pure=False)
         self._tickets[future] = ticket

@@ -9,7 +9,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Part
+from benchmarks.blocks.base import Kind, Part
 from benchmarks.run.work import Failure, Outcome, Place
 
 MOST_CRASHES = 3
@@ -39,7 +39,7 @@ class Done:
 class _Task:
     """A part with the results of its pieces so far."""
 
-    kind: str
+    kind: Kind
     part: Part
     rows: dict[tuple[int, ...], pl.DataFrame] = field(default_factory=dict)
     crashes: list[str] = field(default_factory=list)
@@ -62,7 +62,7 @@ class _Piece:
     tries: int = 0
 
 
-def solved(parts: Iterable[tuple[str, Part]], place: Place) -> Iterator[Done]:
+def solved(parts: Iterable[tuple[Kind, Part]], place: Place) -> Iterator[Done]:
     """Run parts, and yield their results.
 
     Work that crashes its process or hangs is tried a second time. If it fails again, or raises an error, it is divided until
@@ -132,7 +132,7 @@ class _Runner:
         if failure.again and piece.tries == 1 and not piece.order:
             self.start(piece)
             return
-        task, method = piece.task, (piece.task.kind, piece.task.part.label)
+        task, method = piece.task, (piece.task.kind.name, piece.task.part.label)
         if not hasattr(piece.work, "crashed"):
             task.lost = True
             task.crashes.append(failure.why)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import Any
 
+from benchmarks.blocks.base import Kind
 from benchmarks.run.work import Outcome, attempt
 
 IN_FLIGHT = 64
@@ -18,9 +19,9 @@ class Here:
     room = 1
 
     def __init__(self) -> None:
-        self._work: list[tuple[int, str, Any]] = []
+        self._work: list[tuple[int, Kind, Any]] = []
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         """Keep work until `wait`."""
         self._work.append((ticket, kind, work))
 
@@ -43,7 +44,7 @@ class OnExecutor:
         self._recorded = list(recorded)
         self._tickets: dict[Future[Outcome], int] = {}
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         """Submit work."""
         self._tickets[self._submit(attempt, kind, work, self._recorded)] = ticket
 

@@ -14,6 +14,7 @@ from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from benchmarks.blocks.base import Kind
 from benchmarks.run.work import Failure, Outcome, attempt
 from optik.errors import OptikError
 
@@ -34,7 +35,7 @@ class Workers:
         self._idle: list[_Worker] = []
         self._busy: list[_Worker] = []
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         """Give work to an idle worker, or to a new one."""
         worker = self._idle.pop() if self._idle else _Worker(self._recorded)
         self._busy.append(worker)
@@ -75,7 +76,7 @@ class _Worker:
         self.ticket, self.ready, self._limit = -1, False, 0.0
         self.until = time.monotonic() + START_SECONDS
 
-    def give(self, ticket: int, work: tuple[str, Any], limit: float) -> None:
+    def give(self, ticket: int, work: tuple[Kind, Any], limit: float) -> None:
         self.ticket, self._limit = ticket, limit
         if self.ready:
             self.until = time.monotonic() + limit

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from benchmarks.kinds._stored import store_table
-from benchmarks.kinds.base import Kind, Part
+from benchmarks.blocks.base import Kind, Part
 from benchmarks.provenance import provenance
 from benchmarks.records import ARMS, FORMAT, JOURNAL, Journal, RunFolder
 from benchmarks.run.alone import Apart, Mark, finish_apart
@@ -179,12 +178,12 @@ class _Session:
         if outside:
             self._folder.write_json(ARMS, {short_name(name): load(name).to_dict() for name in outside})
 
-    def _todo(self) -> Iterator[tuple[str, Part]]:
+    def _todo(self) -> Iterator[tuple[Kind, Part]]:
         """Yield unfinished parts one by one, because each holds its problems in memory."""
         for kind, block, given in self._prepared:
             for part in kind.parts(block, given, self._folder):
                 if not self._folder.has(part.file):
-                    yield self._suite.sources[kind.name], part
+                    yield kind, part
 
     def do_parts(self, place: Place) -> None:
         """Run all unfinished parts; a part that crashed the main process runs in a worker process."""
@@ -196,14 +195,14 @@ class _Session:
         self._keep(solved(self._marked(rest) if isinstance(place, Here) else rest, place))
         self._mark.clear()
 
-    def _counted(self) -> Iterator[tuple[str, Part]]:
+    def _counted(self) -> Iterator[tuple[Kind, Part]]:
         """Yield unfinished parts, and count them."""
         self._total = len(self._alone)
         for kind, part in self._todo():
             self._total += 1
             yield kind, part
 
-    def _marked(self, parts: Iterable[tuple[str, Part]]) -> Iterator[tuple[str, Part]]:
+    def _marked(self, parts: Iterable[tuple[Kind, Part]]) -> Iterator[tuple[Kind, Part]]:
         """Yield parts for this process, each marked before it runs."""
         for kind, part in parts:
             self._mark.set(part.file)
@@ -237,13 +236,13 @@ class _Session:
 
     def _timed(self, kind: Kind, block: Any, tell: Callable[[str], None]) -> Failure | None:
         """Complete a block; return its failure, or None."""
-        name, source = kind.file(block), self._suite.sources[kind.name]
+        name = kind.file(block)
         failed = any(one["file"] == name for one in self._manifest["failed"])  # it may crash this process again
         apart = failed or self._mark.died_in(name)
         self._mark.set(name)
         try:
             if apart:
-                work = Apart(source, block, self._suite.seed, self._folder, self._recorded)
+                work = Apart(kind, block, self._suite.seed, self._folder, self._recorded)
                 return finish_apart(work, kind.file(block, JOURNAL), tell)
             kind.run(block, self._suite.seed, self._folder, tell)
         except OptikError:
@@ -263,9 +262,7 @@ class _Session:
             self._folder.write_json("run.json", self._manifest)
 
     def finish(self) -> None:
-        """Store the tables of plug-in kinds, and record whether the run is complete."""
-        for kind, block in self._suite.pairs():
-            store_table(kind, block, self._folder)
+        """Record whether the run is complete."""
         self._folder.write_json("run.json", self._manifest | {"complete": not self._lacking})
 
 

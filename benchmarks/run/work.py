@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import polars as pl
 
-from benchmarks.kinds.base import load_kind
+from benchmarks.blocks.base import Kind
 from optik.errors import OptikError
 from optik.plugins.files import expect
 
@@ -44,7 +44,7 @@ class Place(Protocol):
     def room(self) -> int:
         """Number of parts that it holds at a time."""
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         """Submit work."""
 
     def wait(self) -> Sequence[tuple[int, Outcome]]:
@@ -54,12 +54,12 @@ class Place(Protocol):
         """End all processes that it started; unfinished work is lost."""
 
 
-def attempt(kind: str, work: Any, recorded: Sequence[Mapping[str, str]] = ()) -> Outcome:
+def attempt(kind: Kind, work: Any, recorded: Sequence[Mapping[str, str]] = ()) -> Outcome:
     """Run work in this process; return its rows, or the error."""
     try:
         with _one_at_a_time:
             expect(recorded)
-            rows: Any = load_kind(kind).solve(work)
+            rows: Any = kind.solve(work)
     except OptikError as error:
         return error
     except Exception as error:  # a method or a peer may raise any

@@ -1,4 +1,4 @@
-"""Load of a motion on its motors: energy, power, friction steps, and the factor by which it is stretched to respect limits.
+"""Load of a motion on its motors: energy, power, friction steps, and the factor that stretches it to respect limits.
 
 A motion that is x times as fast has the torques g + b x + a x², with the torque g of gravity, viscous friction b and inertia a;
 Coulomb friction is unchanged. Its torque rates are g' x + b' x² + a' x³. No factor suffices if gravity alone exceeds a limit.

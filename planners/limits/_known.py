@@ -1,4 +1,4 @@
-"""Registry of the kinds of limits: the arguments of `MotionLimits`, files of this folder, and those that programs register."""
+"""Registry of the kinds of limits: arguments of `MotionLimits`, files of this folder, and those that programs register."""
 
 from __future__ import annotations
 

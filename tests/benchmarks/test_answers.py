@@ -12,12 +12,13 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.kinds._seeds import trial_seed
-from benchmarks.kinds.answers.measures import distribution, solved_by_all, summary
-from benchmarks.kinds.answers.run import AnswersWork, parts, solve
-from benchmarks.kinds.base import Entry, load_kind
+from benchmarks.blocks._seeds import trial_seed
+from benchmarks.blocks.base import Entry, load_kind
+from benchmarks.blocks.ik.answers.measures import distribution, solved_by_all, summary
+from benchmarks.blocks.ik.answers.run import AnswersWork, parts, solve
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
+from benchmarks.report.base import load_report
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.statistics import mcnemar_p, wilson
@@ -153,10 +154,10 @@ def test_the_page_has_a_table_and_a_plot(done: RunFolder) -> None:
     assert "dls <weak>" in page.text
     assert "1 of 1 targets met" in page.text
     kind = load_kind("answers")
-    (shown,) = kind.tables(Run(done))
+    (shown,) = load_report(kind).tables(Run(done))
     assert [row["label"] for row in shown.rows] == ["dls <weak>", "lm"]
     assert all(set(row) >= {column.key for column in shown.columns} for row in shown.rows)
-    (best,) = kind.winners(Run(done))
+    (best,) = load_report(kind).winners(Run(done))
     assert best.entries[0][0] == "lm"
     solved = solved_by_all(done.scan(done.part_names("answers", "arm")), ["dls <weak>", "lm"])
     good = pl.col("inside") & (pl.max_horizontal("position_error", "rotation_error") <= 1e-6)

@@ -13,18 +13,19 @@ import polars as pl
 import pytest
 
 import optik
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.cell.along import answers_along, plan_through
+from benchmarks.blocks.cell.facts import facts_of
+from benchmarks.blocks.cell.iso import ISO_TYPES, IsoWork
+from benchmarks.blocks.cell.isorows import figures_of
+from benchmarks.blocks.cell.settings import Noise, read_block
+from benchmarks.blocks.cell.spots import SPOT_TYPES, SpotsWork, errors_of
+from benchmarks.blocks.cell.timelaws import LAW_TYPES
+from benchmarks.blocks.cell.trials import plant_of, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.executed import executed_claims, needed_budgets
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.cell.along import answers_along, plan_through
-from benchmarks.kinds.cell.facts import facts_of
-from benchmarks.kinds.cell.iso import ISO_TYPES, IsoWork
-from benchmarks.kinds.cell.isorows import figures_of
-from benchmarks.kinds.cell.settings import Noise, read_block
-from benchmarks.kinds.cell.spots import SPOT_TYPES, SpotsWork, errors_of
-from benchmarks.kinds.cell.timelaws import LAW_TYPES
-from benchmarks.kinds.cell.trials import plant_of, trial_of
 from benchmarks.records import RunFolder
+from benchmarks.report.base import load_report
 from benchmarks.report.page import write_report
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
@@ -137,7 +138,7 @@ def test_the_report_labels_every_figure_of_iso_9283_as_simulated(run: RunFolder)
     ):  # fmt: skip
         assert words in page, words
     read = Run(run)
-    tables = {table.id: table for table in load_kind("cell").tables(read)}
+    tables = {table.id: table for table in load_report(load_kind("cell")).tables(read)}
     assert list(tables) == ["cell-spots-spots", "cell-iso-iso", "cell-laws-laws", "cell-laws-laws-same"]
     by_hand = rows(run, "spots").filter((pl.col("method") == "dls, 1 iteration") & pl.col("known"))["position_error"]
     assert tables["cell-spots-spots"].rows[0]["error"] == pytest.approx(1e3 * by_hand.median())  # type: ignore[operator]

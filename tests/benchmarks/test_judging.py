@@ -13,12 +13,13 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.kinds.base import Table, Winner, load_kind
-from benchmarks.kinds.calls.judgement import JUDGED_AT, judged, solved_at
-from benchmarks.kinds.calls.report.plots import by_sigma, profile_costs
-from benchmarks.kinds.calls.rows import CallRows
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.ik.calls.judgement import JUDGED_AT, judged, solved_at
+from benchmarks.blocks.ik.calls.rows import CallRows
 from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
+from benchmarks.report.base import Table, Winner, load_report
+from benchmarks.report.ik.calls.plots import by_sigma, profile_costs
 from benchmarks.report.run import Run
 from benchmarks.report.shown import shown_table
 from benchmarks.run import run_suite
@@ -184,7 +185,7 @@ def test_wrong_and_stale_answers_are_not_solved_whatever_is_claimed(block: CallR
 
 
 def test_a_cheat_wins_nothing(run: RunFolder) -> None:
-    won = load_kind("calls").winners(Run(run))
+    won = load_report(load_kind("calls")).winners(Run(run))
     for winner in won:
         assert not {"liar", "stale"} & set(winner.tied)
         assert winner.entries[0][0] != "remembers"
@@ -402,7 +403,7 @@ def test_refused_and_absent_are_words_and_no_rates(block: CallRows) -> None:
 
 
 def _winners(block: CallRows) -> list[Winner]:
-    from benchmarks.kinds.calls.report.winners import block_winners
+    from benchmarks.report.ik.calls.winners import block_winners
 
     return block_winners(block)
 
@@ -481,7 +482,7 @@ def test_the_best_is_marked_among_methods_that_were_given_the_same(block: CallRo
 
 
 def test_every_table_has_an_id_of_its_own_and_cells_of_its_columns(run: RunFolder) -> None:
-    tables: list[Table] = list(load_kind("calls").tables(Run(run)))
+    tables: list[Table] = list(load_report(load_kind("calls")).tables(Run(run)))
     assert len({found.id for found in tables}) == len(tables)
     for found in tables:
         keys = {column.key for column in found.columns}

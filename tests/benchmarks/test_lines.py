@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.kinds.laws.drawn import Motions, motion_hash
-from benchmarks.kinds.laws.lines import LINE_KINDS, LINE_LENGTHS, LINE_TURNS, draw_line
-from benchmarks.kinds.laws.motions import draw_motion
+from benchmarks.blocks.timing.laws.drawn import Motions, motion_hash
+from benchmarks.blocks.timing.laws.lines import LINE_KINDS, LINE_LENGTHS, LINE_TURNS, draw_line
+from benchmarks.blocks.timing.laws.motions import draw_motion
 from benchmarks.records import RunFolder
 from benchmarks.suite import suite_of
 from optik import se3

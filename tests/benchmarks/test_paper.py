@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.blocks.base import load_kind
 from benchmarks.experiments.claims import judge
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
-from benchmarks.kinds.base import Table, Winner, load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
+from benchmarks.report.base import Table, Winner, load_report
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite, suite_of
@@ -48,11 +49,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def tables(run: Run, kind: str) -> dict[str, Table]:
-    return {table.id: table for table in load_kind(kind).tables(run)}
+    return {table.id: table for table in load_report(load_kind(kind)).tables(run)}
 
 
 def winner(run: Run, kind: str, title: str) -> Winner:
-    return next(w for w in load_kind(kind).winners(run) if title in w.question)
+    return next(w for w in load_report(load_kind(kind)).winners(run) if title in w.question)
 
 
 def test_the_suite_has_every_ik_method_and_every_time_law() -> None:

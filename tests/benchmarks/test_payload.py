@@ -9,14 +9,14 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.kinds._scenes import SCENES, scene_named
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.clearance.settings import PROOF
-from benchmarks.kinds.laws.measures import judge
-from benchmarks.kinds.laws.motions import draw_motion
-from benchmarks.kinds.laws.run import check_laws, line_rows
-from benchmarks.kinds.laws.settings import LawBlock, read_block
-from benchmarks.kinds.plans.nearest import nearest_points, placed
+from benchmarks.blocks._scenes import SCENES, scene_named
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.timing.clearance.settings import PROOF
+from benchmarks.blocks.timing.laws.measures import judge
+from benchmarks.blocks.timing.laws.motions import draw_motion
+from benchmarks.blocks.timing.laws.run import check_laws, line_rows
+from benchmarks.blocks.timing.laws.settings import LawBlock, read_block
+from benchmarks.blocks.timing.plans.nearest import nearest_points, placed
 from benchmarks.settings import Target
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs

@@ -17,15 +17,16 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.plans.report.laws import _limit_words, broken_limits, ratio_words, worst
-from benchmarks.kinds.plans.report.look import law_control
+from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
+from benchmarks.report.base import load_report
 from benchmarks.report.board import strict
 from benchmarks.report.numbers import number
 from benchmarks.report.packing import unpack
 from benchmarks.report.run import Run
+from benchmarks.report.timing.plans.laws import _limit_words, broken_limits, ratio_words, worst
+from benchmarks.report.timing.plans.look import law_control
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.browser import Browser
@@ -154,7 +155,7 @@ def test_the_report_is_the_same_twice(copied: RunFolder) -> None:
 
 def shown_rows(folder: RunFolder, kind: str, table: str) -> dict[str, Any]:
     """Rows of a table of the report by their labels."""
-    found = next(t for t in load_kind(kind).tables(Run(folder)) if t.id == table)
+    found = next(t for t in load_report(load_kind(kind)).tables(Run(folder)) if t.id == table)
     return {str(row["label"]): row for row in found.rows}
 
 

@@ -11,9 +11,10 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.kinds.base import Column, Section, Table, Winner, load_kind
+from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
+from benchmarks.report.base import Column, Section, Table, Winner, load_report
 from benchmarks.report.figures import METHOD_COLOURS, method_dash
 from tests.benchmarks.browser import CHROMIUM, Browser
 
@@ -25,7 +26,7 @@ QUESTION = Path(load_kind.__code__.co_filename).parents[1] / "report" / "templat
 
 
 def shown(run: Any) -> dict[str, Any]:
-    from benchmarks.kinds.budgets.report.methods import methods
+    from benchmarks.report.ik.budgets.methods import methods
 
     found = methods(run)
     assert found is not None
@@ -69,7 +70,7 @@ def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path
         folder.write(f"ik/{file.name}", rows.with_columns(method=pl.lit(EVIL)))
     kind = type(load_kind("budgets"))
     with pytest.MonkeyPatch.context() as patch:
-        own = tuple(load_kind("budgets").sections())
+        own = tuple(load_report(load_kind("budgets")).sections)
         patch.setattr(kind, "winners", lambda self, run: winners(run))
         patch.setattr(kind, "tables", lambda self, run: tables(run))
         patch.setattr(kind, "sections", lambda self: (*own, Section("A question", "question", shown, QUESTION, 5)))

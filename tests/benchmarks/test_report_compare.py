@@ -13,9 +13,9 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.blocks.base import Compared, load_kind
+from benchmarks.blocks.ik.answers.measures import compared_answers
 from benchmarks.cli.app import app
-from benchmarks.kinds.answers.measures import compared_answers
-from benchmarks.kinds.base import Compared, load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report.compare import Difference, _difference, compare_runs
 from benchmarks.report.run import Run

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,20 +17,22 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
-from benchmarks.kinds._ranked import Ranked, ranked
-from benchmarks.kinds.base import Column, Table, Winner
 from benchmarks.records import RunFolder
+from benchmarks.report.base import Column, Table, Winner
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import axis, line, log_axis
 from benchmarks.report.formats.markdown import markdown_of
 from benchmarks.report.formats.svg import draw
 from benchmarks.report.formats.tables_csv import csv_of
 from benchmarks.report.formats.tex import escaped, tex_of
+from benchmarks.report.ik import budgets
 from benchmarks.report.packing import pack, unpack
 from benchmarks.report.page import render
+from benchmarks.report.ranked import Ranked, ranked
 from benchmarks.report.run import Run
 from benchmarks.report.shown import shown_cell, shown_table, written
 from benchmarks.report.steps import steps_of
+from benchmarks.report.timing import plans
 from benchmarks.report.winners import tied_words, won
 from benchmarks.report.words import listed
 from benchmarks.statistics import holm, mcnemar_p, signed_rank
@@ -249,10 +252,6 @@ def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
 
 
 def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    from benchmarks.kinds.base import load_kind
-
-    kind = type(load_kind("budgets"))
-    monkeypatch.setattr(kind, "tables", lambda self, run: [TABLE])
     winner = Winner(
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
     )
@@ -261,9 +260,9 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
         for block, part, why in (("misprint", 0, "SIGSEGV"), ("misprint", 1, "SIGSEGV"), ("damping", 0, "it hung"))
     ]
     copied.write_json("run.json", copied.manifest() | {"failed": failed})
-    monkeypatch.setattr(kind, "winners", lambda self, run: [winner])
-    monkeypatch.setattr(type(load_kind("plans")), "tables", lambda self, run: [])
-    monkeypatch.setattr(type(load_kind("plans")), "winners", lambda self, run: [])
+    shown = replace(budgets.REPORT, tables=lambda run: [TABLE], winners=lambda run: [winner])
+    monkeypatch.setattr(budgets, "REPORT", shown)
+    monkeypatch.setattr(plans, "REPORT", replace(plans.REPORT, tables=lambda run: [], winners=lambda run: []))
     for name, files in (
         ("csv", ["tables/winners.csv", "tables/odd.csv", "tables/failed-budgets.csv"]),
         ("tex", ["tables/winners.tex", "tables/odd.tex", "tables/failed-budgets.tex"]),
@@ -336,12 +335,9 @@ def test_a_test_that_cannot_find_a_difference_says_so(methods: int, count: int, 
 
 
 def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    from benchmarks.kinds.base import load_kind
-
     entries = (("ipopt", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0))
-    monkeypatch.setattr(
-        type(load_kind("budgets")), "winners", lambda self, run: [Winner("Who?", "%", "more", entries, "methods")]
-    )
+    answer = [Winner("Who?", "%", "more", entries, "methods")]
+    monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: answer))
     found = won(Run(small_run))[0]
     exact = [
         Winner("Who?", "s", "less", (("a", 0.60321, 0.60321, 0.60321), ("b", 0.60333, 0.60333, 0.60333)), "methods")
@@ -352,7 +348,7 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     assert found.second is not None
     assert found.second.label == "c"
     assert found.best.colour.startswith("var(--m")
-    monkeypatch.setattr(type(load_kind("budgets")), "winners", lambda self, run: exact)
+    monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: exact))
     found = won(Run(small_run))[0]
     assert found.second is not None
     assert (found.best.value, found.second.value) == ("0.6032 s", "0.6033 s")

@@ -10,13 +10,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.kinds._contest import version_words
-from benchmarks.kinds._problems import check_set
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.budgets.report.damping import choose
-from benchmarks.kinds.calls.report.success import _conspicuous
-from benchmarks.kinds.calls.run import read_rows
+from benchmarks.blocks._contest import version_words
+from benchmarks.blocks._problems import check_set
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.ik.calls.run import read_rows
 from benchmarks.records import RunFolder
+from benchmarks.report.base import load_report
+from benchmarks.report.ik.budgets.damping import choose
+from benchmarks.report.ik.calls.success import _conspicuous
 from benchmarks.report.run import Run
 from benchmarks.report.tables import share
 from benchmarks.run import run_suite
@@ -67,7 +68,7 @@ def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
     rows = read_rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
     assert rows is not None
-    tables = {table.id: table for table in load_kind("calls").tables(Run(speed_run))}
+    tables = {table.id: table for table in load_report(load_kind("calls")).tables(Run(speed_run))}
     assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= set(tables)
     found = {str(row["label"]): row for row in tables["speed-hard"].rows}
     for label in ("dls", "one step", "plain casadi"):
@@ -156,7 +157,7 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     percent = 100 * near.filter(pl.col("status") == "solved").height / 12
     assert f"λ=0.3 with {percent:.1f} %" in page.text
     assert "half steps: " in page.text
-    (found,) = [t for t in load_kind("budgets").tables(Run(folder)) if t.id == "damping"]
+    (found,) = [t for t in load_report(load_kind("budgets")).tables(Run(folder)) if t.id == "damping"]
     assert [column.words for column in found.columns if not column.aside] == [
         "Damping", "solved, 0 ≤ σ < 0.03", "solved, 0.03 ≤ σ < 1",
     ]  # fmt: skip

@@ -18,13 +18,12 @@ from benchmarks.run import run_suite
 from benchmarks.run.lock import locked
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, OptikError, OutputError
-from tests.benchmarks.test_cli import optik_command
-
-TOY = Path(__file__).with_name("toy.py")
+from tests.benchmarks.toy import TOY_COMMAND
+from tests.oracles import REPOSITORY
 
 
 def toy(**block: Any) -> Suite:
-    return suite_of("toy", {str(TOY): [{"id": "squares"} | block]})
+    return suite_of("toy", {"toy": [{"id": "squares"} | block]})
 
 
 def run(out: Path, **block: Any) -> RunFolder:
@@ -205,14 +204,12 @@ def test_a_part_that_raises_is_recorded_and_the_run_says_so(tmp_path: Path) -> N
 
 
 def test_a_part_that_cannot_be_divided_leaves_the_run_incomplete_until_it_is_done(tmp_path: Path) -> None:
-    file = tmp_path / "toy.py"
-    file.write_text(TOY.read_text())
     suite = tmp_path / "suite.toml"
-    suite.write_text(
-        f'["{file}"]\n'.replace("[", "[[").replace("]", "]]")
-        + 'id = "squares"\ndivisible = false\nbad = { 5 = "raises" }\n'
-    )
-    done = optik_command("bench", "run", str(suite), "--out", str(tmp_path / "run"), "--allow-plugins")
+    suite.write_text('[[toy]]\nid = "squares"\ndivisible = false\nbad = { 5 = "raises" }\n')
+    done = subprocess.run(
+        [*TOY_COMMAND, "bench", "run", str(suite), "--out", str(tmp_path / "run")],
+        capture_output=True, text=True, check=False, cwd=REPOSITORY,
+    )  # fmt: skip
     assert done.returncode == 1
     assert "failed: squares (toy/squares--001.parquet): ZeroDivisionError: on purpose\n" in done.stderr
     assert "Traceback" not in done.stderr

@@ -10,11 +10,11 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.kinds.base import Part
+from benchmarks.blocks.base import Kind, Part
 from benchmarks.run.parts import MOST_CRASHES, Done, solved
 from benchmarks.run.work import Failure, Outcome
 from optik.errors import InvalidInput, OptikError
-from tests.benchmarks.toy import Divisible, ToyWork
+from tests.benchmarks.toy import Divisible, Toy, ToyWork
 
 
 class Pretended:
@@ -26,7 +26,7 @@ class Pretended:
         self._work: dict[int, Any] = {}
         self._rng = random.Random(seed)
 
-    def submit(self, ticket: int, kind: str, work: Any) -> None:
+    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
         self._work[ticket] = work
         self.tried[work.problems] += 1
         self.most = max(self.most, len(self._work))
@@ -48,9 +48,9 @@ class Pretended:
     def close(self) -> None: ...
 
 
-def parts(count: int, size: int, bad: dict[int, str], made: type[ToyWork] = Divisible) -> list[tuple[str, Part]]:
+def parts(count: int, size: int, bad: dict[int, str], made: type[ToyWork] = Divisible) -> list[tuple[Kind, Part]]:
     starts = range(0, count, size)
-    return [("toy", Part(f"{i}.parquet", "toy", made(tuple(range(i, i + size)), bad, ""))) for i in starts]
+    return [(Toy(), Part(f"{i}.parquet", "toy", made(tuple(range(i, i + size)), bad, ""))) for i in starts]
 
 
 def table(found: list[Done]) -> pl.DataFrame:

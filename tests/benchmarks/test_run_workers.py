@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,8 @@ import pytest
 
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
-from tests.benchmarks.test_run_folder import TOY, state, toy
+from tests.benchmarks.test_run_folder import state, toy
+from tests.benchmarks.toy import TOY_COMMAND
 from tests.oracles import REPOSITORY
 
 
@@ -25,8 +25,8 @@ def started(out: Path, *options: str, **block: Any) -> subprocess.Popen[str]:
     suite = out.parent / "suite.toml"
     table = "\n".join(f"{key} = {json.dumps(value)}" for key, value in block.items() if key != "bad")
     bad = ", ".join(f"{key} = {json.dumps(how)}" for key, how in block.get("bad", {}).items())
-    suite.write_text(f'[["{TOY}"]]\nid = "squares"\n{table}\nbad = {{ {bad} }}\n')
-    command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(suite), "--out", str(out), "--allow-plugins"]
+    suite.write_text(f'[[toy]]\nid = "squares"\n{table}\nbad = {{ {bad} }}\n')
+    command = [*TOY_COMMAND, "bench", "run", str(suite), "--out", str(out)]
     return subprocess.Popen(
         [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
@@ -115,16 +115,11 @@ def test_what_kills_the_first_process_twice_is_done_in_another(tmp_path: Path) -
 def test_a_block_that_kills_the_first_process_is_done_apart_and_recorded_and_the_others_are_done(
     tmp_path: Path,
 ) -> None:
-    alone = tmp_path / "alone.py"
-    alone.write_text(
-        TOY.read_text().replace('name = "toy"', 'name = "alone"').replace("alone = False", "alone = True")
-        .replace("range(0, block.count, block.part)", "()")
-    )  # fmt: skip
     suite = tmp_path / "suite.toml"
-    suite.write_text(f'[["{alone}"]]\nid = "bad"\nbad = {{ 3 = "dies" }}\n[["{alone}"]]\nid = "good"\n')
-    command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(suite), "--out", str(tmp_path / "run")]
+    suite.write_text('[[alone]]\nid = "bad"\nbad = { 3 = "dies" }\n[[alone]]\nid = "good"\n')
+    command = [*TOY_COMMAND, "bench", "run", str(suite), "--out", str(tmp_path / "run")]
     done = [
-        subprocess.run([*command, "--allow-plugins"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+        subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
         for _ in range(3)  # the last one again not in the first process
     ]
     assert [d.returncode for d in done] == [-signal.SIGSEGV, 1, 1]

@@ -89,13 +89,14 @@ MODULES = (
 FOREIGN = "import pathlib, sys; pathlib.Path(__file__).with_suffix('.ran').touch(); sys.exit('run')"
 
 STARTS = {
-    "fresh": "from benchmarks.kinds._fresh import fresh\n"
+    "fresh": "from benchmarks.blocks._fresh import fresh\n"
     "fresh(['-c', 'import pickle, random, polars, optik; print(1)'], 'a process')\n",
     "workers": "import sys\n"
     "from benchmarks.run import run_suite\nfrom benchmarks.suite import suite_of\n"
     "if __name__ == '__main__':\n"
-    "    suite = suite_of('toy', {sys.argv[1]: [{'id': 'squares'}]})\n"
-    "    assert run_suite(suite, sys.argv[2], workers=2).manifest()['complete']\n",
+    "    suite = suite_of('toy', {'answers': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'count': 10,\n"
+    "                                          'part': 5, 'methods': [{'solver': 'lm'}]}]})\n"
+    "    assert run_suite(suite, sys.argv[1], workers=2).manifest()['complete']\n",
 }
 """Scripts, each in a folder of its own as that of an installed command, that start child processes."""
 
@@ -108,10 +109,9 @@ def test_child_processes_import_nothing_from_the_working_folder(tmp_path: Path, 
     script.write_text(STARTS[how])
     for module in MODULES:
         (work / f"{module}.py").write_text(FOREIGN)
-    toy = Path(__file__).with_name("toy.py")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONSAFEPATH"} | {"PYTHONPATH": str(REPOSITORY)}
     done = subprocess.run(
-        [sys.executable, str(script), str(toy), str(tmp_path / "run")],
+        [sys.executable, str(script), str(tmp_path / "run")],
         capture_output=True, text=True, timeout=120, cwd=work, env=environment,
     )  # fmt: skip
     assert [file.name for file in work.glob("*.ran")] == []

@@ -14,28 +14,28 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.kinds._contest import read_facts, timed
-from benchmarks.kinds._fresh import ProcessFailed, fresh
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.batch.measures import judge as judge_batch
-from benchmarks.kinds.calls.callers import Caller
-from benchmarks.kinds.calls.judgement import judged, wrapped
-from benchmarks.kinds.calls.measures import MEASURES, judge, median_ratio, shared
-from benchmarks.kinds.calls.report.success import success_and_time
-from benchmarks.kinds.calls.report.winners import winners
-from benchmarks.kinds.calls.run import facts_file, read_rows, timed_part
-from benchmarks.kinds.first_use import run as first_use_module
+from benchmarks.blocks._contest import read_facts, timed
+from benchmarks.blocks._fresh import ProcessFailed, fresh
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.ik.batch.measures import judge as judge_batch
+from benchmarks.blocks.ik.calls.callers import Caller
+from benchmarks.blocks.ik.calls.judgement import judged, wrapped
+from benchmarks.blocks.ik.calls.measures import MEASURES, judge, median_ratio, shared
+from benchmarks.blocks.ik.calls.run import facts_file, read_rows, timed_part
+from benchmarks.blocks.ik.first_use import run as first_use_module
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._urdf import roll_pitch_yaw, urdf
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
+from benchmarks.report.ik.calls.success import success_and_time
+from benchmarks.report.ik.calls.winners import winners
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.settings import Target
 from benchmarks.suite import suite_of
-from benchmarks.targets import Outcome, measure_named, outcomes
+from benchmarks.targets import Outcome, measure_named
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy
@@ -118,7 +118,7 @@ def test_a_hidden_package_is_absent_though_parts_of_it_were_loaded(monkeypatch: 
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
-    found = outcomes(suite_of("quick", copy.deepcopy(QUICK)), quick)
+    found = Run(quick).outcomes
     assert [o.held for o in found] == [True, True, None, False]
     assert found[1].value == pytest.approx(median_ratio(rows_of(quick), "few", "plain"))
     assert found[2].note == "eaik was not run"
@@ -366,7 +366,8 @@ def test_the_urdf_of_an_arm_has_its_numbers() -> None:
 
 def test_a_fresh_process_prints_json_or_its_last_words_are_told() -> None:
     assert (
-        fresh(["-c", "import benchmarks.kinds._fresh, json, os; print(json.dumps(os.environ['A']))"], "x", A="b") == "b"
+        fresh(["-c", "import benchmarks.blocks._fresh, json, os; print(json.dumps(os.environ['A']))"], "x", A="b")
+        == "b"
     )
     with pytest.raises(ProcessFailed, match=r"^batch 'x': ValueError: no"):
         fresh(["-c", "raise ValueError('no')"], "batch 'x'")

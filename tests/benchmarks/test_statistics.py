@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from scipy.stats import binomtest
 
-from benchmarks.kinds.budgets.measures import MEASURES, paired, succeeded, success
+from benchmarks.blocks.ik.budgets.measures import MEASURES, paired, succeeded, success
 from benchmarks.statistics import (
     binned,
     holm,

@@ -14,16 +14,16 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
+from benchmarks.blocks.cell.facts import EXECUTION_TYPES
+from benchmarks.blocks.cell.iso import ISO_TYPES
+from benchmarks.blocks.cell.spots import SPOT_TYPES
+from benchmarks.blocks.cell.timelaws import LAW_TYPES
+from benchmarks.blocks.ik.answers.run import ANSWER_TYPES
+from benchmarks.blocks.ik.batch.process import measure
+from benchmarks.blocks.timing.clearance.run import ROW_TYPES
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.running import _warn
-from benchmarks.kinds.answers.run import ANSWER_TYPES
-from benchmarks.kinds.batch.process import measure
-from benchmarks.kinds.cell.facts import EXECUTION_TYPES
-from benchmarks.kinds.cell.iso import ISO_TYPES
-from benchmarks.kinds.cell.spots import SPOT_TYPES
-from benchmarks.kinds.cell.timelaws import LAW_TYPES
-from benchmarks.kinds.clearance.run import ROW_TYPES
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite

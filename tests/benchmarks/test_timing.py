@@ -17,25 +17,25 @@ import polars as pl
 import pytest
 from scipy.optimize import linprog
 
-from benchmarks.kinds._contest import read_facts
-from benchmarks.kinds.base import load_kind
-from benchmarks.kinds.laws.example import maximum_velocity
-from benchmarks.kinds.laws.facts import SCHEMA, blank
-from benchmarks.kinds.laws.lines import DrawnLine, draw_line
-from benchmarks.kinds.laws.measures import judge
-from benchmarks.kinds.laws.report.winners import kind_winners
-from benchmarks.kinds.laws.rows import read_rows
-from benchmarks.kinds.laws.run import example_file, facts_file, line_rows, part_files
+from benchmarks.blocks._contest import read_facts
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.timing.laws.example import maximum_velocity
+from benchmarks.blocks.timing.laws.facts import SCHEMA, blank
+from benchmarks.blocks.timing.laws.lines import DrawnLine, draw_line
+from benchmarks.blocks.timing.laws.measures import judge
+from benchmarks.blocks.timing.laws.rows import read_rows
+from benchmarks.blocks.timing.laws.run import example_file, facts_file, line_rows, part_files
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import RunFolder
+from benchmarks.report.base import load_report
 from benchmarks.report.numbers import ratio
 from benchmarks.report.run import Run
+from benchmarks.report.timing.laws.winners import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.settings import Target
 from benchmarks.suite import Suite, suite_of
-from benchmarks.targets import outcomes
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
@@ -255,7 +255,7 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
-    found = outcomes(quick_suite(), quick)
+    found = Run(quick).outcomes
     assert [o.held for o in found] == [True, True, False, None, True, None]
     assert found[2].what.startswith("quintic: ") and found[2].what.endswith("near-singular")
     assert found[3].note == "copp was not run"
@@ -307,7 +307,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
             raise InvalidInput("motion", "none", "one")
 
-    monkeypatch.setattr("benchmarks.kinds.laws.run.build_timing_peer", lambda name, limits: Elsewhere(limits))
+    monkeypatch.setattr("benchmarks.blocks.timing.laws.run.build_timing_peer", lambda name, limits: Elsewhere(limits))
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {
         "laws": [{"law": "quintic"}],
@@ -378,7 +378,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
 
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.kinds.laws.run.build_timing_peer", lambda *a: Failing({}))
+    monkeypatch.setattr("benchmarks.blocks.timing.laws.run.build_timing_peer", lambda *a: Failing({}))
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}
@@ -441,7 +441,7 @@ def test_a_run_of_timing_alone_has_its_section_and_no_claims(page: Page) -> None
 
 
 def laws_table(folder: RunFolder, ending: str) -> dict[str, dict[str, Any]]:
-    tables = {table.id: table for table in load_kind("laws").tables(Run(folder))}
+    tables = {table.id: table for table in load_report(load_kind("laws")).tables(Run(folder))}
     return {str(row["label"]): dict(row) for row in tables[f"timing-few-lines-{ending}"].rows}
 
 

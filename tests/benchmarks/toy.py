@@ -1,9 +1,10 @@
-"""A kind of block for the tests of runs, as a plug-in: numbers and their squares, and problems that kill, hang or raise."""
+"""A kind of block for the tests of runs, which importing this module adds: squares, and problems that kill, hang or raise."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.kinds.base import Block, Kind, Part
+from benchmarks.blocks.base import KINDS, Block, Kind, Part
 from benchmarks.records import RunFolder
 
 
@@ -95,3 +96,8 @@ class Toy(Kind):
 
 
 METHOD = Toy
+TOY_COMMAND = [sys.executable, "-c", "import tests.benchmarks.toy; from benchmarks.cli.app import main; main()"]
+"""`optik` with the toy kind, run in the repository."""
+
+KINDS["toy"] = __name__
+KINDS["alone"] = f"{__name__}_alone"

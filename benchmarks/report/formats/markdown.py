@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kinds._shown import Table
 from benchmarks.records import RunFolder, slug
+from benchmarks.report.base import Table
 from benchmarks.report.board import Board
 from benchmarks.report.formats.svg import draw
 from benchmarks.report.overview import overview

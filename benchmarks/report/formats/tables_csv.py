@@ -7,8 +7,8 @@ import io
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.kinds._shown import Cell, Column, Table
 from benchmarks.records import RunFolder, slug
+from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.run import Run
 from benchmarks.report.takeout import all_tables
 from optik.plugins.files import forbid_code

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from benchmarks.kinds._shown import Table
 from benchmarks.records import RunFolder, slug
+from benchmarks.report.base import Table
 from benchmarks.report.formats.tables_csv import write_table
 from benchmarks.report.run import Run
 from benchmarks.report.shown import ShownCell, shown_table

@@ -1,4 +1,4 @@
-"""Limits on the clock of a running motion, as rows in its rate at both ends of cells of time, and the viable accelerations."""
+"""Limits on the clock of a running motion, as rows in its rate at the ends of cells of time, and viable accelerations."""
 
 from __future__ import annotations
 

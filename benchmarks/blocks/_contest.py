@@ -1,0 +1,93 @@
+"""Calls timed side by side: in rounds, in turn, each as a whole, with the garbage collector off."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blocks.base import Entry
+from benchmarks.records import RunFolder
+from optik.errors import InvalidInput
+from optik.plugins.files import is_path
+
+Item = TypeVar("Item")
+
+CLOCK_CALLS = 2000
+"""Calls of nothing by which the cost of timing itself is found: enough for a median that repeats to a few nanoseconds."""
+
+
+def timed(
+    call: Callable[..., Any],
+    arguments: Sequence[tuple[Any, ...]],
+    *,
+    keep_errors: bool = False,
+    before: Callable[[int], None] | None = None,
+) -> tuple[NDArray[np.int64], list[Any]]:
+    """Time one call for each tuple of arguments."""
+    clock = time.perf_counter_ns
+    took = np.empty(len(arguments), dtype=np.int64)
+    raws: list[Any] = []
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for i, given in enumerate(arguments):
+            if before is not None:
+                before(i)
+            begin = clock()
+            try:  # costs no time where nothing is raised
+                raw = call(*given)
+            except Exception as error:
+                if not keep_errors:
+                    raise
+                raw = error
+            end = clock()
+            took[i] = end - begin
+            raws.append(raw)
+    finally:
+        if collecting:
+            gc.enable()
+    return took, raws
+
+
+def turns(contestants: Sequence[Item], rounds: int) -> Iterator[tuple[int, Item]]:
+    """Who is called when: in every round each contestant once, another one first each time."""
+    for turn in range(rounds):
+        for k in range(len(contestants)):
+            yield turn, contestants[(turn + k) % len(contestants)]
+
+
+def clock_cost() -> float:
+    """Time that timing itself adds to a call [ns], the median for a call that does nothing; it is left in all times."""
+    took, _ = timed(lambda target, q0: None, [(None, None)] * CLOCK_CALLS)
+    return float(np.median(took))
+
+
+def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
+    """What a run keeps on an entry of ours, for the report."""
+    words = entry.words or "default settings"
+    return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
+
+
+def version_words(about: Mapping[str, Any]) -> str:
+    """What a report says as the version of an entry."""
+    name = str(about.get("name", ""))
+    if about["version"]:
+        return str(about["version"])
+    if about["kind"] == "peer":
+        return "–"
+    return f"own file {Path(name).name}" if is_path(name) else "this version"
+
+
+def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:
+    """What is known of a block beside its rows: ``clock_ns``, and ``entries`` by label."""
+    facts: dict[str, Any] | None = folder.read_json(file)
+    if facts is None:
+        top = file.partition("/")[0]
+        raise InvalidInput("run", f"no facts on {block!r}", f"whole parts; delete {top}/ and run again")
+    return facts

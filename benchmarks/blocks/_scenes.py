@@ -1,0 +1,31 @@
+"""Scenes as blocks of a suite name them: those that come with the suites, and files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from optik.errors import InvalidInput
+from optik.plugins.usage import resolve_data_file
+from optik.scene import Scene
+
+SCENES = {
+    file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "clearance" / "scenes").glob("*.toml"))
+}
+"""Files of the scenes that come with the suites, by name."""
+
+
+def scene_name(value: Any, where: str) -> str:
+    """Check what a suite has as a scene."""
+    if isinstance(value, str) and value in SCENES:
+        return value
+    if isinstance(value, str) and "." not in value and "/" not in value:
+        raise InvalidInput(where, repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
+    return resolve_data_file(value, where)
+
+
+def scene_named(name: str, margin: float = 0.0) -> Scene:
+    """Load a scene; a margin [m] replaces the scene's own."""
+    scene = Scene.load(SCENES.get(name, name))
+    return replace(scene, margin=margin) if margin else scene

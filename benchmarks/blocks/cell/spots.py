@@ -1,0 +1,291 @@
+"""Spots on graph paper, executed: the laser reads each, the tool goes there, and its error is split into four vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from benchmarks.blocks._problems import store_problems
+from benchmarks.blocks.base import Entry, Part
+from benchmarks.blocks.cell.along import answers_along, plan_through
+from benchmarks.blocks.cell.facts import EXECUTED_TO_END, EXECUTION_TYPES, facts_of, failure, why_not
+from benchmarks.blocks.cell.measures import AXES
+from benchmarks.blocks.cell.settings import SpotsBlock, budget_label
+from benchmarks.blocks.cell.trials import Trial, drive_of, lasers, trial_of
+from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.records import RunFolder, slug
+from benchmarks.settings import naming
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.ik import IKSolver, make_solver
+from optik.registry import short_name
+from optik.types import Array
+from planners.cell.cell import Cell
+from planners.cell.drives.base import Execution
+from planners.cell.error_split import ErrorSplit, split_configurations
+from planners.cell.laser import PanTiltLaser
+from planners.cell.sighting import Spot
+from planners.limits import MotionLimits
+from planners.paths.line import Line
+from planners.plan import Plan, make_law, plan
+
+SPOTS_PART = 4
+"""Spots in one part of the work: a second or more of executions, so that workers share them evenly."""
+
+PICTURED = 6
+"""Spots whose planned and executed paths are kept for the picture, spread over the distance."""
+
+PICTURE_POINTS = 41
+"""Points of a path that are kept: enough for a smooth curve."""
+
+NO_MOTION = 1e-9
+"""Largest joint motion [rad, m] up to which an answer is the start itself, and nothing is executed."""
+
+SPLIT_PARTS = ("laser", "ik", "path", "servo")
+"""Parts of the error, in the order in which they arise."""
+
+SPOT_TYPES: dict[str, Any] = {
+    "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "solver": pl.String, "setting": pl.String,
+    "budget": pl.Int64, "along": pl.Boolean, "group": pl.String, "known": pl.Boolean,
+    "x": pl.Float64, "y": pl.Float64, "z": pl.Float64, "distance": pl.Float64, **EXECUTION_TYPES,
+    **{f"error_{a}": pl.Float64 for a in AXES}, "position_error": pl.Float64,
+    **{f"{part}_{a}": pl.Float64 for part in SPLIT_PARTS for a in AXES},
+    **{f"{part}_error": pl.Float64 for part in SPLIT_PARTS}, "split_rest": pl.Float64,
+    "planned": pl.List(pl.Float32), "tool": pl.List(pl.Float32), "beam": pl.List(pl.Float32),
+}  # fmt: skip
+"""Columns of the rows."""
+
+
+@dataclass(frozen=True)
+class SpotsWork:
+    """One part: some spots of a block, shown once each. It is all that a worker needs.
+
+    Attributes
+    ----------
+    block : SpotsBlock
+        The block.
+    drive : str
+        Name of the drive.
+    seed : int
+        Of the suite.
+    repeat : int
+        Which of several showings.
+    problems : (k,) array of int
+        Numbers of the spots.
+    targets : (k, 4, 4) array
+        Poses of the tool at them [1, m].
+    start : (n,) array
+        Where the arm starts [rad, m].
+    group : (k,) tuple of str
+        Sheets of graph paper.
+    known : (k,) tuple of bool
+        Whether a configuration that reaches them is known.
+    distance : (k,) tuple of float
+        From the tool at the start [m].
+    given : (k,) tuple of tuples of bool
+        Which methods each spot is given to.
+    pictured : tuple of int
+        Numbers of the spots whose paths are kept.
+    """
+
+    block: SpotsBlock
+    drive: str
+    seed: int
+    repeat: int
+    problems: NDArray[np.int64]
+    targets: Array
+    start: Array
+    group: tuple[str, ...]
+    known: tuple[bool, ...]
+    distance: tuple[float, ...]
+    given: tuple[tuple[bool, ...], ...]
+    pictured: tuple[int, ...]
+
+    def halves(self) -> tuple[SpotsWork, ...]:
+        """Itself in two, to find the spot that kills a process; nothing where there is one."""
+        count = len(self.problems)
+        cuts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(self.part(i) for i in cuts)
+
+    def part(self, i: Any) -> SpotsWork:
+        """Some of its spots."""
+        lists = ("problems", "targets", "group", "known", "distance", "given")
+        return replace(self, **{name: getattr(self, name)[i] for name in lists})
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of spots at which the process ended or an error was raised."""
+        blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
+        return frame([self.row(*asked) | blank for asked in self.asked()])
+
+    def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
+        """Which executions it consists of."""
+        for i in range(len(self.problems)):
+            for method, given in zip(self.block.methods, self.given[i], strict=True):
+                for budget in budgets_of(self.block, method) if given else ():
+                    yield i, method, budget
+
+    def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
+        """Columns that say which trial a row is of."""
+        at = self.targets[i, :3, 3]
+        return dict.fromkeys(SPOT_TYPES) | {
+            "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
+            "setting": method.label, "solver": short_name(method.name), "budget": budget, "along": method.along,
+            "group": self.group[i], "known": self.known[i], **dict(zip(AXES, at.tolist(), strict=True)),
+            "distance": self.distance[i],
+        }  # fmt: skip
+
+
+def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    """Rows as a table."""
+    return pl.DataFrame(rows, schema=SPOT_TYPES)
+
+
+def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
+    """Budgets of a method: None alone for one that is called as it comes."""
+    return (None,) if method.whole else block.budgets
+
+
+def prepare_spots(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
+    """Check the options of every method and of the problem set, and draw the spots."""
+    with naming(f"cell {block.id!r}: options"):
+        robot, problems = problem_set(block, seed)
+    for method in block.methods:
+        make_solver(robot, method.name, **_options(method, block.budgets[-1]))
+    if (problems.starts != problems.starts[0]).any():
+        raise InvalidInput(f"cell {block.id!r}: options", "several starts", "one start of the arm for all spots")
+    with naming(f"cell {block.id!r}: robot"):
+        make_law(block.law).need(MotionLimits.of(robot), robot)
+    return robot, problems
+
+
+def _options(method: Entry, budget: int | None) -> dict[str, Any]:
+    return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budget}
+
+
+def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...], top: str) -> Iterator[Part]:
+    """Write the problems, and divide the work."""
+    robot, problems, drive, seed = prepared
+    store_problems(folder, block, robot, problems)
+    chosen = problems.chosen(block.count)
+    most = [set(problems.chosen(m.most).tolist()) & set(chosen.tolist()) for m in block.methods]
+    distance = np.linalg.norm(problems.targets[:, :3, 3] - robot.fk(problems.starts[0])[:3, 3], axis=1)
+    everywhere = [p for p in sorted(chosen.tolist(), key=distance.__getitem__) if all(p in given for given in most)]
+    spread = np.linspace(0, len(everywhere) - 1, min(PICTURED, len(everywhere))).round().astype(int)
+    pictured = tuple(everywhere[i] for i in spread)
+    for repeat in range(block.repeats):
+        for part, first in enumerate(range(0, len(chosen), SPOTS_PART)):
+            i = chosen[first : first + SPOTS_PART]
+            work = SpotsWork(
+                block, drive, seed, repeat, i, problems.targets[i], problems.starts[0], tuple(map(str, problems.group[i])),
+                tuple(problems.known[i].tolist()), tuple(distance[i].tolist()),
+                tuple(tuple(p in given for given in most) for p in i.tolist()), pictured,
+            )  # fmt: skip
+            yield Part(f"{top}/{slug(block.id)}--{repeat:02d}--{part:04d}.parquet", block.title, work)
+
+
+def solve_spots(work: SpotsWork) -> pl.DataFrame:
+    """Execute the trials of one part."""
+    trials = [trial_of(work.block, work.seed, int(problem), "spot", work.repeat) for problem in work.problems]
+    shown = [_Shown(work, i, trial) for i, trial in enumerate(trials)]
+    return frame([work.row(i, method, k) | shown[i].executed(method, k) for i, method, k in work.asked()])
+
+
+class _Shown:
+    """One spot as the laser unit shows it, and what each method makes of it: the same noise for all."""
+
+    def __init__(self, work: SpotsWork, i: int, trial: Trial) -> None:
+        self.work, self.trial, self.start = work, trial, work.start
+        self.spot, self.robot = work.targets[i, :3, 3], trial.robot
+        self.laser, self.unit = lasers(self.robot, self.start, work.block.laser_m, work.block.noise, trial.rng)
+        self.reading: Spot = self.unit.read(self.spot, trial.rng)
+        self.seen = self.laser.point(*self.reading)
+        self.target = work.targets[i].copy()
+        self.target[:3, 3] = self.seen
+        self.keeps_path = work.repeat == 0 and int(work.problems[i]) in work.pictured
+        self._before: dict[bytes, dict[str, Any]] = {}
+
+    def executed(self, method: Entry, budget: int | None) -> dict[str, Any]:
+        """Facts of one method: the whole line, or a move in joint space to the answer after some iterations."""
+        if method.whole:
+            return self._line(method)
+        solver = make_solver(self.robot, method.name, **_options(method, budget))
+        if method.along:
+            return self._along(solver)
+        result = solver.solve(self.target, self.start)
+        key = result.q.tobytes()  # an iteration that has stopped gives the same answer, and the same execution
+        if key not in self._before:
+            self._before[key] = self._move(result.q)
+        return self._before[key]
+
+    def _drive(self) -> Any:
+        return drive_of(self.work.block, self.work.drive, self.trial, self.start)
+
+    def _line(self, method: Entry) -> dict[str, Any]:
+        solver = make_solver(self.robot, method.name, **method.options)
+        cell = Cell(self.robot, self.laser, self._drive(), unit=self.unit)
+        out = cell.move_to_spot(self.reading, true_spot=self.spot, timing=self.work.block.law, solver=solver)
+        if out.error is None or not out.executions:
+            step = "" if out.failed is None else f"{out.failed.name}: "
+            return failure(self.work.drive, str(out.status), f"{step}{out.reason}")
+        return facts_of(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
+
+    def _along(self, solver: IKSolver) -> dict[str, Any]:
+        """Execute the line through the answers after some iterations at each of its poses."""
+        line = Line(self.robot.fk(self.start), self.target)
+        if line.end <= NO_MOTION:
+            return self._move(self.start)
+        q = answers_along(line, self.start, solver)
+        key = q.tobytes()
+        if key not in self._before:
+            planned = plan_through(self.robot, line, q, solver.name, self.work.block.law)
+            self._before[key] = self._executed(planned, q[-1])
+        return self._before[key]
+
+    def _move(self, q: Array) -> dict[str, Any]:
+        if np.abs(q - self.start).max() <= NO_MOTION:
+            split = split_configurations(self.robot, self.spot, self.seen, q, self.start, self.start)
+            return failure(self.work.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(split)
+        return self._executed(plan(self.robot, q, self.start, timing=self.work.block.law), q)
+
+    def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
+        """Execute a motion to a method's answer q (n,), and return its facts."""
+        if not planned:
+            return failure(self.work.drive, str(planned.status), why_not(planned))
+        execution = self._drive().execute(planned)
+        facts = facts_of(execution)
+        if not execution:
+            return facts
+        end = execution.plan.trajectory
+        split = split_configurations(self.robot, self.spot, self.seen, q, end(end.end), execution.q[-1])
+        return facts | errors_of(split) | self._paths(execution)
+
+    def _paths(self, execution: Execution) -> dict[str, Any]:
+        """Paths of the tool, planned and executed, and the beam, as flat lists of points."""
+        if not self.keeps_path or execution.motion is None:
+            return {}
+        which = np.linspace(0, len(execution.t) - 1, PICTURE_POINTS).round().astype(int)
+        planned = execution.motion(np.minimum(execution.t[which], execution.motion.end))
+        tools = {"planned": self.robot.fk(planned), "tool": self.robot.fk(execution.q[which])}
+        found = {name: T[:, :3, 3].ravel().tolist() for name, T in tools.items()}
+        return found | {"beam": [*_origin(self.laser), *self.seen.tolist()]}
+
+
+def _origin(laser: PanTiltLaser) -> list[float]:
+    return [float(x) for x in laser.pose[:3, 3]]
+
+
+def errors_of(split: ErrorSplit) -> dict[str, Any]:
+    """Columns of an error and its parts."""
+    parts = {part: getattr(split, part) for part in SPLIT_PARTS}
+    found: dict[str, Any] = {f"error_{a}": float(x) for a, x in zip(AXES, split.total, strict=True)}
+    found["position_error"] = float(np.linalg.norm(split.total))
+    for part, vector in parts.items():
+        found |= {f"{part}_{a}": float(x) for a, x in zip(AXES, vector, strict=True)}
+        found[f"{part}_error"] = float(np.linalg.norm(vector))
+    rest = split.total - sum(parts.values())
+    return found | {"split_rest": float(np.abs(rest).max())}

@@ -1,0 +1,1 @@
+"""Blocks of inverse kinematics, one folder for each way of recording."""

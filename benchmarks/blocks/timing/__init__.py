@@ -1,0 +1,1 @@
+"""Blocks of timed motions: time laws, whole plans and proofs of clearance."""

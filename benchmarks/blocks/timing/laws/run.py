@@ -1,0 +1,350 @@
+"""Time laws on many lines: every line by every law and peer in one process, each call timed, each motion certified."""
+
+from __future__ import annotations
+
+import copy
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks._contest import clock_cost, facts_on, timed, turns
+from benchmarks.blocks.base import Entry, Tell
+from benchmarks.blocks.timing.laws.arms import stands_of
+from benchmarks.blocks.timing.laws.drawn import Motions, all_lines
+from benchmarks.blocks.timing.laws.example import write_example
+from benchmarks.blocks.timing.laws.facts import SCHEMA, blank, facts_of
+from benchmarks.blocks.timing.laws.lines import DrawnLine
+from benchmarks.blocks.timing.laws.motions import draw_motion, motion_in_file
+from benchmarks.blocks.timing.laws.sets import told
+from benchmarks.blocks.timing.laws.settings import LawBlock
+from benchmarks.peers.ik.base import Absent, version_of
+from benchmarks.peers.laws import TIMING_PEERS
+from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
+from benchmarks.records import UNKEPT, Journal, RunFolder, slug
+from benchmarks.settings import naming
+from optik import se3
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import IKSolver, make_solver
+from optik.registry import load_method
+from planners.certificate.certification import certify
+from planners.certificate.violation import LIMIT_WORDS
+from planners.following.follow import FollowResult, JointPath, follow
+from planners.limits import MotionLimits
+from planners.plan import Plan, PlanStatus, make_law, plan
+from planners.timing.base import TimeLaw
+from planners.trajectory import Trajectory
+
+LINES_A_PART = 5
+"""Lines in one part: a run that was stopped repeats at most this number."""
+
+
+@dataclass(frozen=True)
+class Timer:
+    """A law or a peer, ready to time joint paths within some limits.
+
+    Attributes
+    ----------
+    label : str
+        What reports call it.
+    role : str
+        ``law``, ``peer`` or ``reference``.
+    enforced : tuple of str
+        What it promises.
+    call : callable
+        The timed part, from a joint path.
+    motion : callable
+        From the joint path and what a call returned to the trajectory.
+    law : TimeLaw or None
+        Ours, for whole plans.
+    told : MotionLimits
+        What a law of ours is told: all limits but those of ``without``. The certificate judges all of them.
+    took_ms : callable
+        From what a call returned to its time where that was measured elsewhere [ms], else None.
+    ended : str
+        How it ended the process in this block; such a law is not called again. Empty where it did not.
+    """
+
+    label: str
+    role: str
+    enforced: tuple[str, ...]
+    call: Callable[[JointPath], Any]
+    motion: Callable[[JointPath, Any], Trajectory]
+    law: TimeLaw | None
+    told: MotionLimits
+    took_ms: Callable[[Any], float | None] = lambda raw: None
+    ended: str = ""
+
+
+# ---------------------------------------------------------------- parts
+
+
+def part_files(block: LawBlock) -> list[str]:
+    """Names of all parts of a block."""
+    count = len(all_lines(block))
+    return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
+
+
+def facts_file(block: LawBlock) -> str:
+    """Name of the file of facts on a block."""
+    return f"timing/{slug(block.id)}.json"
+
+
+def example_file(block: LawBlock, name: str) -> str:
+    """Name of a part of the detailed view."""
+    return f"timing/{slug(block.id)}.example-{name}.parquet"
+
+
+def check_laws(block: LawBlock) -> None:
+    """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written."""
+    entries = [*block.laws, *([block.reference] if block.reference else [])]
+    for arm in {part.arm: part.load() for part in block.lines}.values():
+        for limits in block.limits:
+            stands_of(arm, [limits])
+            for entry in entries:
+                make_law(entry.name, **entry.options).need(told(limits.of(arm), entry), arm)
+    for peer in block.peers:
+        load_method(TIMING_PEERS, peer.name, "peer of timing")
+    for part in block.lines:
+        if part.path:
+            with naming(f"block {block.id!r}"):
+                motion_in_file(part.robot, part.path, part.payload)
+
+
+def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
+    """Run what a block still lacks."""
+    if not folder.has(facts_file(block)):
+        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
+    lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
+    motions, count = Motions(folder, block, seed) if lacking else None, len(all_lines(block))
+    for part, file in lacking:
+        assert motions is not None
+        rows: list[pl.DataFrame] = []
+        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, count)):
+            tell(f"{block.id}: line {number + 1:,} of {count:,}")
+            kept = journal.kept(f"{number:06d}")
+            if kept is None:
+                begin = time.perf_counter()
+                line = motions.draw(number)
+                found = [row | {"line": number} for row in line_rows(block, line, journal)]
+                kept = pl.DataFrame(found, schema_overrides=SCHEMA, infer_schema_length=None)
+                journal.keep(f"{number:06d}", kept, time.perf_counter() - begin)
+            rows.append(kept)
+        folder.write(file, pl.concat(rows))
+    if not folder.has(example_file(block, "curve")):
+        tell(f"{block.id}: the example")
+        chosen = block.example
+        line = draw_motion(
+            chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path, payload=chosen.payload,
+            limits=block.limits,
+        )  # fmt: skip
+        write_example(block, line, folder, lambda name: example_file(block, name), journal)
+
+
+def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
+    """Facts on every law and peer by label, for the report."""
+    found: dict[str, dict[str, Any]] = {}
+    for entry in (*block.laws, *([block.reference] if block.reference else [])):
+        enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
+        found[entry.label] = facts_on(entry, enforced=enforced)
+    for entry in block.peers:
+        peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
+        built: TimingPeer | Absent | None = None
+        if entry.label not in journal.crashed:
+            with journal.at_work(entry.label):
+                arm = block.lines[0].load()
+                built = build_timing_peer(entry.name, peer_limits(block.limits[0].of(arm), arm.n))
+        absent = {"absent": built.why} if isinstance(built, Absent) else {}
+        about = {
+            "version": version_of(entry.name, TIMING_PEERS),
+            "settings": peer.settings,
+            "enforced": list(peer.enforced),
+        }
+        found[entry.label] = facts_on(entry) | about | absent
+    return found
+
+
+# ---------------------------------------------------------------- one line
+
+
+def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
+    """Rows of one line."""
+    solver = make_solver(line.robot, block.solver)
+
+    def follow_it() -> FollowResult:
+        return follow(solver, line.path, line.q_start, samples=block.samples)
+
+    ms, followed = _median_ms(follow_it, block.rounds)
+    ends = line.path(np.array([0.0, line.path.end]))
+    about = {
+        "robot": line.arm, "kind": line.kind, "index": line.index, "length": line.path.end,
+        "turn": float(np.linalg.norm(se3.error(ends[0], ends[1])[3:])), "draws": line.draws,
+        "start": line.q_start.tolist(), "ms_follow": ms,
+    }  # fmt: skip
+    rows = []
+    for limits in block.limits:
+        within = limits.of(line.robot)
+        timers = timers_of(block, line, within, journal)
+        if followed.failure is not None:
+            found = [
+                blank(c.label, c.role) | {"status": str(followed.failure.status), "reason": followed.failure.reason}
+                for c in timers
+            ]
+        else:
+            assert followed.joint_path is not None
+            found = _timed_rows(block, line, within, solver, followed.joint_path, timers, journal)
+        rows += [row | about | {"limits": limits.label} for row in found]
+    return rows
+
+
+def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: Journal = UNKEPT) -> list[Timer]:
+    """All laws, the peers that are installed and are given this line, and the reference."""
+    found: list[Timer | None] = []
+    for entry in (*block.laws, *block.peers, *([block.reference] if block.reference else [])):
+        if entry.role == "peer" and entry.most is not None and line.index >= entry.most:
+            continue
+        if entry.label in journal.crashed:
+            found.append(_crashed(entry, journal.crashed[entry.label]))
+            continue
+        with journal.at_work(entry.label):
+            found.append(_peer(entry, limits, line.robot.n) if entry.role == "peer" else _ours(entry, limits))
+    return [timer for timer in found if timer is not None]
+
+
+def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
+    """A peer; None where it is not installed."""
+    peer = build_timing_peer(entry.name, peer_limits(limits, n))
+    if isinstance(peer, Absent):
+        return None
+    return Timer(entry.label, "peer", peer.enforced, peer.call, peer.trajectory, None, limits, peer.took_ms)
+
+
+def _crashed(entry: Entry, why: str) -> Timer:
+    """A law or a peer that has ended the process, and is not called again."""
+
+    def never(*given: Any) -> Any:
+        raise AssertionError(f"{entry.label} is not called again")
+
+    return Timer(entry.label, entry.role, (), never, never, None, MotionLimits(), ended=why)
+
+
+def _ours(entry: Entry, limits: MotionLimits) -> Timer:
+    law, within = make_law(entry.name, **entry.options), told(limits, entry)
+    enforced = tuple(name for name in law.enforced if name not in entry.without)
+    return Timer(entry.label, entry.role, enforced, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
+
+
+def _times(
+    timers: Sequence[Timer], joints: JointPath, rounds: int, journal: Journal
+) -> tuple[dict[str, list[float]], dict[str, Any]]:
+    """Times of all calls [ms], and what each law or peer returned last; the first round is not one of those that count."""
+    times: dict[str, list[float]] = {c.label: [] for c in timers}
+    raws: dict[str, Any] = {}
+    for turn, c in turns(timers, rounds + 1):
+        failed = isinstance(raws.get(c.label), NoSolution)  # it would fail again, and some take seconds to
+        if not failed and (
+            c.role != "reference" or turn == rounds
+        ):  # the reference is slow, and its time is not compared
+            # each call has a copy of its own: what another call has computed on the path must not save it time
+            with journal.at_work(c.label):
+                ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
+            own = None if isinstance(raws[c.label], NoSolution) else c.took_ms(raws[c.label])
+            times[c.label].append(ms if own is None else own)
+    return times, raws
+
+
+def _timed_rows(
+    block: LawBlock,
+    line: DrawnLine,
+    limits: MotionLimits,
+    solver: IKSolver,
+    joints: JointPath,
+    timers: Sequence[Timer],
+    journal: Journal,
+) -> list[dict[str, Any]]:
+    """Rows of one line within some limits."""
+    times, raws = _times([c for c in timers if not c.ended], joints, block.rounds, journal)
+    rows = []
+    for c in timers:
+        row = blank(c.label, c.role)
+        if c.ended:
+            rows.append(row | {"status": "crashed", "reason": c.ended})
+            continue
+        row["ms_law"] = float(np.median(times[c.label][1:] or times[c.label]))
+        with journal.at_work(c.label):
+            rows.append(row | _judged(block, line, limits, solver, joints, c, raws[c.label]))
+    return rows
+
+
+def _judged(
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, c: Timer, raw: Any
+) -> dict[str, Any]:
+    """Columns on the motion that a law or a peer returned, by its certificate."""
+    motion = _motion(c, joints, raw)
+    if isinstance(motion, str):
+        return {"status": "timing_infeasible", "reason": motion}
+    ms, proof = _median_ms(  # the first call of a path prepares what all later ones use
+        lambda: certify(line.robot, line.path, motion, limits, law=c.label, enforced=c.enforced), 1
+    )
+    if c.law is None:
+        facts = facts_of(line.robot, line.path, motion, proof, limits)
+    else:  # what `plan` returns: slowed until it keeps what the law promises
+        facts = _planned_row(block, line, limits, solver, c)
+    return {"ms_certificate": ms} | facts
+
+
+def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Timer) -> dict[str, Any]:
+    """Columns of a whole plan by a law of ours; its time too, for the law whose plans are timed."""
+
+    def plan_it() -> Plan:
+        assert c.law is not None
+        return plan(
+            line.robot, line.path, line.q_start, solver=solver, timing=c.law, limits=c.told, samples=block.samples,
+            allow=LIMIT_WORDS,
+        )  # fmt: skip
+
+    if c.role == "law" and c.label == block.plan:
+        ms, planned = _median_ms(plan_it, block.rounds)
+        timed_plan = {"ms_plan": ms}
+    else:
+        planned, timed_plan = plan_it(), {}
+    if (
+        planned.failure is not None and planned.status is not PlanStatus.NOT_PROVED
+    ):  # one that is not proved is a motion
+        return timed_plan | {"status": str(planned.status), "reason": planned.failure.reason}
+    proof = planned.certificate
+    if c.told is not limits:
+        proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=c.enforced)
+    facts = facts_of(line.robot, line.path, planned.trajectory, proof, limits)
+    return timed_plan | facts | {"slowed": planned.slowed}
+
+
+def _motion(c: Timer, joints: JointPath, raw: Any) -> Trajectory | str:
+    """The motion that a call returned, or why there is none."""
+    if isinstance(raw, NoSolution):
+        return raw.reason
+    try:
+        return c.motion(joints, raw)
+    except InvalidInput as error:  # an answer with NaN, or with times that run back
+        return f"its answer is no motion: {error}"
+
+
+def _caught(call: Callable[[JointPath], Any], joints: JointPath) -> Any:
+    try:
+        return call(joints)
+    except NoSolution as error:
+        return error
+
+
+def _once_ms(call: Callable[[], Any]) -> tuple[float, Any]:
+    ns, raws = timed(call, [()])
+    return float(ns[0]) / 1e6, raws[0]
+
+
+def _median_ms(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
+    """Median of some calls, the first left out, and what the last returned."""
+    ns, raws = timed(call, [()] * (rounds + 1))
+    return float(np.median(ns[1:])) / 1e6, raws[-1]

@@ -1,0 +1,235 @@
+"""Tables of the executed cell: spots by method and budget, figures of ISO 9283, and what each time law costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.cell.isorows import PATH_TEST, POSE_TEST, figures_of
+from benchmarks.blocks.cell.measures import within
+from benchmarks.blocks.cell.settings import IsoBlock, LawsBlock
+from benchmarks.blocks.cell.timelaws import OWN_TIME, SAME_TIME
+from benchmarks.records import slug
+from benchmarks.report.base import Column, Table
+from benchmarks.report.cell.look import cell_blocks, spots_blocks
+from benchmarks.report.run import Run
+from benchmarks.statistics import quantiles, wilson
+from optik.types import Array
+from planners.cell.iso9283 import SIMULATED, PoseFigures
+
+if TYPE_CHECKING:
+    from benchmarks.report.base import Cell
+
+SPOT_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("budget", "iterations", show="text"),
+    Column("within", "within 2 mm on each axis", "%", "more", "share"),
+    Column("count", "trials", show="count"),
+    Column("error", "median error", "mm", "less"),
+    Column("p95", "p95 error", "mm", "less"),
+    Column("laser", "laser", "mm"),
+    Column("ik", "IK", "mm"),
+    Column("path", "path", "mm"),
+    Column("servo", "servo", "mm"),
+    Column("tracking", "largest tracking error", "mm", "less"),
+    Column("torque", "largest torque / bound", "", "", "limit"),
+    Column("duration", "median duration", "s", aside=True),
+    Column("failed", "not executed", show="count"),
+)
+"""Columns of a table of spots; the parts of the error are medians of lengths."""
+
+ISO_COLUMNS = (
+    Column("label", "Noise", show="text"),
+    Column("what", f"Figure ({SIMULATED})", show="text"),
+    Column("at", "At", show="text"),
+    Column("accuracy", "AP or AT", "mm"),
+    Column("repeatability", "RP or RT", "mm"),
+    Column("turn", "AP of the angles", "mrad"),
+    Column("turn_repeatability", "RP of the angles", "mrad"),
+    Column("cycles", "cycles", show="count"),
+    Column("reason", "Remark", show="text"),
+)
+"""Columns of a table of ISO 9283; angles are the largest component of the rotation vector."""
+
+COST_COLUMNS = (
+    Column("label", "Law", show="text"),
+    Column("duration", "duration", "s", "less"),
+    Column("tracking", "tracking error of the tool", "mm", "less"),
+    Column("noisy", "largest tracking error with noise", "mm", "less"),
+    Column("joint", "tracking error of a joint", "mrad", "less"),
+    Column("torque", "largest torque / certificate's bound", "", "", "limit"),
+    Column("torque_joint", "of joint", show="text"),
+    Column("peak", "its largest torque", "N·m"),
+    Column("bound", "its bound", "N·m"),
+    Column("limit", "largest torque / motor limit", "", "", "limit"),
+    Column("proved", "bound / motor limit", "", "", "limit", aside=True),
+    Column("energy", "energy", "J", "less"),
+    Column("acceleration", "acceleration / limit", "", "", "limit"),
+    Column("jerk", "jerk / limit", "", "", "limit"),
+    Column("rest", "error at the end", "mm", "less", aside=True),
+    Column("status", "Status", show="text", aside=True),
+)
+"""Columns of a table of time laws."""
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """All tables of the executed cell."""
+    found = [spots_table(b) for b in spots_blocks(run)] + [iso_table(b) for b in cell_blocks(run, IsoBlock)]
+    return [*found, *(table for b in cell_blocks(run, LawsBlock) for table in law_tables(b, run))]
+
+
+def _budget_words(budget: Any, along: bool) -> str:
+    """Say how many iterations were made, and where."""
+    return "the whole line" if budget is None else f"{budget} at each pose" if along else f"{budget} from the start"
+
+
+def spots_table(b: BlockRows) -> Table:
+    """Spots by method and budget."""
+    rows = []
+    known = b.rows.filter("known")
+    for (setting, budget), part in known.group_by("setting", "budget", maintain_order=True):
+        ok, ends = within(part), part.filter(pl.col("position_error").is_not_null())
+        low, high = wilson(int(ok.sum()), len(ok))
+        row: dict[str, Cell] = {
+            "label": str(setting), "budget": _budget_words(budget, part["along"][0]), "count": len(part),
+            "within": (100.0 * float(ok.sum()) / len(ok), 100.0 * low, 100.0 * high), "failed": len(part) - len(ends),
+        }  # fmt: skip
+        if not ends.is_empty():
+            row |= dict(zip(("error", "p95"), _mm(ends["position_error"], (0.5, 0.95)), strict=True))
+            row |= {name: _mm(ends[f"{name}_error"], (0.5,))[0] for name in ("laser", "ik", "path", "servo")}
+            row |= {"tracking": _most(ends, "tracking_m", 1e3), "torque": _most(ends, "torque_ratio")}
+            row["duration"] = _median(ends, "duration")
+        rows.append(row)
+    note = (
+        "Spots with a known solution. The parts of the error are median lengths of vectors at the end of the motion: laser "
+        "(target − spot), IK (tool at the method's answer − target), path (planned − answer), servo (executed − planned). If "
+        "the answer is the start, there is no motion and no servo error. A trial that was not executed counts as a miss and "
+        "has no error. Torque: simulated peak / certificate's bound for the nominal arm. Other friction and payload may "
+        "exceed the bound, and so may single steps in which the servo responds to the resolution and noise of its encoders."
+    )
+    return Table(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, tuple(rows), note)
+
+
+def _mm(values: pl.Series, levels: Sequence[float]) -> tuple[float, ...]:
+    return tuple(1e3 * q for q in quantiles(values.to_numpy(), levels))
+
+
+def _most(rows: pl.DataFrame, column: str, scale: float = 1.0) -> float | None:
+    found = rows[column].drop_nulls()
+    return scale * float(found.max()) if len(found) else None  # type: ignore[arg-type]
+
+
+def _median(rows: pl.DataFrame, column: str) -> float | None:
+    found = rows[column].drop_nulls()
+    return float(found.median()) if len(found) else None  # type: ignore[arg-type]
+
+
+def iso_table(b: BlockRows) -> Table:
+    """Accuracy and repeatability of each pose and of the path."""
+    rows: list[dict[str, Cell]] = []
+    for label in b.block.labels:
+        part = b.rows.filter(pl.col("method") == label)
+        points = part.filter(pl.col("test") == POSE_TEST)["point"].drop_nulls().unique().sort().to_list()
+        for found, point in zip(figures_of(part), [*points, None], strict=False):
+            row: dict[str, Cell] = {
+                "label": label, "accuracy": 1e3 * found.accuracy, "cycles": found.cycles, "reason": found.reason,
+                "repeatability": None if found.repeatability is None else 1e3 * found.repeatability,
+            }  # fmt: skip
+            if isinstance(found, PoseFigures):
+                three = found.turn_repeatability
+                row |= {
+                    "what": "AP, RP", "at": f"P{point}", "turn": 1e3 * float(np.abs(found.turn).max()),
+                    "turn_repeatability": None if three is None else 1e3 * float(three.max()),
+                }  # fmt: skip
+            else:
+                row |= {"what": "AT, RT", "at": _where(part, found.at)}
+            rows.append(row)
+    note = (
+        f"All figures are {SIMULATED}, in the manner of ISO 9283: AP is the distance of the mean of the reached positions from "
+        "the commanded one; RP = l̄ + 3 S of the distances l from that mean, S with n − 1; AT and RT are the largest of these "
+        "along the line, where the executed path meets its normal planes. Friction, payload and encoder noise "
+        "are sampled anew for each cycle. Without noise, repeatability is not applicable."
+    )
+    return Table(f"cell-iso-{slug(b.block.id)}", b.block.title, ISO_COLUMNS, tuple(rows), note)
+
+
+def _where(part: pl.DataFrame, point: int) -> str:
+    most = part.filter(pl.col("test") == PATH_TEST)["point"].max()
+    return f"{100.0 * point / float(most or 1):.0f} % of the line"  # type: ignore[arg-type]
+
+
+def law_tables(b: BlockRows, run: Run) -> list[Table]:
+    """What each law costs on the plant: as fast as it is, and slowed to the same duration."""
+    found, limits = [], _torque_limits(run, b.block.robot)
+    for timed, words in (
+        (OWN_TIME, "each law's own duration"),
+        (SAME_TIME, "all stretched to the longest duration"),
+    ):
+        rows = b.rows.filter(pl.col("timed") == timed)
+        if rows.is_empty():
+            continue
+        parts = [(law, rows.filter(pl.col("method") == law)) for law in b.block.labels]
+        note = (
+            f"For {_lines(rows)}: median duration, energy and end error, and the largest value of all other columns, "
+            "without noise unless a column says so. The tracking error is executed − planned at the same instant, at every "
+            "step of the plant. The bound is the certificate's largest |torque|; single steps in which the servo responds to "
+            "the resolution of its encoders may exceed it. Energy is the integral of the positive powers torque · velocity "
+            "of all joints, without recovery while braking. "
+            f"{SIMULATED.capitalize()}."
+        )
+        name = f"cell-laws-{slug(b.block.id)}" + ("" if timed == OWN_TIME else "-same")
+        found.append(
+            Table(
+                name, f"{b.block.title}: {words}", COST_COLUMNS, tuple(_law(law, p, limits) for law, p in parts), note
+            )
+        )
+    return found
+
+
+def _torque_limits(run: Run, robot: str) -> Array | None:
+    """Largest torque of each motor (n,) [N·m, N]; None where the arm states none."""
+    torque = run.robot(robot).limits.torque
+    return None if torque is None else np.abs(np.atleast_2d(np.asarray(torque, dtype=float))).max(axis=0)
+
+
+def _lines(rows: pl.DataFrame) -> str:
+    count = rows["motion"].n_unique()
+    return "one line" if count == 1 else f"{count} lines"
+
+
+def _law(law: str, rows: pl.DataFrame, limits: Array | None) -> dict[str, Any]:
+    """The row of one law."""
+    still, noisy = rows.filter(pl.col("repeat") == 0), rows.filter(pl.col("repeat") > 0)
+    row: dict[str, Cell] = {
+        "label": law, "duration": _median(still, "duration"), "tracking": _most(still, "tracking_m", 1e3),
+        "noisy": _most(noisy, "tracking_m", 1e3), "joint": _most(still, "tracking_rad", 1e3),
+        "energy": _median(still, "energy"), "acceleration": _most(still, "acceleration_ratio"),
+        "jerk": _most(still, "jerk_ratio"), "rest": _scaled(_median(still, "rest_m"), 1e3),
+        "status": ", ".join(sorted(set(rows["status"].drop_nulls()))),
+    }  # fmt: skip
+    worst = still.filter(pl.col("torque_ratio") == pl.col("torque_ratio").max())
+    if not worst.is_empty():
+        first = worst.row(0, named=True)
+        joint = int(np.argmax(np.array(first["torque"]) / np.array(first["torque_bound"])))
+        row |= {
+            "torque": first["torque_ratio"], "torque_joint": first["torque_joint"], "peak": first["torque"][joint],
+            "bound": first["torque_bound"][joint],
+        }  # fmt: skip
+        if limits is not None:
+            row |= {
+                key: _over(still[column], limits) for key, column in (("limit", "torque"), ("proved", "torque_bound"))
+            }
+    return row
+
+
+def _over(torques: pl.Series, limits: Array) -> float:
+    """The largest torque of several motions over its limit."""
+    return float((np.array(torques.drop_nulls().to_list()) / limits).max())
+
+
+def _scaled(value: float | None, scale: float) -> float | None:
+    return None if value is None else scale * value

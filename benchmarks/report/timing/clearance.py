@@ -1,0 +1,173 @@
+"""Section: what sampling calls free and is a contact, beside the proof, and the time of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.timing.clearance.settings import PROOF
+from benchmarks.records import slug
+from benchmarks.report.base import Column, KindReport, Section, Table
+from benchmarks.report.board import Board, Control, Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.numbers import number
+from benchmarks.report.run import Run
+from benchmarks.report.steps import steps_of
+from benchmarks.statistics import quantiles, wilson
+
+if TYPE_CHECKING:
+    from benchmarks.report.base import Cell
+
+TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
+"""Numbers on the axes of times [ms]."""
+
+CLEARANCE_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("missed", "missed contacts", "%", "less", "share"),
+    Column("count", "contacts", show="count"),
+    Column("free", "judged free", "%", "", "share"),
+    Column("undecided", "undecided", "%", "less", "share"),
+    Column("ms", "median time", "ms", "less"),
+    Column("ms_p99", "p99 time", "ms", "less"),
+    Column("per_second", "median per second of motion", "ms", "less"),
+    Column("samples", "median samples", show="count", aside=True),
+    Column("false_contacts", "false contacts", show="count", aside=True),
+)
+"""Columns of a table."""
+
+
+def section(run: Run) -> dict[str, Any] | None:
+    """Plots of all scenes, and a table for each."""
+    blocks = run.of("clearance")
+    return {"boards": [_board(blocks, run)], "tables": tables(run)} if blocks else None
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """One table for each block."""
+    return [_table(b) for b in run.of("clearance")]
+
+
+def findings(run: Run) -> Sequence[str]:
+    """Contacts that each sampling calls free, and times, for each block."""
+    return [_sentence(b) for b in run.of("clearance")]
+
+
+def _sentence(b: BlockRows) -> str:
+    words, contacts, motions = [], 0, 0
+    for label, rows in _by_method(b):
+        contacts, motions = int(rows["contact"].sum()), len(rows)
+        ms = number(float(np.median(rows["ms"].to_numpy())))
+        undecided = int((rows["says"] == "undecided").sum())
+        left = f", {undecided} undecided" if undecided else ""
+        words.append(f"{label} {int(rows['missed'].sum())} ({ms} ms{left})")
+    asked = f"missed of {contacts:,} contacts in {motions:,} motions, with the median time"
+    return f"{b.block.title}: {asked}: {'; '.join(words)}."
+
+
+def _by_method(b: BlockRows) -> list[tuple[str, pl.DataFrame]]:
+    found = [(label, b.rows.filter(pl.col("method") == label)) for label in b.block.labels]
+    return [(label, rows) for label, rows in found if not rows.is_empty()]
+
+
+def _table(b: BlockRows) -> Table:
+    rows = []
+    for label, part in _by_method(b):
+        contacts, ms = int(part["contact"].sum()), part["ms"].to_numpy()
+        row: dict[str, Cell] = {
+            "label": label, "missed": _share(int(part["missed"].sum()), contacts) if contacts else None, "count": contacts,
+            "free": _share(int((part["says"] == "free").sum()), len(part)),
+            "undecided": _share(int((part["says"] == "undecided").sum()), len(part)),
+            "per_second": float(np.median(ms / part["duration"].to_numpy())),
+            "false_contacts": int(part["false_contact"].sum()),
+        }  # fmt: skip
+        row |= dict(zip(("ms", "ms_p99"), quantiles(ms, (0.5, 0.99)), strict=True))
+        samples = part["samples"].drop_nulls().to_numpy()
+        rows.append(row | {"samples": float(np.median(samples)) if len(samples) else None})
+    note = (
+        f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
+        "Collision-free motions take longest: sampling stops at the first contact."
+        + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
+        + ("" if len(rows) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
+    )
+    return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
+
+
+def _share(count: int, of: int) -> tuple[float, float, float]:
+    low, high = wilson(count, of)
+    return 100.0 * count / of, 100.0 * low, 100.0 * high
+
+
+def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
+    """Contacts called free against the time of a motion; and how times are distributed."""
+    ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
+    each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
+    most = max((_share(*pair)[2] for pair in each if pair[1]), default=100.0)
+    missed = Plot(
+        "clearance-missed", "Missed contacts against the time of a motion",
+        {
+            "xaxis": axis("median time of a motion [ms]", **ticks),
+            "yaxis": axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]),
+        },
+        400,
+    )  # fmt: skip
+    times = Plot(
+        "clearance-times", "Motions judged within this time",
+        {"xaxis": axis("time [ms]", **ticks), "yaxis": axis("motions [%]", range=[-2, 102])}, 400,
+    )  # fmt: skip
+    for b in blocks:
+        for label, rows in _by_method(b):
+            contacts, ms = int(rows["contact"].sum()), rows["ms"].to_numpy()
+            when = {"scene": [b.block.title]}
+            if contacts:
+                share, low, high = _share(int(rows["missed"].sum()), contacts)
+                missed.add(
+                    line(
+                        mode="markers", x=lean([np.median(ms)], 4), y=lean([share], 4), name=label,
+                        marker={"color": run.colour(label), "size": 11, "symbol": run.symbol(label)},
+                        error_y={
+                            "type": "data", "symmetric": False, "array": lean([high - share], 4),
+                            "arrayminus": lean([share - low], 4), "color": run.colour(label), "thickness": 1,
+                        },
+                        hovertemplate=f"{label}<br>%{{y:.3g}} % of {contacts} contacts, %{{x:.3g}} ms{HOVER}",
+                    ),
+                    when,
+                )  # fmt: skip
+            x, shares = steps_of(ms, len(ms))
+            look = {"color": run.colour(label), "width": 2, "dash": run.dash(label), "shape": "hv"}
+            trace = line(
+                x=lean(x, 4), y=lean(shares, 4), name=label, line=look,
+                hovertemplate=f"{label}<br>%{{y:.3~g}} % within %{{x:.3g}} ms{HOVER}",
+            )  # fmt: skip
+            times.add(trace, when)
+    labels = list(dict.fromkeys(label for b in blocks for label, _ in _by_method(b)))
+    titles = [b.block.title for b in blocks]
+    return Board(
+        "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),
+        tuple(run.key(label) for label in labels),
+        f"{PROOF.capitalize()}: also between samples. Bars are Wilson's 95 % intervals.",
+    )  # fmt: skip
+
+
+SECTIONS = (
+    Section("Contact between samples", "clearance", section, Path(__file__).with_name("clearance.html.j2"), 25),
+)
+"""Plots and a table for each scene."""
+
+LIMITATIONS_OF_CLEARANCE = (
+    "Clearance is that of the capsules around the arm's links, which stand out beyond the real surface: a contact of "
+    "the shapes need not be one of the arm. Pairs of links that always touch are not examined.",
+)
+"""What a reader should know before quoting a figure."""
+
+REPORT = KindReport(
+    SECTIONS,
+    lambda blocks: (f"proofs of clearance over {sum(block.count for block in blocks):,} motions",),
+    tables=tables,
+    findings=findings,
+    limitations=lambda run: LIMITATIONS_OF_CLEARANCE,
+)

@@ -1,0 +1,183 @@
+"""Plots of time laws on many lines: durations over T*, and against the smallest singular value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.timing.laws.measures import in_group
+from benchmarks.blocks.timing.laws.rows import LawRows
+from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.run import Run
+from benchmarks.report.steps import steps_of
+from benchmarks.report.timing.laws.tables import limited
+from planners.limits import LOADED
+
+EVERY = "every path"
+"""The group of all lines, in a control of the page."""
+
+RATIO_TICKS = (0.3, 0.5, 0.7, 1.0, 1.5, 2, 3, 5, 10, 20, 50)
+"""Numbers on the axes of T / T*."""
+
+RATE_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000)
+"""Numbers on the axis of torque rates over their limits: without a limit on the rate they are tens of times too large."""
+
+MOST_RATIO = 1000.0
+"""Ratio of a torque or its rate to its limit that is drawn for all larger ones: a plot has no infinity."""
+
+LEAST_RATIO = 0.01
+"""Ratio that is drawn for all smaller ones."""
+
+LEAST_EXCESS = 0.01
+"""Excess over T* [%] that is drawn for all that come nearer: a logarithmic axis has no 0."""
+
+
+def durations(b: LawRows, run: Run) -> Board:
+    """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
+    plain = Plot(
+        "timing-distribution", "Paths with a duration of at most this multiple of T*",
+        {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
+    )  # fmt: skip
+    kept = Plot(
+        "timing-profile", "After stretching to meet every limit: excess over T*",
+        {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
+    )  # fmt: skip
+    groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
+    for group in groups:
+        part = in_group(b.rows, "" if group == EVERY else group)
+        for label, about in b.entries.items():
+            rows = part.filter(pl.col("law") == label)
+            if "absent" in about or rows.is_empty():
+                continue
+            look = _look(label, run)
+            _steps(
+                plain,
+                label,
+                look,
+                rows.filter("solved")["over_optimum"].drop_nulls().to_numpy(),
+                len(rows),
+                group,
+                "× T*",
+            )
+            slowed = rows["kept_over_optimum"].drop_nulls().to_numpy()
+            excess = 100.0 * (slowed[np.isfinite(slowed)] - 1.0)
+            _steps(kept, label, look, np.maximum(excess, LEAST_EXCESS), len(rows), group, "% longer")
+    names = [(g, g.replace("_", "-")) for g in groups]
+    return Board(
+        f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),), _legend(b, run),
+        "First plot: all motions unchanged; one that exceeds a limit may be shorter than T*. Second plot: durations after "
+        "uniform time scaling until all limits are met exactly. A law with discontinuous acceleration has no such duration. "
+        f"Values below {LEAST_EXCESS:g} % are shown as {LEAST_EXCESS:g} %.",
+    )  # fmt: skip
+
+
+def torques(b: LawRows, run: Run) -> Board | None:
+    """Share of motions up to every multiple of their limits on torque and on its rate."""
+    fields = [field for field in limited(b.rows) if field in LOADED]
+    if not fields:
+        return None
+    plots = []
+    groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
+    for field in fields:
+        words = field.replace("_", " ")
+        beyond = {
+            "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
+            "line": {"color": "var(--alarm)", "width": 1, "dash": "dash"},
+        }  # fmt: skip
+        plot = Plot(
+            f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
+            {
+                "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
+                | {"range": _around(b.rows[field])},
+                "yaxis": axis("motions [%]", range=[-2, 102]), "shapes": [beyond],
+            }, 400,
+        )  # fmt: skip
+        for group in groups:
+            part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
+            for label in b.entries:
+                rows = part.filter(pl.col("law") == label)
+                values = rows[field].drop_nulls().to_numpy()
+                _steps(
+                    plot,
+                    label,
+                    _look(label, run),
+                    np.clip(values, LEAST_RATIO, MOST_RATIO),
+                    len(rows),
+                    group,
+                    "times the limit",
+                )
+        plots.append(plot)
+    return Board(
+        f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
+        _legend(b, run),
+        "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
+        "dashed line a motion exceeds the torque limits. Where the acceleration is discontinuous, the torque rate is "
+        f"infinite. Values above {MOST_RATIO:g} are shown as {MOST_RATIO:g}.",
+    )  # fmt: skip
+
+
+def _around(values: pl.Series) -> list[float | None]:
+    """Decades that hold all values that are drawn, and the limit with some room beyond it."""
+    drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
+    return lean([np.log10(0.9 * min(drawn.min(), 1.0)), np.log10(1.2 * max(drawn.max(), 1.0))])
+
+
+def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
+    """A logarithmic axis with these numbers on it."""
+    return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
+
+
+def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
+    """Share of lines [%] at or below each value."""
+    if not len(values):
+        return
+    x, shares = steps_of(values, count)
+    trace = line(
+        x=lean(x, 6), y=lean(shares, 6), name=label, line=look | {"shape": "hv"},
+        hovertemplate=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}{HOVER}",
+    )  # fmt: skip
+    plot.add(trace, {"group": [group]})
+
+
+def _path_words(robot: str, kind: str, index: int) -> str:
+    """Which path, counted from 1."""
+    return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
+
+
+def _look(label: str, run: Run) -> Json:
+    return {"color": run.colour(label), "width": 2, "dash": run.dash(label)}
+
+
+def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
+    here = set(b.rows["law"])
+    return tuple(run.key(label) for label in b.entries if label in here)
+
+
+def against_singularity(b: LawRows, run: Run) -> Board:
+    """Durations and their ratio to T* over the smallest singular value on the way."""
+    across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
+    seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
+    plots = (
+        Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
+        Plot("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
+    )
+    for (label, limits), rows in b.rows.filter("solved").group_by("law", "limits", maintain_order=True):
+        if str(label) not in b.entries:
+            continue
+        for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
+            marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
+            trace = line(
+                mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
+                text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
+                hovertemplate=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"limits": [str(limits)]})
+    controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
+    return Board(
+        f"{b.block.id}-singularity", plots, controls, _legend(b, run),
+        "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
+        "so it is slower at the left, near a singularity.",
+    )  # fmt: skip

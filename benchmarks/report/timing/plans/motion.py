@@ -1,0 +1,306 @@
+"""Section: the motion of every joint under each time law against its limits, and of the tool along the line."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.timing.plans.rows import LinePlans
+from benchmarks.report.active import ACTIVE, active_plot, limit_colour
+from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis
+from benchmarks.report.numbers import number
+from benchmarks.report.run import Run
+from benchmarks.report.timing.plans.laws import worst
+from benchmarks.report.timing.plans.look import law_control, line_plans
+from optik.arm.robot import Robot
+from optik.types import Array
+from planners.limits import ALL_LIMITS
+
+ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
+"""Choices of the controls of laws and joints."""
+
+IN_VIEW, WHOLE_CURVES = "limits in view", "whole curves"
+"""Choices of the vertical range."""
+
+WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0.06 s"
+"""Choices of the horizontal range."""
+
+END_SECONDS = 0.06
+"""Seconds at either end that a plot can show alone: three of the paper's intervals."""
+
+OF_TORQUES = (
+    " Torques are those of the arm's model, of a payload's interval the end that needs more; the rate of the torque is without "
+    "Coulomb friction, which jumps where a joint starts, reverses or stops."
+)
+"""What the plots of torques show."""
+
+ENVELOPE = 15
+"""Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
+
+JOINT_CURVES = {
+    "q": ("position", "q [rad]", None),
+    "dq": ("velocity", "q̇ [rad/s]", "velocity"),
+    "ddq": ("acceleration", "q̈ [rad/s²]", "acceleration"),
+    "jerk": ("jerk", "jerk [rad/s³]", "jerk"),
+    "torque": ("torque", "τ [N·m]", "torque"),
+    "torque_rate": ("torque rate", "dτ/dt [N·m/s]", "torque_rate"),
+}
+"""Columns of a motion: in words, with unit, and the limit that each has."""
+
+
+def motion(run: Run) -> dict[str, Any] | None:
+    """Boards of joints and tool, and the figures that the plots clip."""
+    rows = run.folder.read("line/motion.parquet")
+    found = line_plans(run)
+    if rows is None or found is None or not found.solved:
+        return None
+    rows = rows.filter(pl.col("solver") == pl.col("solver").first().over("law"))
+    boards = [_joint_board(found, rows, run), _active_board(found)]
+    tool = run.folder.read("line/tool.parquet")
+    if tool is not None:
+        tool = tool.filter(pl.col("solver") == pl.col("solver").first().over("law"))
+        boards.append(_tool_board(found, tool, run))
+    return {"boards": boards, "beyond": _beyond(found)}
+
+
+def _active_board(found: LinePlans) -> Board:
+    """The active constraint along the path, of every law."""
+    plans = list({p["law"]: p for p in reversed(found.solved)}.values())[::-1]
+    frames = []
+    for p in plans:
+        b = p["certificate"]["binding"]
+        frame = pl.DataFrame(
+            {"from": b["s"][:-1], "to": b["s"][1:], "ratio": b["ratio"], "limit": b["limit"], "joint": b["joint"]},
+            schema_overrides={"ratio": pl.Float64},
+        )
+        frames.append(frame.with_columns(pl.col("ratio").fill_null(np.inf), law=pl.lit(p["law"])))
+    near = pl.concat(frames).filter((pl.col("ratio") >= ACTIVE) & pl.col("limit").is_in(ALL_LIMITS))
+    laws = [p["law"] for p in plans]
+    used = [name for name in ALL_LIMITS if name in set(near["limit"])]
+    return Board(
+        "active-board", (active_plot("motion-active", near, laws, 1e3, "mm"),),
+        (law_control(laws),) if laws[1:] else (),
+        tuple(Key(name.replace("_", " "), limit_colour(name)) for name in used),
+        f"Where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, or exceeds it, from the certificate.",
+    )  # fmt: skip
+
+
+def _beyond(found: LinePlans) -> list[str]:
+    """What the plots cannot show: in words, from the certificates."""
+    out = []
+    for p in {p["law"]: p for p in reversed(found.solved)}.values():
+        acceleration, jerk = (worst(p["certificate"], f) for f in ("acceleration", "jerk"))
+        words = [
+            f"the {name} of {w.joint} reaches {number(w.value)} {unit} at t = {w.time:.3f} s, {number(w.ratio)} times its limit"
+            for name, w, unit in (("acceleration", acceleration, "rad/s²"), ("jerk", jerk, "rad/s³"))
+            if w.ratio is not None and 1.001 < w.ratio < float("inf")
+        ]
+        if jerk.infinite:
+            seen = number(max(p["certificate"]["sampled_jerk"]))
+            words.append(
+                "the acceleration is discontinuous, so the jerk is infinite there; the plot shows the finite jerk between. A "
+                f"controller at {p['certificate']['rate']:.0f} Hz sees up to {seen} rad/s³"
+            )
+        if words:
+            out.append(f"{p['law']}: " + "; ".join(words) + ".")
+    return out[::-1]
+
+
+def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
+    robot = run.robot(found.block.robot)
+    laws = rows["law"].unique(maintain_order=True).to_list()
+    joints = rows["joint"].unique(maintain_order=True).to_list()
+    plots = []
+    for column, (words, title, _) in JOINT_CURVES.items():
+        if column not in rows.columns:
+            continue
+        plot = Plot(
+            f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
+        )
+        for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
+            i = joints.index(joint)
+            t = part["t"]
+            plot.add(
+                line(
+                    x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=f"{joint}, {law}",
+                    line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
+                ),
+                {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
+                [({"law": [ALL_LAWS]}, {"line": {"color": run.colour(str(law))}})],
+            )  # fmt: skip
+        if column == "torque":
+            _add_friction(plot, rows, joints)
+        _bands(plot, _limits(found, column, robot), column, joints)
+        _whole_ranges(plot, rows, column, laws, joints)
+        _time_ranges(plot, rows, laws)
+        plots.append(plot)
+    controls = (
+        law_control(laws, ALL_LAWS),
+        Control.of("joint", "Joint", (ALL_JOINTS, *joints)),
+        Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
+        Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
+    )
+    legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
+    legend += [Key(law, run.colour(law), "solid", {"law": [ALL_LAWS]}) for law in laws]
+    legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
+    if "coulomb" in rows.columns and rows["coulomb"].max() > 0.0:  # type: ignore[operator]
+        legend.append(Key("Coulomb friction either way", MUTED_COLOUR, "fill", {"joint": joints, "law": laws}))
+    instants = len(rows) // len(rows.unique(["law", "joint"]))
+    return Board(
+        "motion-board", tuple(plots), controls, tuple(legend),
+        f"{instants:,} instants of the polynomials. “{IN_VIEW}” clips curves far beyond the limits; “{WHOLE_CURVES}” shows "
+        "all. The peaks in the table below are exact, not from these instants."
+        + (OF_TORQUES if "torque" in rows.columns else ""),
+    )  # fmt: skip
+
+
+def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
+    """The torques that Coulomb friction can make at each instant: all of them where a joint rests or reverses."""
+    for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
+        friction = float(part["coulomb"][0])
+        if friction == 0.0:
+            continue
+        t, moved = part["t"].to_numpy(), np.sign(part["dq"].to_numpy())
+        without = part["torque"].to_numpy() - friction * moved
+        around = np.concatenate([without + friction, (without - friction)[::-1]])
+        name = f"{joint}, {law}, Coulomb friction either way"
+        trace = line(
+            x=lean(np.concatenate([t, t[::-1]]), 5), y=lean(around), name=name, fill="toself", hoverinfo="skip", opacity=0.18,
+            line={"color": colour(joints.index(str(joint))), "width": 0}, fillcolor=colour(joints.index(str(joint))),
+        )  # fmt: skip
+        plot.add(trace, {"law": [str(law)], "joint": [str(joint)]})
+
+
+def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
+    """Range of every joint; None where it is free."""
+    plan = found.solved[0]
+    field = JOINT_CURVES[column][2]
+    if field is not None:
+        return _sides(plan["limits"].get(field), robot.n)
+    limits = robot.limits
+    return [(float(a), float(b)) for a, b in zip(limits.lower, limits.upper, strict=True)]
+
+
+def _sides(bound: Any, n: int) -> list[tuple[float, float] | None]:
+    """Limits of every joint, as files have them: one number, one a joint, or a pair of those; None where free."""
+    if bound is None:
+        return [None] * n
+    pair = isinstance(bound, list) and len(bound) == 2 and (isinstance(bound[0], list) or (bound[0] or 0.0) < 0.0)
+    lower, upper = bound if pair else (None, bound)
+    high = upper if isinstance(upper, list) else [upper] * n
+    low = (
+        [None if v is None else -v for v in high]
+        if lower is None
+        else lower
+        if isinstance(lower, list)
+        else [lower] * n
+    )
+    return [None if a is None or b is None else (float(a), float(b)) for a, b in zip(low, high, strict=True)]
+
+
+def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
+    """Shade what is beyond the limits: of one joint, or of all where they are the same."""
+    for joint, limit in zip(joints, limits, strict=True):
+        if limit is not None:
+            plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
+            plot.vary({"joint": [joint], "range": [IN_VIEW]}, {"yaxis": {"range": _view(limit, column)}})
+    given = [x for x in limits if x is not None]
+    if not given:
+        return
+    if len(set(limits)) == 1:
+        plot.vary({"joint": [ALL_JOINTS]}, {"shapes": _outside(given[0])})
+    if column != "q":
+        widest = max(given, key=lambda limit: limit[1])
+        plot.vary({"joint": [ALL_JOINTS], "range": [IN_VIEW]}, {"yaxis": {"range": _view(widest, column)}})
+
+
+def _view(limit: tuple[float, float], column: str) -> list[float]:
+    room = {"q": 1.1, "dq": 1.2, "ddq": 1.6, "jerk": 2.0, "torque": 1.2, "torque_rate": 2.0}[column]
+    middle, half = (limit[0] + limit[1]) / 2, (limit[1] - limit[0]) / 2
+    return [middle - room * half, middle + room * half]
+
+
+def _outside(limit: tuple[float, float]) -> list[Json]:
+    def band(low: float, high: float) -> Json:
+        return {
+            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below",
+            "fillcolor": BAND_COLOUR, "line": {"width": 0},
+        }  # fmt: skip
+
+    def edge(y: float) -> Json:
+        stroke = {"color": "var(--alarm)", "width": 1, "dash": "dash"}
+        return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": stroke}
+
+    far = 1e6 * (limit[1] - limit[0])
+    return [band(limit[1], limit[1] + far), band(limit[0] - far, limit[0]), edge(limit[0]), edge(limit[1])]
+
+
+def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
+    """Ranges that hold whole curves; the shaded bands would widen those that Plotly finds."""
+    for law in (*laws, ALL_LAWS):
+        of_law = rows if law == ALL_LAWS else rows.filter(pl.col("law") == law)
+        for joint in (ALL_JOINTS, *joints):
+            values = (of_law if joint == ALL_JOINTS else of_law.filter(pl.col("joint") == joint))[column].to_numpy()
+            low, high = float(values.min()), float(values.max())
+            room = 0.06 * (high - low) + 1e-9
+            plot.vary(
+                {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
+                {"yaxis": {"range": lean([low - room, high + room])}},
+            )
+
+
+def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
+    plot.vary({"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
+    for law in laws:
+        end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
+        plot.vary(
+            {"time": [MOTION_END], "law": [law]}, {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}}
+        )
+
+
+def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
+    laws = rows["law"].unique(maintain_order=True).to_list()
+    most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
+    fields = {
+        "speed": ("Speed along the line", axis("speed [mm/s]", rangemode="tozero"), 1e3),
+        "distance": ("Distance from the line", _deviation("distance [µm]", most), 1e6),
+        "angle": ("Turn from the orientation", _deviation("angle [µrad]", most), 1e6),
+    }
+    plots = []
+    for column, (title, vertical, scale) in fields.items():
+        plot = Plot(
+            f"tool-{column}", title, {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": vertical}, height=300
+        )
+        for (law,), part in rows.group_by("law", maintain_order=True):
+            t = part["t"].to_numpy()
+            if column == "speed":
+                y = np.gradient(part["s"].to_numpy(), t)
+            else:
+                t, y = _envelope(t, part[column].to_numpy())
+            plot.add(
+                line(
+                    x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
+                    line={"color": run.colour(str(law)), "width": 2},
+                    hovertemplate=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}{HOVER}",
+                )
+            )  # fmt: skip
+        plots.append(plot)
+    legend = tuple(Key(law, run.colour(law)) for law in laws)
+    return Board(
+        "tool-board", tuple(plots), (), legend,
+        f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",
+    )  # fmt: skip
+
+
+def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
+    """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
+    k = len(t) // ENVELOPE * ENVELOPE
+    return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), NOISE)
+
+
+def _deviation(title: str, most: float) -> Json:
+    return log_axis(title, range=(-10.5, max(0.5, math.log10(max(most, 1e-10)) + 0.5)))

@@ -1,0 +1,225 @@
+"""Section: clearance over time, and the arm's shapes and the scene at the instant of the least clearance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.timing.plans.run import NEAREST
+from benchmarks.report.board import Board, Json, Key, Plot
+from benchmarks.report.figures import (
+    BAND_COLOUR,
+    GRID_COLOUR,
+    HOVER,
+    INK_COLOUR,
+    MUTED_COLOUR,
+    axis,
+    lean,
+    line,
+    line_3d,
+)
+from benchmarks.report.run import Run
+from benchmarks.report.timing.plans.look import law_control, line_plans
+from optik.arm.robot import Robot
+from optik.types import Array
+
+AROUND = 13
+"""Points of a drawn circle."""
+
+MARK_COLOUR = "var(--alarm)"
+"""Colour of the nearest shapes."""
+
+SCENE_COLOUR = "var(--c1)"
+"""Colour of the scene."""
+
+PLANE_HALF = 0.8
+"""Half of the edge of the square that is drawn of a plane [m]."""
+
+
+def space(run: Run) -> dict[str, Any] | None:
+    """Clearance over time and in space, for every law."""
+    rows, found = run.folder.read("line/clearance.parquet"), line_plans(run)
+    pictures = run.folder.read_json(NEAREST)
+    if rows is None or found is None or not found.solved or not pictures:
+        return None
+    robot = run.robot(found.block.robot)
+    return {
+        "boards": [_over_time(rows, pictures, run), _in_space(pictures, robot)],
+        "words": [f"{picture['law']}: {picture['words']}." for picture in pictures],
+        "left_out": _left_out(found.solved[0]["certificate"]["clearance"]["left_out"]),
+    }
+
+
+def _left_out(pairs: Sequence[Sequence[str]]) -> str:
+    """Pairs that were not examined, by reason."""
+    by_reason: dict[str, list[str]] = {}
+    for first, second, why in pairs:
+        by_reason.setdefault(why, []).append(f"{first} and {second}")
+    return "; ".join(f"{', '.join(dict.fromkeys(names))} ({why})" for why, names in by_reason.items())
+
+
+def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
+    """The least distance of all pairs, and that between links, with what is proved."""
+    laws = rows["law"].unique(maintain_order=True).to_list()
+    margin = 1e3 * float(pictures[0]["margin"])
+    below = {
+        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -1e4, "y1": margin, "layer": "below",
+        "fillcolor": BAND_COLOUR, "line": {"width": 0},
+    }  # fmt: skip
+    most = 1e3 * float(np.nanmax(rows.select(pl.max_horizontal("scene", "own")).to_numpy().astype(float)))
+    plot = Plot(
+        "clearance-time", "Clearance over time",
+        {
+            "xaxis": axis("t [s]", rangemode="tozero"),
+            "yaxis": axis("distance [mm]", range=lean([min(-0.04 * most, margin - 0.1 * most), 1.06 * most])),
+            "shapes": [below],
+        }, 380,
+    )  # fmt: skip
+    for law in laws:
+        part = rows.filter(pl.col("law") == law)
+        for column, words, dash in (("scene", "arm and scene", "solid"), ("own", "between links", "dot")):
+            kept = part.filter(pl.col(column).is_not_null())
+            if kept.is_empty():
+                continue
+            trace = line(
+                x=lean(kept["t"], 5), y=lean(1e3 * kept[column].to_numpy(), 5), name=f"{words}, {law}",
+                line={"color": run.colour(law), "width": 2, "dash": dash},
+                hovertemplate=f"{words}, {law}<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, {"law": [law]})
+    for picture in pictures:
+        times, distances = np.array(picture["marks"]).T
+        mark = line(
+            mode="markers", x=lean(times, 5), y=lean(1e3 * distances, 5), name=f"least, {picture['law']}",
+            marker={"color": MARK_COLOUR, "size": 10, "symbol": "diamond"},
+            hovertemplate=f"least, from the certificate<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
+        )  # fmt: skip
+        plot.add(mark, {"law": [picture["law"]]})
+    legend = [Key(law, run.colour(law), "solid", {"law": [law]}) for law in laws]
+    legend += [
+        Key("arm and scene", MUTED_COLOUR), Key("between links", MUTED_COLOUR, "dashed"),
+        Key("least, from the certificate", MARK_COLOUR, "dot"),
+        Key("contact" if not margin else "nearer to the scene than the margin", BAND_COLOUR, "fill"),
+    ]  # fmt: skip
+    return Board(
+        "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (), tuple(legend),
+        "Least distance of the examined pairs at sampled instants, for the shapes of arm and scene. The bound of the "
+        "certificate is for every instant.",
+    )  # fmt: skip
+
+
+def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
+    """The shapes of arm and scene where they are nearest."""
+    points = np.vstack([1e3 * np.array(capsule[:2]) for picture in pictures for capsule in picture["arm"]])
+    corners = [1e3 * _corners(box) for box in pictures[0]["boxes"]]
+    everything = np.vstack([points, *corners])
+    plot = Plot(
+        "clearance-space", "Arm and scene where they are nearest",
+        {"scene": axes_in_space(robot.gravity, everything), "margin": dict.fromkeys("lrtb", 0)}, 560,
+    )  # fmt: skip
+    for picture in pictures:
+        when = {"law": [picture["law"]]}
+        parts = [
+            ([_capsule(c) for c in picture["arm"] if not c[3]], INK_COLOUR, "arm", 2),
+            ([_edges(box) for box in picture["boxes"] if not box[2]], SCENE_COLOUR, "scene", 3),
+            ([_capsule(c) for c in picture["rounds"] if not c[3]], SCENE_COLOUR, "scene", 2),
+            ([_square(plane) for plane in picture["planes"]], SCENE_COLOUR, "scene", 2),
+            ([_capsule(c) for c in (*picture["arm"], *picture["rounds"]) if c[3]]
+             + [_edges(box) for box in picture["boxes"] if box[2]], MARK_COLOUR, " and ".join(picture["pair"]), 4),
+        ]  # fmt: skip
+        for lines, colour, name, width in parts:
+            if lines:
+                x, y, z = 1e3 * np.vstack(lines).T
+                plot.add(
+                    line_3d(x=_broken(x), y=_broken(y), z=_broken(z), name=name, line={"color": colour, "width": width},
+                            hovertemplate=f"{name}{HOVER}"), when,
+                )  # fmt: skip
+        ends = 1e3 * np.array(picture["points"])
+        plot.add(
+            line_3d(x=lean(ends[:, 0]), y=lean(ends[:, 1]), z=lean(ends[:, 2]), mode="lines+markers", name="least clearance",
+                    line={"color": MARK_COLOUR, "width": 6}, marker={"color": MARK_COLOUR, "size": 5},
+                    hovertemplate=f"{1e3 * picture['found']:.4g} mm{HOVER}"), when,
+        )  # fmt: skip
+    laws = [picture["law"] for picture in pictures]
+    legend = (
+        Key("arm, capsules around its links", INK_COLOUR), Key("scene", SCENE_COLOUR),
+        Key("the nearest pair and its nearest points", MARK_COLOUR),
+    )  # fmt: skip
+    return Board(
+        "clearance-space-board", (plot,), (law_control(laws),) if laws[1:] else (), legend,
+        "At the instant of the least distance between arm and scene. Base frame, equal scales; capsules by rings and "
+        "lengthwise lines. Drag to turn.",
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- shapes as lines
+
+
+def _broken(values: Array) -> list[float | None]:
+    """Coordinates of several lines in one trace: NaN is where one ends."""
+    return lean([None if np.isnan(v) else v for v in values])
+
+
+def _corners(box: Sequence[Any]) -> Array:
+    """Corners (8, 3) of a box [m]."""
+    T, edges = np.array(box[0]), np.array(box[1])
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    return np.asarray(0.5 * signs * edges @ T[:3, :3].T + T[:3, 3])
+
+
+def _edges(box: Sequence[Any]) -> Array:
+    """The edges of a box as lines (k, 3) [m]."""
+    corners, out = _corners(box), []
+    for i in range(8):
+        for bit in (1, 2, 4):
+            if not i & bit:
+                out += [corners[i], corners[i | bit], np.full(3, np.nan)]
+    return np.array(out)
+
+
+def _square(plane: Sequence[Any]) -> Array:
+    """A square of a plane around the point of it that is nearest to the base (k, 3) [m]."""
+    point, normal = np.array(plane[0]), np.array(plane[1])
+    across = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
+    across /= np.linalg.norm(across)
+    other = np.cross(normal, across)
+    middle = (point @ normal) * normal
+    ends = [middle + PLANE_HALF * (i * across + j * other) for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))]
+    return np.array([*ends, np.full(3, np.nan)])
+
+
+def _capsule(capsule: Sequence[Any]) -> Array:
+    """Rings at both ends of a capsule's segment and two lengthwise lines around it (k, 3) [m]."""
+    a, b, radius = np.array(capsule[0]), np.array(capsule[1]), float(capsule[2])
+    length = float(np.linalg.norm(b - a))
+    z = (b - a) / length if length else np.array([0.0, 0.0, 1.0])
+    x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
+    x /= np.linalg.norm(x)
+    y, gap = np.cross(z, x), np.full((1, 3), np.nan)
+    turn = np.linspace(0.0, 2.0 * np.pi, AROUND)[:, None]
+    half = np.linspace(0.0, np.pi, AROUND // 2 + 1)[:, None]
+    lines = [centre + radius * (np.cos(turn) * x + np.sin(turn) * y) for centre in ((a, b) if length else (a,))]
+    for side in (x, y):
+        far = b + radius * (np.cos(half) * side + np.sin(half) * z)
+        near = a + radius * (-np.cos(half) * side - np.sin(half) * z)
+        lines.append(np.vstack([far, near, far[:1]]))
+    return np.vstack([part for one in lines for part in (one, gap)])
+
+
+def axes_in_space(gravity: Array, points: Array) -> Json:
+    """Axes with equal scales that hold everything, up as up is."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.05 * (high - low).max()
+    axes = {
+        f"{a}axis": {
+            "title": {"text": f"{a.upper()} [mm]"}, "range": lean([low[i] - room, high[i] + room]), "nticks": 6,
+            "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR, "showbackground": False,
+        }
+        for i, a in enumerate("xyz")
+    }  # fmt: skip
+    up = dict(zip("xyz", lean(-gravity), strict=True))
+    camera = {"up": up, "eye": {"x": 1.0, "y": -1.2, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+    return {"aspectmode": "data", "camera": camera, **axes}
