@@ -17,7 +17,6 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
-from optik.scene.contact import check_scene
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.certification import certify
@@ -307,7 +306,6 @@ def _build_request(
     law.need(limits, robot)
     limits.check_path(path)
     tolerance, rate, scene, allow = options
-    check_scene(robot, scene)
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS),

@@ -10,8 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from optik import se3
-from optik.arm.body import Body
-from optik.arm.inertia import Inertia
+from optik.arm.inertia import Body, Inertia
 from optik.arm.robot import Robot
 from optik.arm.urdf import check_xml_names
 from optik.check import check_flag, check_number

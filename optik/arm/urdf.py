@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.body import Body, check_body, join_bodies, transform_body
-from optik.arm.inertia import Inertia
+from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
 from optik.arm.limits import LARGEST_LIMIT, JointLimits
 from optik.arm.model import ArmModel
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple

@@ -16,13 +16,12 @@ from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._nearest_pose import find_nearest_pose
 from optik.ik._problem import check_batch, check_problem, sample_restart
-from optik.ik._result import IK_TOLERANCE
+from optik.ik._result import IK_TOLERANCE, STATUS_OF_CODE
 from optik.ik._result import IKBatch as IKBatch
 from optik.ik._result import IKResult as IKResult
+from optik.ik._result import IKStatus as IKStatus
 from optik.ik._result import Tolerance as Tolerance
 from optik.ik._result import ToleranceLike as ToleranceLike
-from optik.ik._status import STATUS_OF_CODE
-from optik.ik._status import IKStatus as IKStatus
 from optik.plugins.options import defaults
 from optik.task import Task, as_task, judge
 from optik.types import Array

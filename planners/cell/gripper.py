@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.body import Body, check_body, check_shape, join_bodies, transform_body
+from optik.arm.inertia import Body, check_body, check_shape, join_bodies, transform_body
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput

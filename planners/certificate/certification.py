@@ -11,7 +11,6 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
-from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Binding, Certificate
@@ -90,31 +89,19 @@ def certify(
     if unknown := [field for field in enforced if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
-    check_scene(robot, scene)
     enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
-    promise = _Criteria(law, enforced, rate, tolerance, scene, before)
     analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
     if analysis.trajectory is not trajectory or analysis.robot != robot:
         raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
-    return _certify(analysis.along_path(path, enough), limits, promise, span)
-
-
-class _Criteria(NamedTuple):
-    """Criteria of a certificate besides the limits; see `certify`."""
-
-    law: str
-    enforced: tuple[str, ...]
-    rate: float
-    tolerance: Tolerance | None
-    scene: Scene | None
-    before: tuple[MotionLimits, float] | None
+    criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "tolerance": tolerance}
+    return _certify(analysis.along_path(path, enough), limits, before, span, scene, criteria)
 
 
 def _certify(
-    motion: MotionAnalysis, limits: MotionLimits, promise: _Criteria, span: tuple[float, float]
-) -> Certificate:
-    """Return the certificate for checked arguments."""
-    law, enforced, rate, tolerance, scene, before = promise
+    motion: MotionAnalysis, limits: MotionLimits, before: tuple[MotionLimits, float] | None, span: tuple[float, float],
+    scene: Scene | None, criteria: dict[str, Any],
+) -> Certificate:  # fmt: skip
+    """Return the certificate for checked arguments; the criteria are fields of it."""
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
     judged = judge_parts(motion, parts)
@@ -122,14 +109,11 @@ def _certify(
     singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
     return Certificate(
         joint_names=robot.joint_names,
-        law=law,
-        enforced=enforced,
+        **criteria,
         duration=trajectory.duration,
-        sampled_jerk=sampled_jerk(trajectory, rate),
-        rate=rate,
+        sampled_jerk=sampled_jerk(trajectory, criteria["rate"]),
         position_margin=position_margins(robot, trajectory),
         path_error=off,
-        tolerance=tolerance,
         singular_value=singular_value,
         t_singular_value=t_singular_value,
         binding=active_constraints(motion, parts, places),

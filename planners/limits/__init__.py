@@ -11,10 +11,19 @@ from planners.limits._known import (
     kind_of,
     register,
 )
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits._motion_limits import MotionLimits
 from planners.limits._tool import ToolSpeedLimit
-from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.base import (
+    Extreme,
+    Limit,
+    LimitedMotion,
+    PathPoints,
+    ToolExtreme,
+    ratio_to_limit,
+    scale_of,
+    sides,
+    symmetric_bound,
+)
 
 SAME_SPEED = 1e-6
 """Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""

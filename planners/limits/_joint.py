@@ -1,15 +1,26 @@
-"""Limits on a time derivative of every joint."""
+"""Limits on every joint: on derivatives of its position, and on torques and their rates of an arm whose masses are known."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
 
+from optik import dynamics
+from optik.arm.inertia import Load
 from optik.types import Array, Flags
 from planners.curve import chain_rows
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints
-from planners.limits.base import Limit, center_rows, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.base import (
+    Extreme,
+    Limit,
+    LimitedMotion,
+    PathPoints,
+    ratio_to_limit,
+    scale_of,
+    sides,
+    symmetric_bound,
+)
 from planners.trajectory import Extrema
 
 
@@ -47,6 +58,17 @@ class DerivativeLimit(Limit):
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
+
+
+def center_rows(rows: Array, bound: Array) -> Array:
+    """Return rows over a bound with two sides; the limit is respected where |rows · monomials| ≤ 1."""
+    lower, upper = sides(bound)
+    free = np.isinf(upper)
+    low, high = np.where(free, 0.0, lower), np.where(free, 0.0, upper)
+    half = np.where(free, np.inf, 0.5 * (high - low))
+    out: Array = rows / half[:, None]
+    out[..., 3] -= 0.5 * (low + high) / half
+    return out
 
 
 def _nearest_side(extrema: Extrema, bound: Array) -> Extreme:
@@ -96,3 +118,142 @@ class Jerk(DerivativeLimit):
     name: ClassVar[str] = "jerk"
     units: ClassVar[tuple[str, str]] = ("rad/s³", "m/s³")
     order: ClassVar[int] = 3
+
+
+class LoadedLimit(Limit):
+    """A limit on the torques of the joints, or on their rates. It is not evaluated where it is free.
+
+    A payload given as an interval is two loads, the lightest and the heaviest. The torque is affine in the payload's mass, so
+    one of the two has the peak value.
+    """
+
+    homogeneous: ClassVar[bool] = False
+    rate: ClassVar[bool]
+    """Whether the limit is on the rates of the torques, and not on the torques."""
+    columns: ClassVar[int]
+    """Number of columns of the rows: the full set of monomials of the limit's order."""
+
+    def rows(self, at: PathPoints, bound: Array) -> Array:
+        if not np.isfinite(bound).any():
+            return np.zeros((at.s.size, 1, self.columns))
+        found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+
+    @abstractmethod
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+        """Return the rows (k, n, columns) of one load."""
+
+    def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
+        if not np.isfinite(bound).any():
+            return Extreme(*np.full((3, motion.robot.n), np.nan))
+        lower, upper = sides(bound)
+        found = motion.torque_ratios(np.stack([lower, upper]), rate=self.rate)
+        limited = np.isfinite(upper)
+        value = found.ratio * np.where(limited, np.where(found.upper, upper, -lower), 1.0)
+        extreme = Extreme(value, np.where(limited, found.ratio, np.nan), found.time)
+        jumping = motion.jumps[: self.order].any(axis=(0, 2))
+        if not jumping.any():
+            return extreme
+        infinite = np.full(upper.size, np.inf)
+        when = np.full(upper.size, motion.trajectory.knots[jumping.argmax()])
+        return Extreme(infinite, np.where(limited, infinite, np.nan), when)
+
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+        if not np.isfinite(bound).any():
+            return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
+        return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
+
+    def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+        if not np.isfinite(bound).any():
+            return 0.0
+        return motion.torque_stretch(np.stack(sides(bound)), rate=self.rate)
+
+
+def torque_rows(at: PathPoints, load: Load) -> Array:
+    """Return the rows of the torques, without Coulomb friction: τ = p s̈ + c ṡ² + f ṡ + g.
+
+    p = M q', c = M q'' + C(q, q') q', f is the viscous friction times q', and g the torque of gravity.
+    """
+    found = _coefficients(at, load)
+    return np.stack([found[:, 0], found[:, 1], load.viscous * at.q(1), found[:, 2]], axis=-1)
+
+
+def torque_rate_rows(at: PathPoints, load: Load) -> Array:
+    """Return the rows of the torque rates, without Coulomb friction: τ̇ = p s⃛ + d ṡ s̈ + c' ṡ³ + g' ṡ + b (q' s̈ + q'' ṡ²).
+
+    d = p' + 2 c, and b is the viscous friction; p, c and g are those of `torque_rows`.
+    """
+    found = _coefficients(at, load)
+    friction = (load.viscous * at.q(1), load.viscous * at.q(2))
+    return np.stack([found[:, 0], found[:, 3], found[:, 4], found[:, 5], *friction], axis=-1)
+
+
+def _coefficients(at: PathPoints, load: Load) -> Array:
+    """Return the coefficients (k, 6, n) of `optik.dynamics.path_torques` at the points, computed once for each load."""
+    kept = at.torques.get(id(load))
+    if kept is None:
+        path = np.stack([at.q(order) for order in range(4)])
+        kept = np.empty((path.shape[1], 6, path.shape[2]))
+        dynamics.path_torques(at.joint_path.robot.chain, load.bodies, path, kept)
+        at.torques[id(load)] = kept
+    return kept
+
+
+STANDING_SHARE = 1e-9
+"""Fraction of the largest |q'| of all joints below which a joint is at rest: it is rounding error of the path."""
+
+
+class Torque(LoadedLimit):
+    """Greatest torque of every joint, friction included.
+
+    Coulomb friction is f sign(q̇). Where a joint rests or reverses, it is the least favourable value in [−f, f].
+    """
+
+    name: ClassVar[str] = "torque"
+    units: ClassVar[tuple[str, str]] = ("N·m", "N")
+    order: ClassVar[int] = 2
+    sided: ClassVar[bool] = True
+    rate: ClassVar[bool] = False
+    columns: ClassVar[int] = 4
+
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+        lower, upper = sides(bound)
+        free = ~np.isfinite(upper - lower)
+        lower, upper = np.where(free, -1.0, lower), np.where(free, 1.0, upper)
+        sign, still = _senses(at)
+        rows = torque_rows(at, load).copy()
+        rows[:, :, 3] += load.coulomb * sign - 0.5 * (lower + upper)
+        half = 0.5 * (upper - lower) - load.coulomb * still
+        # Friction alone may exceed the limit: then no motion respects it.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(free[:, None], 0.0, rows / np.maximum(half, 0.0)[:, :, None])
+
+
+def _senses(at: PathPoints) -> tuple[Array, Array]:
+    """Return the sign (k, n) of each joint's motion along the path, 0 where it rests or reverses; and 1 there, else 0.
+
+    All joints rest at both ends of the path. A joint counts as reversing at both of two adjacent points if its sign changes
+    between them.
+    """
+    q1 = at.q(1)
+    sign = np.where(np.abs(q1) > STANDING_SHARE * np.abs(q1).max(initial=0.0), np.sign(q1), 0.0)
+    turning = sign[1:] * sign[:-1] < 0.0
+    turning &= (np.diff(at.s) > 0.0)[:, None]
+    still = sign == 0.0
+    still[1:] |= turning
+    still[:-1] |= turning
+    still |= ((at.s <= 0.0) | (at.s >= at.joint_path.end))[:, None]
+    return np.where(still, 0.0, sign), still.astype(np.float64)
+
+
+class TorqueRate(LoadedLimit):
+    """Greatest rate of the torque of every joint, without Coulomb friction, which jumps where a joint reverses."""
+
+    name: ClassVar[str] = "torque_rate"
+    units: ClassVar[tuple[str, str]] = ("N·m/s", "N/s")
+    order: ClassVar[int] = 3
+    rate: ClassVar[bool] = True
+    columns: ClassVar[int] = 6
+
+    def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
+        return torque_rate_rows(at, load) / bound[:, None]

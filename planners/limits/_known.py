@@ -6,9 +6,8 @@ from functools import cache
 
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
-from planners.limits._joint import Acceleration, DerivativeLimit, Jerk, Velocity
+from planners.limits._joint import Acceleration, DerivativeLimit, Jerk, LoadedLimit, Torque, TorqueRate, Velocity
 from planners.limits._tool import RotationSpeed, ToolSpeed
-from planners.limits._torque import LoadedLimit, Torque, TorqueRate
 from planners.limits.base import Limit
 
 FOLDER = "planners.limits"

@@ -11,8 +11,7 @@ from optik.arm.limits import check_positive
 from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits._motion import LimitedMotion, PathPoints, ToolExtreme
-from planners.limits.base import Limit
+from planners.limits.base import Limit, LimitedMotion, PathPoints, ToolExtreme
 from planners.paths.base import Path
 
 AT_BREAK = 1e-9

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import Inertia, JointLimits, Robot
-from optik.arm.body import join_bodies, transform_body
-from optik.arm.inertia import Payload
+from optik.arm.inertia import Payload, join_bodies, transform_body
 from optik.arm.library import robot_from_toml
 from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests import oracles
