@@ -5,9 +5,9 @@ from optik import ik as ik
 from optik.arm.inertia import Inertia
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
+from optik.arm.model import DHRow
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
-from optik.arm.tables import DHRow
 from optik.errors import OptikError
 from optik.ik import IKResult, IKStatus, Tolerance, solve_ik, solve_ik_batch
 from optik.scene import Scene

@@ -11,8 +11,8 @@ from benchmarks.records import RunFolder
 from benchmarks.suite import load_suite
 from optik import se3
 from optik.arm.library import load
+from optik.arm.model import DHRow
 from optik.arm.robot import Robot
-from optik.arm.tables import DHRow
 from optik.ik.dls import DLS
 from planners.limits import MotionLimits
 from planners.paths.line import Line

@@ -75,10 +75,10 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
 from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
+from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
-from optik.arm.tables import DHRow
 from optik.check import check_count, check_number, check_words
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes

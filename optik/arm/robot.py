@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike
 from optik import kinematics, se3
 from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
-from optik.arm.model import ArmDynamics, ArmModel
+from optik.arm.model import ArmDynamics, ArmModel, DHRow, check_rows, screw_x, screw_z
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
-from optik.arm.tables import DHRow, check_rows, screw_x, screw_z
 from optik.check import real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array

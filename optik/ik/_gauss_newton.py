@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from optik.compiled import compiled, inlined
-from optik.ik._result import MAX_ITERATIONS, SOLVED, STALLED
+from optik.ik._problem import MAX_ITERATIONS, SOLVED, STALLED
 from optik.kinematics import Chain, Range, workspace
 from optik.linear import cholesky_solve, copy_vector
 from optik.task import Goal, goal_error, goal_jacobian

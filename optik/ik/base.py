@@ -15,13 +15,12 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._nearest_pose import find_nearest_pose
-from optik.ik._problem import check_batch, check_problem, sample_restart
-from optik.ik._result import IK_TOLERANCE, STATUS_OF_CODE
-from optik.ik._result import IKBatch as IKBatch
-from optik.ik._result import IKResult as IKResult
-from optik.ik._result import IKStatus as IKStatus
-from optik.ik._result import Tolerance as Tolerance
-from optik.ik._result import ToleranceLike as ToleranceLike
+from optik.ik._problem import IK_TOLERANCE, STATUS_OF_CODE, check_batch, check_problem, sample_restart
+from optik.ik._problem import IKBatch as IKBatch
+from optik.ik._problem import IKResult as IKResult
+from optik.ik._problem import IKStatus as IKStatus
+from optik.ik._problem import Tolerance as Tolerance
+from optik.ik._problem import ToleranceLike as ToleranceLike
 from optik.plugins.options import defaults
 from optik.task import Task, as_task, judge
 from optik.types import Array

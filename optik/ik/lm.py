@@ -19,8 +19,7 @@ from optik.ik._lm import kernels
 from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._lm.partial_pose import attempt_task
 from optik.ik._preference import Preference
-from optik.ik._problem import check_start
-from optik.ik._result import SOLVED, STATUS_OF_CODE
+from optik.ik._problem import SOLVED, STATUS_OF_CODE, check_start
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.se3 import check_pose

@@ -10,10 +10,10 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate import checks
-from planners.certificate.bounds import MotionBounds
+from planners.certificate.bounds import MotionBounds, ToolSpeed, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
-from planners.certificate.tool_speed import ToolSpeed, segment_speed, tool_speed
+from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TorqueBounds
 from planners.limits.base import LimitedMotion, TorqueRatios
 from planners.paths.base import Path

@@ -11,8 +11,8 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.course import Course, find_departures, find_regular_roots, make_empty_guide
-from planners.following.joint_path import smallest_singular_values
+from planners.following.joint_path import Course, make_empty_guide, smallest_singular_values
+from planners.following.singular import find_departures, find_regular_roots
 from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 

@@ -16,7 +16,7 @@ from optik.errors import NoSolution
 from optik.ik import IKResult, IKSolver, IKStatus, Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.course import smallest_singular_value
+from planners.following.singular import smallest_singular_value
 from planners.following.track import TrackEnd
 from planners.paths.base import Path
 

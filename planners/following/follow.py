@@ -24,7 +24,6 @@ from planners.curve import quintic_through
 from planners.following import march
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
-from planners.following.course import Course, Nodes, make_empty_guide, smallest_singular_value
 from planners.following.failure import (
     FollowStatus,
     PlanFailure,
@@ -34,8 +33,9 @@ from planners.following.failure import (
     find_rank_failure,
     joint_unit,
 )
-from planners.following.joint_path import IKRecord, JointPath, thin_knots
+from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
+from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 

@@ -15,8 +15,7 @@ from optik.ik import IKSolver, make_solver
 from optik.types import Array, Flags, Indices
 from planners.following import smoothing
 from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
-from planners.following.course import Guide
-from planners.following.joint_path import smallest_singular_values
+from planners.following.joint_path import Guide, smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LARGEST_EDGE, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
 

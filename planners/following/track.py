@@ -12,16 +12,15 @@ from optik.arm.robot import Robot
 from optik.ik import Tolerance
 from optik.types import Array
 from planners.following import march
-from planners.following.course import (
+from planners.following.joint_path import (
+    LEAST_SPACING,
     Course,
     Nodes,
-    PathPoint,
-    continue_to,
-    find_departures,
+    deviation_bounds,
     slice_nodes,
-    smallest_singular_value,
+    smallest_singular_values,
 )
-from planners.following.joint_path import LEAST_SPACING, deviation_bounds, smallest_singular_values
+from planners.following.singular import PathPoint, continue_to, find_departures, smallest_singular_value
 
 LEAST_STEP = 1e-6
 """Shortest step, as a fraction of the path length: the accuracy of the end of a branch."""

@@ -1,18 +1,18 @@
 """Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
 
-from planners.limits._joint import DerivativeLimit
-from planners.limits._known import (
+from planners.limits._kinds import (
     ALL_LIMITS,
     DERIVATIVES,
     FIELD_LIMITS,
     LOADED,
     TOOL_SPEEDS,
+    DerivativeLimit,
+    ToolSpeedLimit,
     check_names,
     kind_of,
     register,
 )
 from planners.limits._motion_limits import MotionLimits
-from planners.limits._tool import ToolSpeedLimit
 from planners.limits.base import (
     Extreme,
     Limit,

@@ -16,8 +16,18 @@ from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import monomials
-from planners.limits._known import ALL_LIMITS, DERIVATIVES, FIELD_LIMITS, LOADED, TOOL_SPEEDS, is_known, kind_of
-from planners.limits._tool import bound_at, bounds_on_pieces, inside_ends
+from planners.limits._kinds import (
+    ALL_LIMITS,
+    DERIVATIVES,
+    FIELD_LIMITS,
+    LOADED,
+    TOOL_SPEEDS,
+    bound_at,
+    bounds_on_pieces,
+    inside_ends,
+    is_known,
+    kind_of,
+)
 from planners.limits.base import Limit, PathPoints, is_pair, plain, ratio_to_limit, symmetric_bound
 from planners.paths.base import Path
 

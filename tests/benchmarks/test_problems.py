@@ -22,7 +22,7 @@ from benchmarks.problems.base import SETS, ProblemSet, sha256_of, start_of
 from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
-from optik.ik._result import UNREACHABLE
+from optik.ik._problem import UNREACHABLE
 from optik.registry import build_method
 from tests import oracles
 

@@ -18,9 +18,9 @@ from scipy.interpolate import PPoly
 from optik import JointLimits, Robot
 from optik.types import Array
 from planners import Arc, Line, Path, Polyline, Trajectory
+from planners.certificate import bounds as motion_bounds
 from planners.certificate import path_error as deviation
-from planners.certificate import tool_speed as speeds
-from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds
+from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds, tool_speed
 from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
 from planners.curve import bell, quintic_through
 from tests import oracles
@@ -335,7 +335,7 @@ def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(deviation, "ERROR_INTERVALS", 0)
     monkeypatch.setattr(deviation, "_first_intervals", whole)
-    monkeypatch.setattr(speeds, "SPEED_INTERVALS", 0)
+    monkeypatch.setattr(motion_bounds, "SPEED_INTERVALS", 0)
 
 
 def one_joint(robot: Robot, q: Array, joint: int, c: Array, h: float) -> Trajectory:
@@ -378,7 +378,7 @@ def test_a_tool_that_is_fast_only_between_two_instants_is_seen(never_halved: Non
     fast = 0.8
     v = fast * 16.0 * Polynomial([0.0, 0.0, 1.0 / h**2, -2.0 / h**3, 1.0 / h**4])
     for robot in (SLIDES, TURNS):
-        found = speeds.tool_speed(robot, one_joint(robot, np.array([0.3, 0.2]), 1, v.integ().coef, h))
+        found = tool_speed(robot, one_joint(robot, np.array([0.3, 0.2]), 1, v.integ().coef, h))
         part = found.speed if robot is SLIDES else found.rotation
         assert fast * (1.0 - 1e-9) <= part <= fast * (1.0 + 1e-9)
 
@@ -408,7 +408,7 @@ def paths_from(start: Array) -> dict[str, Path]:
 def contradicted(path: Path, trajectory: Trajectory, count: int, *, over: float) -> None:
     """Compare the bounds of a motion with many of its instants, and see that they are not far above."""
     robot = paper6r()
-    (error, _), fast = path_error(robot, path, trajectory), speeds.tool_speed(robot, trajectory)
+    (error, _), fast = path_error(robot, path, trajectory), tool_speed(robot, trajectory)
     joints = oracles.Joints(trajectory)
     t = np.linspace(0.0, trajectory.end, count)
     q = joints(t)

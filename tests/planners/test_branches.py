@@ -13,7 +13,7 @@ from scipy.special import comb
 from optik import Robot
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
-from optik.arm.tables import DHRow
+from optik.arm.model import DHRow
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from optik import Robot
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
-from optik.arm.tables import DHRow
+from optik.arm.model import DHRow
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus

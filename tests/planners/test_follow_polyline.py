@@ -16,8 +16,7 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance, make_solver
 from optik.types import Array
 from planners import Line, Polyline, follow
-from planners.following.course import Course, make_empty_guide, thin
-from planners.following.joint_path import LEAST_SPACING, fourth_bounds
+from planners.following.joint_path import LEAST_SPACING, Course, fourth_bounds, make_empty_guide, thin
 from tests import oracles
 
 

@@ -128,7 +128,7 @@ def test_limits_of_any_size_are_kept_exactly(
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.9])
 def test_a_tool_speed_is_kept_and_used(share: float) -> None:
-    from planners.certificate.tool_speed import tool_speed
+    from planners.certificate.bounds import tool_speed
 
     joint_path = default_joint_path()
     free = Optimal().run(joint_path, LIMITS)

@@ -379,7 +379,7 @@ STATED = {
     "planners.certificate.certificate": {"RATIO_ROUNDING": 1e-12},
     "planners.certificate.path_error": {"ERROR_EXCESS": 1.048, "ERROR_FLOOR": 1e-9, "ERROR_ROUNDING": 2e-15},
     "planners.certificate.torque": {"TORQUE_EXCESS": 1e-5, "TORQUE_FLOOR": 1e-2, "STANDSTILL": 1e-9},
-    "planners.certificate.tool_speed": {"CROSSING_ROUNDING": 1e-12},
+    "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
     "optik.distance": {"DISTANCE_ROUNDING": 1e-9},

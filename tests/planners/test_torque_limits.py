@@ -19,7 +19,7 @@ from planners.curve import apply_chain_rule
 from planners.fit import static_torque
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
-from planners.limits._joint import torque_rows
+from planners.limits._kinds import torque_rows
 from planners.timing.smooth import Smooth
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.torques import loaded, values

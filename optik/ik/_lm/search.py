@@ -54,7 +54,7 @@ from optik.ik._lm.packing import (
     AT_UPPER,
 )  # fmt: skip
 from optik.ik._lm.winding import inside_winding
-from optik.ik._result import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UNREACHABLE
+from optik.ik._problem import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UNREACHABLE
 from optik.types import Array
 
 BOUNDED_PATIENCE = 2.0

@@ -19,7 +19,7 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, quintic
 from planners.limits import MotionLimits
-from planners.limits._joint import LoadedLimit
+from planners.limits._kinds import LoadedLimit
 from planners.limits.base import Limit
 from planners.timing._brake.rows import (
     CLOCK_RATES,

@@ -15,7 +15,7 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits, PathPoints
-from planners.limits._joint import torque_rate_rows, torque_rows
+from planners.limits._kinds import torque_rate_rows, torque_rows
 from planners.limits.base import sides
 from planners.trajectory import Trajectory
 

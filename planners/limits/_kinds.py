@@ -1,14 +1,20 @@
-"""Limits on every joint: on derivatives of its position, and on torques and their rates of an arm whose masses are known."""
+"""Kinds of limits: on derivatives of every joint, on torques and on the tool's speeds; and their registry by name."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik import dynamics
 from optik.arm.inertia import Load
+from optik.arm.limits import check_positive
+from optik.arm.plain import read_numbers
+from optik.errors import InvalidInput, UnknownName
+from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.curve import chain_rows
 from planners.limits.base import (
@@ -16,11 +22,13 @@ from planners.limits.base import (
     Limit,
     LimitedMotion,
     PathPoints,
+    ToolExtreme,
     ratio_to_limit,
     scale_of,
     sides,
     symmetric_bound,
 )
+from planners.paths.base import Path
 from planners.trajectory import Extrema
 
 
@@ -257,3 +265,165 @@ class TorqueRate(LoadedLimit):
 
     def _rows_of(self, at: PathPoints, bound: Array, load: Load) -> Array:
         return torque_rate_rows(at, load) / bound[:, None]
+
+
+AT_BREAK = 1e-9
+"""Fraction of the path around a break in which the lesser of both bounds holds: a law reaches the break only to rounding."""
+
+
+class ToolSpeedLimit(Limit):
+    """A limit on the Euclidean norm of a part of the tool's twist, judged by proved bounds.
+
+    It has one bound (1,), or one for each segment of the path (k,).
+
+    Attributes
+    ----------
+    part : int
+        Part of the twist: 0 for v, 1 for ω.
+    """
+
+    part: ClassVar[int]
+    order: ClassVar[int] = 1
+    subject: ClassVar[str | None] = "tool"
+
+    def check(self, value: Any) -> Any:
+        if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
+            return super().check(value)
+        each = check_positive(value, len(value), self.name) if len(value) else np.zeros(0)
+        if not each.size:
+            raise InvalidInput(self.name, "no numbers", "a number above 0, or one for each segment of the path")
+        return float(each[0]) if each.size == 1 else each
+
+    def array(self, value: ArrayLike | None, n: int) -> Array:
+        bound = np.inf if value is None else value
+        return check_positive(bound, np.size(bound), self.name)
+
+    def from_plain(self, data: Any, n: int) -> Array | float | None:
+        if isinstance(data, list):
+            return read_numbers(data, (len(data),), f"limits.{self.name}")
+        return super().from_plain(data, n)
+
+    def rows(self, at: PathPoints, bound: Array) -> Array:
+        norm = (
+            np.linalg.norm(at.twist[:, 3 * self.part : 3 * self.part + 3], axis=1)
+            if np.isfinite(bound).any()
+            else np.zeros(at.s.size)
+        )
+        here = bound[0] if bound.size == 1 else bound_at(at.joint_path.path, bound, at.s, self.name)
+        return np.asarray((norm / here)[:, None, None])
+
+    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
+        value, time = motion.tool_speed_bound(self.part)
+        if not np.isfinite(bound).any():
+            return ToolExtreme(value, float("nan"), time)
+        if bound.size == 1:
+            return ToolExtreme(value, value / float(bound[0]), time)
+        ratio, time = motion.tool_speed_ratio(bounds_on_pieces(motion.path, bound, self.name), self.part)
+        return ToolExtreme(value, ratio, time)
+
+    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+        speeds = motion.tool_speed_ends(self.part)
+        if bound.size == 1:
+            return np.asarray(np.maximum(*speeds)[:, None] / bound)
+        allowed = inside_ends(motion.path, bound, motion.knot_positions, self.name)
+        return np.asarray(np.maximum(*(v / most for v, most in zip(speeds, allowed, strict=True)))[:, None])
+
+
+def bounds_on_pieces(path: Path, bound: Array, name: str) -> Array:
+    """Return the bounds on the pieces between a path's breaks; the lesser one on a piece that belongs to two segments."""
+    if bound.size != path.segments:
+        several = f"{path.segments} numbers, one for each segment of the {path.name}, or one number"
+        one = f"one number: a {path.name} has one segment"
+        raise InvalidInput(f"limits.{name}", f"{bound.size} numbers", several if path.segments > 1 else one)
+    return path.least_on_pieces(bound)
+
+
+def bound_at(path: Path, bound: Array, s: Array, name: str) -> Array:
+    """Return the bounds at positions along a path; at a break the lesser of both sides."""
+    pieces, inner, near = bounds_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+    return np.minimum(pieces[np.searchsorted(inner, s - near)], pieces[np.searchsorted(inner, s + near)])
+
+
+def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, Array]:
+    """Return the bounds just after the start, and just before the end, of intervals of a path."""
+    pieces, inner, near = bounds_on_pieces(path, bound, name), path.breaks[1:-1], AT_BREAK * path.end
+    return pieces[np.searchsorted(inner, s[:-1] + near)], pieces[np.searchsorted(inner, s[1:] - near)]
+
+
+class ToolSpeed(ToolSpeedLimit):
+    """Greatest speed |v| of the tool's point."""
+
+    name: ClassVar[str] = "tool_speed"
+    units: ClassVar[tuple[str, str]] = ("m/s", "m/s")
+    part: ClassVar[int] = 0
+
+
+class RotationSpeed(ToolSpeedLimit):
+    """Greatest speed |ω| of the tool's rotation."""
+
+    name: ClassVar[str] = "rotation_speed"
+    units: ClassVar[tuple[str, str]] = ("rad/s", "rad/s")
+    part: ClassVar[int] = 1
+
+
+FOLDER = "planners.limits"
+"""Folder, and group of entry points, in which each further limit is a file."""
+FIELD_LIMITS: tuple[Limit, ...] = (
+    Velocity(), Acceleration(), Jerk(), ToolSpeed(), RotationSpeed(), Torque(), TorqueRate()
+)  # fmt: skip
+"""The limits that are arguments of `MotionLimits`, in the order of its arguments, of files and of reports."""
+ALL_LIMITS = tuple(kind.name for kind in FIELD_LIMITS)
+"""Names of the limits that are arguments of `MotionLimits`."""
+DERIVATIVES = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, DerivativeLimit))
+"""Names of the limits on derivatives of every joint, by order."""
+TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool")
+"""Names of the limits of the tool."""
+LOADED = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, LoadedLimit))
+"""Names of the limits that need the arm's masses. Files contain them only if they are given."""
+
+_BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
+"""Limits that are fields of `MotionLimits`, by name."""
+_ADDED: dict[str, Limit] = {}
+"""Limits that `register` added in this process, by name."""
+
+
+def register(kind: Limit) -> None:
+    """Register a kind of limit by its name for ``MotionLimits(extra=...)`` and motion files, in this process."""
+    if not isinstance(kind, Limit):
+        raise InvalidInput("kind", repr(kind)[:60], "a Limit")
+    taken = kind.name in (*ALL_LIMITS, *names(FOLDER)) or type(_ADDED.get(kind.name, kind)) is not type(kind)
+    if taken:
+        raise InvalidInput("kind", f"the name {kind.name!r}", "a name that no other limit has")
+    _ADDED[kind.name] = kind
+
+
+def is_known(name: object) -> bool:
+    """Return whether there is a limit of a name."""
+    return name in _BY_NAME or name in _ADDED or name in names(FOLDER)
+
+
+def check_names(names: object, argument: str) -> tuple[str, ...]:
+    """Check that a tuple consists of names of limits, and return it."""
+    expected = f"a tuple of names of limits, out of {', '.join((*ALL_LIMITS, *_ADDED))}"
+    if not isinstance(names, tuple):
+        raise InvalidInput(argument, repr(names)[:60], expected)
+    unknown = [name for name in names if not is_known(name)]
+    if unknown:
+        raise InvalidInput(argument, repr(unknown[0])[:60], expected)
+    return names
+
+
+def kind_of(name: str) -> Limit:
+    """Return the kind of limit of a name."""
+    found = _BY_NAME.get(name) or _ADDED.get(name)
+    if found is not None:
+        return found
+    if name not in names(FOLDER):
+        raise UnknownName("limit", name, (*ALL_LIMITS, *names(FOLDER), *_ADDED))
+    return _from_folder(name)
+
+
+@cache
+def _from_folder(name: str) -> Limit:
+    kind: Limit = build_method(FOLDER, name, "limit")
+    return kind
