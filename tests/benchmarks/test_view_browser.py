@@ -133,6 +133,27 @@ def test_the_tool_is_drawn_where_it_is_and_up_is_up(opened: Browser) -> None:
         assert abs(above[0] - at_base[0]) < 12.0  # upright, but for the perspective
 
 
+@pytest.mark.parametrize("b", [[0.3, 0.1, 0.2], [0.1, 0.2, -0.4]], ids=["long", "sphere"])
+def test_a_capsules_mesh_is_closed_and_lies_on_it(opened: Browser, b: list[float]) -> None:
+    a, end, radius = np.array([0.1, 0.2, -0.4]), np.array(b), 0.05
+    mesh = opened.run(
+        "(({points, triangles}) => ({points: [...points], triangles: [...triangles]}))(Draw.capsuleMesh())"
+    )
+    shape, along = np.reshape(mesh["points"], (-1, 4)), end - a
+    z = along / np.linalg.norm(along) if along.any() else np.array([0.0, 0.0, 1.0])
+    x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [1.0, 0.0, 0.0])
+    x /= np.linalg.norm(x)
+    normals = shape[:, :3] @ np.array([x, np.cross(z, x), z])  # as the shader turns them
+    vertices = a + shape[:, 3:] * along + radius * normals
+    u = np.clip((vertices - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    np.testing.assert_allclose(np.linalg.norm(vertices - a - u[:, None] * along, axis=1), radius, atol=1e-7)
+    corners = vertices[np.reshape(mesh["triangles"], (-1, 3))]
+    outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    volume = float(np.sum(corners[:, 0] * outwards)) / 6.0  # by the divergence theorem: outwards, and closed
+    exact = np.pi * radius**2 * (np.linalg.norm(along) + 4.0 / 3.0 * radius)
+    assert 0.95 * exact < volume < exact
+
+
 def test_it_plays_to_the_end_and_again_from_the_start(opened: Browser) -> None:
     end = opened.run("optikView.end")
     assert end == pytest.approx(planned().trajectory.duration + 0.1)

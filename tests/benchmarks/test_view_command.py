@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -11,17 +12,18 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
 
 from optik.errors import InvalidInput
 from planners.cell.drives import Drive, make_drive
-from planners.cell.view.live import Viewer
+from planners.cell.view.live import SAME_PAGE, Viewer
+from planners.cell.view.page import make_page
 from planners.cell.view.show import show_motion
 from tests.benchmarks.browser import CHROMIUM, Browser
-from tests.benchmarks.conftest import hide
 from tests.oracles import REPOSITORY
 from tests.planners.motions import planned
 
@@ -43,16 +45,6 @@ def test_a_page_of_a_motion_in_any_format(typed: Any, tmp_path: Path, suffix: st
     assert (status, said) == (0, "")
     assert "page.html" in out
     assert 10_000 < (tmp_path / "page.html").stat().st_size < 2_000_000
-
-
-def test_a_page_needs_no_viser_and_the_server_names_the_extra(
-    typed: Any, motion: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    hide(monkeypatch, "viser")
-    assert typed("view", str(motion), "--html", str(tmp_path / "page.html"))[0] == 0
-    status, _, said = typed("view", str(motion), "--port", "0")
-    assert status == 2
-    assert "optik-toolkit[view]" in said
 
 
 def test_a_page_of_a_simulated_execution(typed: Any, motion: Path, tmp_path: Path) -> None:
@@ -126,8 +118,6 @@ def test_a_port_in_use_is_one_line(typed: Any, motion: Path) -> None:
 
 @pytest.fixture
 def viewer() -> Iterator[Viewer]:
-    pytest.importorskip("viser")
-
     def drive() -> Drive:
         return make_drive("ideal", planned().robot, pace=2.0)
 
@@ -136,51 +126,65 @@ def viewer() -> Iterator[Viewer]:
     made.close()
 
 
-def until_done(viewer: Viewer) -> None:
-    end = time.monotonic() + 60.0
-    while viewer.thread is not None:
-        viewer.step(0.02)
+def ask(viewer: Viewer, path: str, **options: Any) -> bytes:
+    with urlopen(Request(f"{viewer.url}/{path}", **options), timeout=30) as answer:
+        return bytes(answer.read())
+
+
+def refused(viewer: Viewer, path: str, **options: Any) -> int:
+    with pytest.raises(HTTPError) as error:
+        ask(viewer, path, **options)
+    error.value.close()
+    return error.value.code
+
+
+def state(viewer: Viewer) -> dict[str, Any]:
+    return dict(json.loads(ask(viewer, "state")))
+
+
+def press(viewer: Viewer, button: str) -> None:
+    ask(viewer, button, method="POST", headers={SAME_PAGE: "1"})
+
+
+def until_done(viewer: Viewer) -> list[dict[str, Any]]:
+    end, seen = time.monotonic() + 60.0, [state(viewer)]
+    while seen[-1]["running"]:
         time.sleep(0.02)
+        seen.append(state(viewer))
         assert time.monotonic() < end
+    return seen
 
 
 def test_a_simulated_drive_is_followed_and_then_shown(viewer: Viewer) -> None:
-    viewer.start()
-    until_done(viewer)
+    assert ask(viewer, "").decode() == make_page(viewer.show, live=True)
+    press(viewer, "start")
+    seen = [each for each in until_done(viewer) if "q" in each]
+    assert len(seen) > 5
     assert viewer.moment is not None and viewer.show.executed is not None
+    for each in seen:
+        np.testing.assert_allclose(each["q"], viewer.show.executed.at(each["t"])[0], atol=1e-6)
     np.testing.assert_allclose(viewer.moment.actual, planned().trajectory(planned().trajectory.duration), atol=1e-4)
     assert dict(viewer.show.facts)["Execution"] == "done"
-    last = viewer.stage.frames[-1]
-    np.testing.assert_allclose(last.position, planned().robot.fk(viewer.show.executed.q[-1])[:3, 3], atol=1e-6)
+    assert state(viewer) == {"running": False, "runs": 1, "words": "ideal: done"}
+    assert b"on the drive ideal" in ask(viewer, "")
     assert viewer.url.startswith("http://127.0.0.1:")
 
 
 def test_a_simulated_drive_is_stopped_on_request(viewer: Viewer) -> None:
-    viewer.start()
+    press(viewer, "start")
     end = time.monotonic() + 60.0
-    while viewer.moment is None or viewer.moment.t < 0.1:
-        viewer.step(0.02)
-        time.sleep(0.005)
+    while state(viewer).get("t", 0.0) < 0.1:
         assert time.monotonic() < end
-    viewer.stopped.set()
+    press(viewer, "stop")
     until_done(viewer)
     assert dict(viewer.show.facts)["Execution"] == "stopped"
 
 
-def test_it_plays_to_the_end(viewer: Viewer) -> None:
-    viewer.play(True)
-    viewer.step(0.3)
-    assert viewer.time.value == pytest.approx(0.3)
-    q = planned().trajectory(0.3)
-    np.testing.assert_allclose(viewer.stage.frames[-1].position, planned().robot.fk(q)[:3, 3], atol=1e-6)
-    viewer.step(1.0)
-    assert not viewer.playing
-    assert viewer.time.value == pytest.approx(viewer.show.duration)
-
-
-def test_nothing_is_ever_shared_and_no_real_drive_is_run(viewer: Viewer) -> None:
-    assert viewer.server.request_share_url() is None
-    assert viewer.server._share_tunnel is None
+def test_other_pages_cannot_run_it_and_no_real_drive_is_run(viewer: Viewer) -> None:
+    for options in ({"method": "POST"}, {"method": "POST", "headers": {"Content-Type": "text/plain"}}):
+        assert refused(viewer, "start", **options) == 403
+    assert refused(viewer, "../etc/passwd") == 404
+    assert not state(viewer)["running"] and viewer.runs == 0
 
     class Real:
         simulated = False
@@ -189,8 +193,31 @@ def test_nothing_is_ever_shared_and_no_real_drive_is_run(viewer: Viewer) -> None
         Viewer(show_motion(planned()), port=0, plan=planned(), drive=Real)  # type: ignore[arg-type]
 
 
+def test_without_a_drive_the_page_is_that_of_a_file() -> None:
+    viewer = Viewer(show_motion(planned()), port=0)
+    try:
+        assert ask(viewer, "").decode() == make_page(show_motion(planned()))
+    finally:
+        viewer.close()
+
+
+def test_the_page_follows_the_simulated_drive(viewer: Viewer, tmp_path: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    with Browser(tmp_path) as browser:
+        browser.emulate(width=1280)
+        browser.send("Page.navigate", url=viewer.url)
+        browser.until("window.optikView && document.getElementById('run') && !document.getElementById('run').disabled")
+        browser.run("document.getElementById('run').click()")
+        browser.until("optikView.shown.time > 0.1")
+        assert not browser.run("document.getElementById('halt').disabled")
+        assert browser.run("document.getElementById('joints').textContent.includes('–°/s')")
+        browser.until("document.title.includes('ideal') && window.optikView")
+        browser.until("document.getElementById('words').textContent === 'ideal: done'")
+        assert browser.errors == []
+
+
 def test_the_server_as_a_process_shows_it_on_loopback_and_ends_with_ctrl_c(motion: Path, tmp_path: Path) -> None:
-    pytest.importorskip("viser")
     command = [sys.executable, "-m", "benchmarks.cli", "view", str(motion), "--port", "0"]
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
     with subprocess.Popen(
@@ -218,11 +245,9 @@ def seen_in_chromium(url: str, scratch: Path) -> None:
     with Browser(scratch) as browser:
         browser.emulate(width=1280)
         browser.send("Page.navigate", url=url)
-        browser.until("document.querySelector('canvas') && document.body.textContent.includes('20.00°')")
-        buttons = browser.run("[...document.querySelectorAll('button')].map(b => b.textContent).filter(Boolean)")
-        assert "Play" in buttons
-        assert not any("share" in words.lower() for words in buttons)
-        browser.run("[...document.querySelectorAll('button')].find(b => b.textContent === 'Play').click()")
+        browser.until("window.optikView && document.body.textContent.includes('20.00°')")
+        assert browser.run("document.getElementById('run')") is None
+        browser.run("document.getElementById('play').click()")
         browser.until("document.body.textContent.includes('52.74°')", 30.0)  # where it ends
-        assert [words for words in browser.errors if "deprecated" not in words] == []
+        assert browser.errors == []
         assert {asked for asked in browser.requests if not asked.startswith((url, "about:"))} == set()

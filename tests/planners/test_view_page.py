@@ -19,7 +19,6 @@ from optik.types import Array
 from planners.cell import Cell, Outcome, PanTiltLaser, Spot
 from planners.cell.drives import make_drive
 from planners.cell.drives._options import Stall
-from planners.cell.view._stage import capsule_mesh
 from planners.cell.view.page import MOST_PAGE, make_page, write_page
 from planners.cell.view.show import (
     Show,
@@ -187,23 +186,6 @@ def test_an_execution_is_shown_beside_what_was_sent() -> None:
     assert refused.executed is None
     assert dict(refused.facts)["Execution"] == "refused"
     assert dict(refused.facts)["Reason"]
-
-
-# ---------------------------------------------------------------- what the live viewer draws
-
-
-@pytest.mark.parametrize("b", [[0.3, 0.1, 0.2], [0.1, 0.2, -0.4]], ids=["long", "sphere"])
-def test_a_capsules_mesh_is_closed_and_lies_on_it(b: list[float]) -> None:
-    a, end, radius = np.array([0.1, 0.2, -0.4]), np.array(b), 0.05
-    vertices, faces = capsule_mesh(a, end, radius)
-    along = end - a
-    u = np.clip((vertices - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    np.testing.assert_allclose(np.linalg.norm(vertices - a - u[:, None] * along, axis=1), radius, atol=1e-12)
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    volume = float(np.sum(corners[:, 0] * normals)) / 6.0  # by the divergence theorem: outwards, and closed
-    exact = np.pi * radius**2 * (np.linalg.norm(along) + 4.0 / 3.0 * radius)
-    assert 0.95 * exact < volume < exact
 
 
 def test_a_track_between_its_instants_is_the_motion(show: Show) -> None:

@@ -206,5 +206,5 @@ const Draw = (() => {
     return { gl, solid, mesh, line, capsules, triangles, lines };
   };
 
-  return { on, camera, across, minus };
+  return { on, camera, across, minus, capsuleMesh };
 })();

@@ -1,8 +1,9 @@
 "use strict";
 // The player: the picture, the time with its controls, and the camera by mouse, touch and keys. `$` finds elements by name.
 
-/** Text of a number with a fixed count of decimals, without a sign if it is 0. */
+/** Text of a number with a fixed count of decimals, without a sign if it is 0; a dash for NaN. */
 const decimals = (value, digits) => {
+  if (Number.isNaN(value)) return "–";
   const text = value.toFixed(digits);
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 };
@@ -19,13 +20,15 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
   const ends = () => ($("beside") ? [shown.track, second()] : Object.keys(tracks)).map(name => tracks[name]?.end || 0);
   const end = () => Math.max(...ends());
 
-  const state = (time, name = shown.track) => {
-    const { q, dq } = tracks[name].at(time), poses = arm.frames(q);
+  const describe = ({ q, dq }) => {
+    const poses = arm.frames(q);
     return { q, dq, poses, tool: Arm.origin(poses[arm.n + 1]), velocity: arm.velocity(poses, dq) };
   };
+  const state = (time, name = shown.track) => describe(tracks[name].at(time));
+  let followed = null;
   const draw = () => {
     shown.frame = 0;
-    const now = state(shown.time), other = tracks[second()] && second() !== shown.track ? state(shown.time, second()) : now;
+    const now = followed ? describe(followed) : state(shown.time), other = tracks[second()] && second() !== shown.track ? state(shown.time, second()) : now;
     $("clock").textContent = `${decimals(shown.time, 3)} s of ${decimals(end(), 3)} s`;
     $("time").max = end();
     $("time").value = shown.time;
@@ -38,8 +41,14 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
   // ---- time
 
   const seek = time => {
+    followed = null;
     shown.time = Math.min(end(), Math.max(0, time));
     ask();
+  };
+  /** Show a configuration of another source, at a time of the motion. */
+  const follow = (time, q) => {
+    seek(time);
+    followed = { q, dq: q.map(() => NaN) };
   };
   const play = on => {
     shown.playing = on;
@@ -145,5 +154,5 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
     ask();
   }).observe(canvas);
   begin();
-  return { shown, state, seek, play, draw, ask, camera, get end() { return end(); } };
+  return { shown, state, seek, follow, play, draw, ask, camera, get end() { return end(); } };
 };
