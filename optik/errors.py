@@ -28,15 +28,17 @@ class InvalidInput(OptikError, ValueError):
 
     Attributes
     ----------
-    argument, got, expected : str
-        Name of the argument, the value that was passed, and the values that are allowed, in words.
+    argument, got, expected, advice : str
+        Name of the argument, the value that was passed, and the values that are allowed, in words; and what to type instead,
+        or empty.
     """
 
-    def __init__(self, argument: str, got: object, expected: str) -> None:
-        super().__init__(f"{argument}: expected {expected}; got {got}")
+    def __init__(self, argument: str, got: object, expected: str, *, advice: str = "") -> None:
+        super().__init__(f"{argument}: expected {expected}; got {got}{'; ' + advice if advice else ''}")
         self.argument = argument
         self.got = str(got)
         self.expected = expected
+        self.advice = advice
 
 
 class Unsupported(InvalidInput):

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 import optik
-from benchmarks.cli.planning import PlanOptions, read_limits
-from benchmarks.cli.shared import (
-    NUMBERS,
-    AsJson,
-    RobotName,
-    StartDeg,
+from benchmarks.cli.command import (
+    MotionCommand,
     err_console,
-    load_arm,
+    numbers,
+    option,
     out_console,
     print_json,
-    print_start,
     read_numbers,
-    read_start,
+    translate,
 )
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
-from optik.registry import names
+from optik.file_io import write_atomically
 
 if TYPE_CHECKING:
     from planners.cell import Outcome, PanTiltLaser
@@ -39,118 +36,85 @@ WAY = (-0.12, 0.0, 0.20)
 ASIDE, RAISED = 0.3, 0.3
 """Position of the laser unit [m]: to the left of the arm's base as seen towards the spot, and above base and spot, so that the
 beam does not graze the graph paper."""
-TYPED_NOISE = "0.2,0.5"
-"""Default noise of the readings [mrad, mm]: a unit with 13-bit encoders and a range finder of its class."""
 POSE_STREAM = 1
 """Second seed of the miscalibration, which keeps its random numbers independent of the noise of the readings."""
 
 
-Spot = Annotated[
-    str,
-    typer.Option(
-        metavar=NUMBERS,
-        help="True position of the spot: x,y,z in the base frame [m]; by default the end of the paper's line.",
-    ),
-]
-Drive = Annotated[str, typer.Option(help="ideal or mujoco; by default mujoco if it is installed, else ideal.")]
-Noise = Annotated[
-    str, typer.Option(metavar=NUMBERS, help="Standard deviations of pan and tilt [mrad] and of the range [mm].")
-]
-Miscalibration = Annotated[
-    str,
-    typer.Option(
-        metavar=NUMBERS,
-        help="Distance of the laser's true pose from the calibrated one [mm, mrad]; its direction is random (--seed).",
-    ),
-]
-Timing = Annotated[
-    str, typer.Option(help=f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.")
-]
-Solver = Annotated[str, typer.Option(help=f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.")]
-Out = Annotated[Path, typer.Option(help="Page to write, FILE.html; the data goes to FILE.json.")]
-
-
-def cell(
-    robot: RobotName = "paper6r",
-    spot: Spot = "",
-    start_deg: StartDeg = "",
-    drive: Drive = "",
-    corrections: Annotated[int, typer.Option(help="Number of correction passes, each with new readings.")] = 0,
-    readings: Annotated[int, typer.Option(help="Readings of the spot, and of the tool for each correction.")] = 1,
-    noise: Noise = TYPED_NOISE,
-    miscalibration: Miscalibration = "0,0",
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
-    velocity: Annotated[
-        float | None, typer.Option(help="Velocity limit of every joint [rad/s, sliding m/s]; by default the robot's.")
-    ] = None,
-    acceleration: Annotated[
-        float | None, typer.Option(help="Acceleration limit of every joint [rad/s², sliding m/s²].")
-    ] = None,
-    jerk: Annotated[float | None, typer.Option(help="Jerk limit of every joint [rad/s³, sliding m/s³].")] = None,
-    timing: Timing = "optimal",
-    solver: Solver = "lm",
-    out: Out = Path("optik-cell.html"),
-    as_json: AsJson = False,
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CellCommand(MotionCommand):
     """Move the tool of a simulated arm to a laser spot.
 
     A simulated pan-tilt laser measures the spot on the graph paper, which lies on a level table. optik plans and certifies
     a straight line to it, a simulated drive executes the line, and the error of the tool is split into laser, inverse
     kinematics, path and servo. The exit status is 0 if the tool arrived, and 1 if a step failed.
     """
-    from planners.cell import Cell, Plane
-    from planners.timing import make_law
 
-    _check_counts(seed, corrections, readings)
-    if out.suffix.lower() != ".html":
-        raise InvalidInput("--out", str(out), "a name that ends in .html")
-    law, arm = make_law(timing), load_arm(robot)
-    (q, words), (chosen, why) = read_start(arm, robot, start_deg), choose_drive(drive)
-    point = arm.fk(q)[:3, 3] + WAY if not spot.strip() else np.array(read_numbers(spot, "--spot", 3))
-    if not np.isfinite(point).all():
-        raise InvalidInput("--spot", spot, "three finite numbers [m]")
-    laser = add_pose_covariance(make_laser(arm, point, noise), miscalibration)
-    limits = read_limits(arm, PlanOptions(velocity=velocity, acceleration=acceleration, jerk=jerk, timing=timing), law)
-    there = Cell(arm, laser, chosen, limits, unit=displace_laser(laser, miscalibration, seed), seed=seed, q=q)
-    outcome = there.move_to_spot(
-        there.read(point, readings), plane=Plane(point, laser.pose[:3, 2]), corrections=corrections, readings=readings,
-        timing=law, solver=solver,
-    )  # fmt: skip
-    print_start(words)
-    report(outcome, chosen, why, out, as_json)
+    spot: str = numbers(
+        "Task", "True position of the spot: x,y,z in the base frame [m]; by default the end of the paper's line.", ""
+    )
+    drive: str = option("Task", "ideal or mujoco; by default mujoco if it is installed, else ideal.", "")
+    corrections: int = option("Task", "Number of correction passes, each with new readings.", 0)
+    readings: int = option("Task", "Readings of the spot, and of the tool for each correction.", 1)
+    # The default is a unit with 13-bit encoders and a range finder of its class.
+    noise: str = numbers("Task", "Standard deviations of pan and tilt [mrad] and of the range [mm].", "0.2,0.5")
+    miscalibration: str = numbers(
+        "Task",
+        "Distance of the laser's true pose from the calibrated one [mm, mrad]; its direction is random (--seed).",
+        "0,0",
+    )
+    seed: int = option("Task", "Seed of all random numbers.", 0)
+    out: Path = option("Output", "Page to write, FILE.html; the data goes to FILE.json.", Path("optik-cell.html"))
 
+    def run(self) -> None:
+        """Run the task, write its page and data, and print the outcome; exit with status 1 if the tool did not arrive."""
+        from planners.cell import Cell, Plane
+        from planners.timing import make_law
 
-def _check_counts(seed: int, corrections: int, readings: int) -> None:
-    """Raise InvalidInput for a count out of range."""
-    from planners.cell._parts import MOST_READINGS
-    from planners.cell.cell import MOST_ROUNDS
+        self._check_counts()
+        if self.out.suffix.lower() != ".html":
+            raise InvalidInput("--out", self.out, "a name that ends in .html")
+        law, start, (drive, why) = make_law(self.timing), self.load_start(), choose_drive(self.drive)
+        arm = start.arm
+        point = np.array(read_numbers(self.spot, "--spot", 3)) if self.spot else arm.fk(start.q)[:3, 3] + WAY
+        if not np.isfinite(point).all():
+            raise InvalidInput("--spot", self.spot, "three finite numbers [m]")
+        away = _read_least_zero(self.miscalibration, "--miscalibration", "distance [mm], angle [mrad]")
+        laser = _add_pose_covariance(make_laser(arm, point, self.noise), away)
+        unit = displace_laser(laser, away, self.seed)
+        there = Cell(arm, laser, drive, self.read_limits(arm, law), unit=unit, seed=self.seed, q=start.q)
+        outcome = there.move_to_spot(
+            there.read(point, self.readings), plane=Plane(point, laser.pose[:3, 2]), corrections=self.corrections,
+            readings=self.readings, timing=law, solver=self.solver,
+        )  # fmt: skip
+        start.print_default()
+        self._report(outcome, drive, why)
 
-    check_count(seed, "--seed", 0)
-    check_count(corrections, "--corrections", 0, MOST_ROUNDS)
-    check_count(readings, "--readings", 1, MOST_READINGS)
+    def _check_counts(self) -> None:
+        """Raise InvalidInput for a count out of range."""
+        from planners.cell._parts import MOST_READINGS
+        from planners.cell.cell import MOST_ROUNDS
 
+        check_count(self.seed, "--seed", 0)
+        check_count(self.corrections, "--corrections", 0, MOST_ROUNDS)
+        check_count(self.readings, "--readings", 1, MOST_READINGS)
 
-def report(outcome: Outcome, drive: str, why: str, out: Path, as_json: bool) -> None:
-    """Write page and data and print the outcome; exit with status 1 if the tool did not arrive."""
-    from optik.file_io import write_atomically
-
-    page = write_task_page(outcome, out)
-    data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
-    file = out.with_suffix(".json")
-    write_atomically(file, lambda part: part.write_text(json.dumps(data, allow_nan=False, indent=1), encoding="utf-8"))
-    if as_json:
-        print_json(data)
-    else:
-        print_outcome(outcome, why)
-        written = f"data: {file}" if page is None else f"page: {page} (open it in a browser), data: {file}"
-        out_console.print(written, highlight=False, soft_wrap=True)
-    if outcome.failed is not None:
-        said = (
-            f"not arrived: {outcome.status} at step {outcome.failed.name}: {outcome.reason}; to try: {outcome.advice}"
-        )
-        err_console.print(said, style="yellow", markup=False, highlight=False, soft_wrap=True)
-    if not outcome:
-        raise typer.Exit(1)
+    def _report(self, outcome: Outcome, drive: str, why: str) -> None:
+        """Write page and data and print the outcome."""
+        page, file = _write_page(outcome, self.out), self.out.with_suffix(".json")
+        data = outcome.to_dict() | {"drive": drive, "page": None if page is None else str(page)}
+        text = json.dumps(data, allow_nan=False, indent=1)
+        write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
+        if self.as_json:
+            print_json(data)
+        else:
+            _print_outcome(outcome, why)
+            written = f"data: {file}" if page is None else f"page: {page} (open it in a browser), data: {file}"
+            out_console.print(written, soft_wrap=True)
+        if outcome.failed is not None:
+            words = f"{outcome.status} at step {outcome.failed.name}: {outcome.reason}; to try: {outcome.advice}"
+            err_console.print(f"not arrived: {translate(words)}", style="yellow", soft_wrap=True)
+        if not outcome:
+            raise typer.Exit(1)
 
 
 # ---------------------------------------------------------------- the cell
@@ -161,9 +125,7 @@ def make_laser(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     from optik import se3
     from planners.cell import PanTiltLaser
 
-    angle, distance = read_numbers(noise, "--noise", 2)
-    if not (0.0 <= angle < np.inf and 0.0 <= distance < np.inf):
-        raise InvalidInput("--noise", noise, "two numbers of 0 or more: pan and tilt [mrad], range [mm]")
+    angle, distance = _read_least_zero(noise, "--noise", "pan and tilt [mrad], range [mm]")
     up = -np.asarray(arm.gravity) / np.linalg.norm(arm.gravity)
     ahead = point - up * (up @ point)
     if np.linalg.norm(ahead) < 1e-6:  # the spot is above the base: any level direction faces it
@@ -174,25 +136,25 @@ def make_laser(arm: optik.Robot, point: Any, noise: str) -> PanTiltLaser:
     return PanTiltLaser(pose, angle_noise=1e-3 * angle, range_noise=1e-3 * distance)
 
 
-def add_pose_covariance(laser: PanTiltLaser, typed: str) -> PanTiltLaser:
-    """Return the calibrated unit, with a covariance of its pose that matches the miscalibration in every direction."""
-    away = np.repeat(1e-3 * np.array(_away(typed)), 3)
-    return laser.with_pose(laser.pose, np.diag(away**2 / 3.0)) if away.any() else laser
+def _read_least_zero(text: str, name: str, what: str) -> list[float]:
+    """Read two numbers of 0 or more."""
+    values = read_numbers(text, name, 2)
+    if not all(0.0 <= value < np.inf for value in values):
+        raise InvalidInput(name, text, f"two numbers of 0 or more: {what}")
+    return values
 
 
-def _away(typed: str) -> tuple[float, float]:
-    """Return the distance of the true unit from the calibrated one [mm, mrad]."""
-    far, turned = read_numbers(typed, "--miscalibration", 2)
-    if not (0.0 <= far < np.inf and 0.0 <= turned < np.inf):
-        raise InvalidInput("--miscalibration", typed, "two numbers of 0 or more: distance [mm], angle [mrad]")
-    return far, turned
+def _add_pose_covariance(laser: PanTiltLaser, away: list[float]) -> PanTiltLaser:
+    """Return the calibrated unit, with the covariance of a displacement [mm, mrad] of its pose in a random direction."""
+    spread = np.repeat(1e-3 * np.array(away), 3)
+    return laser.with_pose(laser.pose, np.diag(spread**2 / 3.0)) if spread.any() else laser
 
 
-def displace_laser(laser: PanTiltLaser, typed: str, seed: int) -> PanTiltLaser:
-    """Return the true unit, displaced from its calibrated pose in a random direction."""
+def displace_laser(laser: PanTiltLaser, away: list[float], seed: int) -> PanTiltLaser:
+    """Return the true unit, displaced [mm, mrad] from its calibrated pose in a random direction."""
     from optik import se3
 
-    far, turned = _away(typed)
+    far, turned = away
     v, w = (x / np.linalg.norm(x) for x in np.random.default_rng([seed, POSE_STREAM]).normal(size=(2, 3)))
     pose = np.array(laser.pose)
     pose[:3, 3] += 1e-3 * far * v
@@ -218,7 +180,7 @@ def choose_drive(typed: str) -> tuple[str, str]:
 # ---------------------------------------------------------------- what it says
 
 
-def write_task_page(outcome: Outcome, file: Path) -> Path | None:
+def _write_page(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task."""
     from planners.cell.view.page import write_page
     from planners.cell.view.show import show_outcome
@@ -231,16 +193,16 @@ def write_task_page(outcome: Outcome, file: Path) -> Path | None:
     return file
 
 
-def _took(seconds: float) -> str:
+def _format_seconds(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.1f} ms"
 
 
-def print_outcome(outcome: Outcome, why: str) -> None:
+def _print_outcome(outcome: Outcome, why: str) -> None:
     """Print the steps, the errors and the rounds of a task."""
     table = Table("step", "", "time", "result", title=f"{outcome.robot.name} to a laser spot, {why}")
     for step in outcome.steps:
-        mark = "ok" if step.ok else "[red]failed[/red]"
-        table.add_row(step.name, mark, _took(step.seconds), escape(step.reason))
+        mark = Text("ok") if step.ok else Text("failed", style="red")
+        table.add_row(step.name, mark, _format_seconds(step.seconds), translate(step.reason))
     out_console.print(table)
     if outcome.error is not None:
         errors = Table("final error", "x, mm", "y, mm", "z, mm", "length, mm")
@@ -257,4 +219,4 @@ def print_outcome(outcome: Outcome, why: str) -> None:
                 "the first error is below the noise floor, so corrections cannot reduce it; more --readings lower the floor"
             )
     for note in outcome.notes:
-        out_console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+        out_console.print(f"note: {note}", soft_wrap=True)

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.cli.shared import out_console
-from optik.arm.units import unit_factors, unit_names
-from optik.errors import NoSolution
+from benchmarks.cli.command import out_console, translate
 
 EXACT_EXCESS = 5e-13
 """Excess over a limit [1] that is not shown: the rounding of exact extrema."""
@@ -69,25 +67,12 @@ def describe_clearance(found: Any) -> str:
     )
 
 
-def check_motion(plan: Any) -> None:
-    """Raise NoSolution if a plan has no motion, with joint limits in degrees and millimetres."""
-    if plan.has_motion:
-        return
-    failure, arm = plan.failure, plan.robot
-    reason = failure.reason
-    if failure.status == "outside_limits" and failure.joint is not None:
-        i = arm.joint_names.index(failure.joint)
-        low, high = (bound[i] * unit_factors(arm)[i] for bound in (arm.limits.lower, arm.limits.upper))
-        reason = f"{failure.joint} leaves its range [{low:.4g}, {high:.4g}]{unit_names(arm)[i]} at s = {failure.s:.4g}"
-    raise NoSolution(reason, s=failure.s, joint=failure.joint, advice=failure.advice)
-
-
 def print_certificate(plan: Any) -> None:
     """Print a plan's certificate."""
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
-    way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{plan.path.end:.4g} rad"
+    way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
     table = Table(
         "", "peak / limit", "joint", "time, s", "enforced",
         title=f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s",
@@ -103,26 +88,25 @@ def print_certificate(plan: Any) -> None:
     out_console.print(
         f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), tool speed "
         f"at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} at "
-        f"{proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}",
-        highlight=False,
+        f"{proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
-        out_console.print(describe_effort(plan), highlight=False)
+        out_console.print(describe_effort(plan))
     if proof.clearance is not None:
-        out_console.print(describe_clearance(proof.clearance), highlight=False)
+        out_console.print(describe_clearance(proof.clearance))
     if plan.slowed > 1.0:
         stretch = 100.0 * (plan.slowed - 1.0)
-        out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits", highlight=False)
+        out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
     beyond = [f for f in ALL_LIMITS if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
         words = ", ".join(f"{f.replace('_', ' ')} {format_excess(proof.worst(f)[0])}" for f in beyond)
-        out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow", highlight=False)
+        out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow")
     if proof.is_valid:
         kept = (
             "every limit that the law enforces is respected at every instant"
             if proof.enforced
             else f"joint ranges and path are respected; {plan.law} enforces no other limit"
         )
-        out_console.print(f"certificate valid: {kept}", style="green", highlight=False)
+        out_console.print(f"certificate valid: {kept}", style="green")
     else:
-        out_console.print("certificate NOT valid: " + "; ".join(proof.reasons), style="yellow", highlight=False)
+        out_console.print("certificate NOT valid: " + translate("; ".join(proof.reasons)), style="yellow")

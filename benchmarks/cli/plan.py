@@ -2,145 +2,374 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
+from abc import abstractmethod
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
 
 import optik
-from benchmarks.cli.planning import plan_app, plan_command
-from benchmarks.cli.shared import NUMBERS, read_configuration, read_numbers
+from benchmarks.cli.certificate import print_certificate
+from benchmarks.cli.command import (
+    ALLOW,
+    MotionCommand,
+    Start,
+    argument,
+    err_console,
+    format_numbers,
+    numbers,
+    option,
+    out_console,
+    print_json,
+    read_allowed,
+    read_configuration,
+    read_numbers,
+)
+from optik.arm.units import unit_factors
+from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.registry import names
+from optik.file_io import write_atomically
+from optik.plugins.files import is_path, split_links
+from optik.registry import load_method, names
 
-__all__ = ["plan_app"]
+if TYPE_CHECKING:
+    import planners
 
-PLACE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
+SILENT_START = 1e-4
+"""Largest difference [rad, m] between the given start and that of the motion for which no line is printed."""
+ROS = (".yaml", ".yml")
+"""Suffixes of ROS messages."""
+FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
+"""Suffixes of files that a plan can be written to without ``--format``."""
+
+POSE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
+MASS = "a mass [kg] such as 3, or an interval such as 0:3"
+"""Values of ``--payload``."""
+TORQUE_UNITS = {"torque": "[N·m, prismatic N]", "torque_rate": "[N·m/s, prismatic N/s]"}
+"""Units of torque limits, for messages."""
 
 
-@plan_command("line")
-def plan_line(
-    arm: optik.Robot,
-    q: Any,
-    move: Annotated[
-        str, typer.Option(metavar=NUMBERS, help="Goal minus start, in the base frame [m].")
-    ] = "-0.12,0,0.2",
-    turn_deg: Annotated[
-        str,
-        typer.Option(
-            metavar=NUMBERS,
-            help="Rotation of the tool along the line, as a rotation vector in the base frame [degrees].",
-        ),
-    ] = "0,0,0",
-) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class PlanCommand(MotionCommand):
+    """A command that plans a motion along a path, certifies it, and writes it."""
+
+    package_dir: str | None = option(
+        "Robot", "Folder of ROS packages for package:// meshes of a URDF, whose collision shapes are then loaded."
+    )
+    payload: str | None = option("Robot", "Mass of the payload [kg], or an interval: 0:3.")
+    samples: int = option("Method", "Number of samples of the path for inverse kinematics.", 151)
+    branch: str | None = option(
+        "Method",
+        "start: the branch of the start configuration (default); best: the best branch for the whole path (default if the "
+        "start configuration is not on the path).",
+    )
+    duration: float | None = option("Method", "Duration of the motion [s]; by default the shortest.")
+    strict: bool = option("Method", "Fail instead of stretching the duration to meet the limits.", False, "--strict")
+    tool_speed: str | None = numbers(
+        "Limits", "Limit on the speed of the tool point [m/s]; for a polyline also one per segment: 0.1,0.3."
+    )
+    rotation_speed: str | None = numbers(
+        "Limits", "Limit on the angular speed of the tool [rad/s]; for a polyline also one per segment."
+    )
+    torque: str | None = numbers(
+        "Limits", "Torque limits [N·m, prismatic N]: robot (default), none, or numbers: 87,87,12."
+    )
+    torque_rate: str | None = numbers(
+        "Limits", "Torque rate limits [N·m/s, prismatic N/s]: robot (default), none, or numbers."
+    )
+    allow: list[str] | None = option("Limits", ALLOW)
+    scene: str | None = option(
+        "Scene", "File of obstacles: .toml, .json or .urdf; or self, to check collisions between links only."
+    )
+    margin: float | None = option("Scene", "Least distance between arm and scene at every instant [m]; with --scene.")
+    out: Path | None = option("Output", "File for the motion: .json, .npz, .csv, or .yaml for ROS.")
+    out_failed: Path | None = option("Output", "File for a failed plan, FILE.json, for `optik view`; drives refuse it.")
+    rate: float | None = option("Output", "Points per second in --out FILE.yaml or .csv; by default one at each knot.")
+    format: str | None = option(
+        "Output", f"File format of --out, one of: {', '.join(names('planners.files'))}; or a file: ./tsv.py."
+    )
+
+    @abstractmethod
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the typed path."""
+
+    def run(self) -> None:
+        """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
+        import planners
+        from planners.certificate.certificate import find_forbidden
+        from planners.certificate.violation import LIMIT_WORDS, words_for
+
+        start = self.load_start()
+        path = self.make_path(start)
+        self._check_out()
+        allow, law, arm = read_allowed(self.allow), planners.make_law(self.timing), start.arm
+        plan = planners.plan(
+            arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
+            branch=self.branch or _choose_branch(start, path), duration=self.duration, strict=self.strict,
+            scene=self._load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS],
+        )  # fmt: skip
+        refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
+        valid = plan.has_motion and not refused
+        if valid and self.out is not None:
+            if self.out.suffix.lower() in ROS and self.format is None:
+                planners.to_ros(plan, self.out, rate=self.rate, allow=allow)
+            else:
+                plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
+        if not valid and self.out_failed is not None:
+            _write_failed(plan, self.out_failed)
+        start.print_default()
+        if self.as_json:
+            print_json(plan.to_dict())
+            raise typer.Exit(0 if valid else 1)
+        begin = plan.trajectory(0.0)  # raises NoSolution without a motion
+        print_certificate(plan)
+        if not valid:
+            permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
+            out_console.print(f"not written; {permission}" if self.out else permission)
+            raise typer.Exit(1)
+        if np.abs(begin - start.q).max() > SILENT_START:
+            out_console.print(f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}")
+        if self.out is not None:
+            out_console.print(f"written to {self.out}")
+
+    def load(self) -> optik.Robot:
+        """Load the robot with its payload."""
+        name = self.robot
+        if self.package_dir is not None:
+            path, links = split_links(name)
+            if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
+                raise InvalidInput("--package-dir", self.package_dir, f"no --package-dir, because {name} is not a URDF")
+            name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
+        arm = optik.load(name, tip=self.tip, base=self.base)
+        return arm if self.payload is None else _add_payload(arm, self.payload)
+
+    def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
+        """Return the typed limits by name."""
+        typed = super().read_typed_limits(arm)
+        for name in ("tool_speed", "rotation_speed"):
+            if (text := getattr(self, name)) is not None:
+                typed[name] = _unpack_one(read_numbers(text, f"--{name.replace('_', '-')}"))
+        for name in TORQUE_UNITS:
+            if (text := getattr(self, name)) is not None:
+                typed |= _read_torque_limit(arm, name, text)
+        return typed
+
+    def _check_out(self) -> None:
+        """Check before planning that the motion can be written in the requested format."""
+        out, rate = self.out, self.rate
+        if self.out_failed is not None and self.out_failed.suffix.lower() != ".json":
+            raise InvalidInput("--out-failed", self.out_failed, "a name that ends in .json")
+        if rate is not None:
+            check_number(rate, "--rate", "points per second, above 0", above=0.0)
+            if out is None or out.suffix.lower() not in (*ROS, ".csv"):
+                came = f"{rate:g} {f'with --out {out}' if out else 'without --out'}"
+                raise InvalidInput("--rate", came, "a file of points", advice="add --out FILE.yaml or --out FILE.csv")
+        if self.format is not None:
+            if out is None:
+                raise InvalidInput("--format", self.format, "a file", advice="add --out FILE")
+            load_method("planners.files", self.format, "file format")
+        elif out is not None and out.suffix.lower() not in FILES:
+            advice = "for another name add --format"
+            raise InvalidInput("--out", out, f"a name that ends in {', '.join(FILES)}", advice=advice)
+
+    def _load_scene(self, arm: optik.Robot) -> optik.Scene | None:
+        """Return the scene of ``--scene``."""
+        if self.margin is not None and not self.margin >= 0.0:
+            raise InvalidInput("--margin", self.margin, "a distance of 0 or more [m]")
+        if self.scene is None:
+            if self.margin is not None:
+                advice = "add --scene FILE, or --scene self"
+                raise InvalidInput("--margin", f"{self.margin:g} without --scene", "a scene", advice=advice)
+            return None
+        if arm.shapes is None:
+            advice = ""
+            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml")):
+                typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
+                advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
+            came = f"{self.scene} for {arm.name}, which has no shapes"
+            raise InvalidInput("--scene", came, "an arm whose file has shapes", advice=advice)
+        scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene)
+        return scene if self.margin is None else replace(scene, margin=self.margin)
+
+
+def _choose_branch(start: Start, path: Any) -> str:
+    """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
+    from planners.following.follow import START_TOLERANCE
+
+    return "start" if np.abs(start.arm.pose_errors(start.q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
+
+
+def _write_failed(plan: planners.Plan, file: Path) -> None:
+    """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
+    from planners.cell.view.recorded import failed_plan_data
+
+    text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
+    write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))
+    err_console.print(f"failed plan written to {file}; to see it: optik view {file}", soft_wrap=True)
+
+
+def _unpack_one(values: list[float]) -> Any:
+    """Return several numbers as they are, and one as itself."""
+    return values if len(values) > 1 else values[0]
+
+
+def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any]:
+    """Return a typed limit on torques or torque rates by its name; nothing for the robot's own."""
+    name, unit = f"--{field.replace('_', '-')}", TORQUE_UNITS[field]
+    if text == "none":
+        return {field: None}
+    if text == "robot":
+        from planners import MotionLimits
+
+        if getattr(MotionLimits.of(arm), field) is None:
+            raise InvalidInput(name, f"robot, but {arm.name} has no such limit", f"numbers {unit}, or none")
+        return {}
+    try:
+        values = read_numbers(text, name)
+    except InvalidInput:
+        values = []
+    if len(values) not in (1, arm.n):
+        raise InvalidInput(name, repr(text), f"robot, none, one number or {arm.n} numbers {unit}")
+    if arm.inertia is None:
+        raise InvalidInput(name, f"{text} for {arm.name}, whose masses are unknown", "an arm with masses, or none")
+    return {field: _unpack_one(values)}
+
+
+def _add_payload(arm: optik.Robot, payload: str) -> optik.Robot:
+    """Return the arm with the typed payload."""
+    try:
+        masses = [float(part) for part in payload.split(":")]
+    except ValueError:
+        masses = []
+    if len(masses) not in (1, 2) or masses != sorted(masses):
+        raise InvalidInput("--payload", repr(payload), MASS)
+    if arm.inertia is None:
+        raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
+    try:
+        return arm.with_payload(masses[0] if len(masses) == 1 else (masses[0], masses[1]))
+    except InvalidInput as error:
+        raise InvalidInput("--payload", error.got, error.expected) from None
+
+
+# ---------------------------------------------------------------- the paths
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineCommand(PlanCommand):
     """Plan and certify a motion of the tool along a straight line.
 
     The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
     """
-    import planners
-    from optik import se3
 
-    start = arm.fk(q)
-    turn = read_numbers(turn_deg, "--turn-deg", 3)
-    if np.linalg.norm(turn) > 180.0:
-        raise InvalidInput("--turn-deg", turn_deg, "a rotation vector of at most 180°: a line turns the shortest way")
-    goal = se3.pose(se3.exp_so3(np.deg2rad(turn)) @ start[:3, :3], start[:3, 3] + read_numbers(move, "--move", 3))
-    return planners.Line(start, goal)
+    move: str = numbers("Path", "Goal minus start, in the base frame [m].", "-0.12,0,0.2")
+    turn_deg: str = numbers(
+        "Path", "Rotation of the tool along the line, as a rotation vector in the base frame [degrees].", "0,0,0"
+    )
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the line."""
+        import planners
+        from optik import se3
+
+        T, turn = start.arm.fk(start.q), read_numbers(self.turn_deg, "--turn-deg", 3)
+        if np.linalg.norm(turn) > 180.0:
+            expected = "a rotation vector of at most 180°: a line turns the shortest way"
+            raise InvalidInput("--turn-deg", self.turn_deg, expected)
+        position = T[:3, 3] + read_numbers(self.move, "--move", 3)
+        return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
 
 
-@plan_command("arc")
-def plan_arc(
-    arm: optik.Robot,
-    q: Any,
-    via: Annotated[str, typer.Option(metavar=NUMBERS, help="Intermediate point x,y,z [m]; with --to.")] = "",
-    to: Annotated[str, typer.Option(metavar=NUMBERS, help=f"End pose: {PLACE}")] = "",
-    centre: Annotated[
-        str, typer.Option(metavar=NUMBERS, help="Point on the axis, x,y,z [m]; with --axis and --angle-deg.")
-    ] = "",
-    axis: Annotated[str, typer.Option(metavar=NUMBERS, help="Direction of the axis, x,y,z.")] = "0,0,1",
-    angle_deg: Annotated[float, typer.Option(help="Angle about the axis, right-handed [degrees].")] = 90.0,
-) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class ArcCommand(PlanCommand):
     """Plan and certify a motion of the tool along a circular arc: through a point to an end, or about an axis by an angle."""
-    import planners
 
-    start = arm.fk(q)
-    if bool(centre) == bool(via and to) or bool(via) != bool(to):
-        given = [name for name, text in (("--via", via), ("--to", to), ("--centre", centre)) if text]
+    via: str = numbers("Path", "Intermediate point x,y,z [m]; with --to.", "")
+    to: str = numbers("Path", f"End pose: {POSE}", "")
+    centre: str = numbers("Path", "Point on the axis, x,y,z [m]; with --axis and --angle-deg.", "")
+    axis: str = numbers("Path", "Direction of the axis, x,y,z.", "0,0,1")
+    angle_deg: float = option("Path", "Angle about the axis, right-handed [degrees].", 90.0)
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the arc."""
+        import planners
+
+        typed = {"--via": self.via, "--to": self.to, "--centre": self.centre}
+        given = [name for name, text in typed.items() if text]
+        T = start.arm.fk(start.q)
+        if given == ["--centre"]:
+            centre, axis = read_numbers(self.centre, "--centre", 3), read_numbers(self.axis, "--axis", 3)
+            return planners.Arc.about(T, centre, axis, float(np.deg2rad(self.angle_deg)))
+        if given == ["--via", "--to"]:
+            return planners.Arc.through(T, read_numbers(self.via, "--via", 3), read_pose(self.to, "--to", T))
         raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
-    if centre:
-        angle = float(np.deg2rad(angle_deg))
-        return planners.Arc.about(start, read_numbers(centre, "--centre", 3), read_numbers(axis, "--axis", 3), angle)
-    return planners.Arc.through(start, read_numbers(via, "--via", 3), read_pose(to, "--to", start))
 
 
-@plan_command("polyline")
-def plan_polyline(
-    arm: optik.Robot,
-    q: Any,
-    via: Annotated[
-        list[str] | None,
-        typer.Option(metavar=NUMBERS, help=f"Waypoint, repeatable; the last one is the end: {PLACE}"),
-    ] = None,
-    waypoints: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
-            "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k."
-        ),
-    ] = None,
-    blend: Annotated[float, typer.Option(help="Largest distance of a blended corner from its waypoint [m].")] = 1e-3,
-) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class PolylineCommand(PlanCommand):
     """Plan and certify a motion of the tool along a polyline with blended corners.
 
     With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
     default in the configuration that is best for the whole path.
     """
-    import planners
 
-    if bool(via) == (waypoints is not None):
-        came = "both" if via else "no option"
-        raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
-    if waypoints is not None:
-        return planners.Polyline.from_csv(waypoints, orientation=arm.fk(q)[:3, :3], blend=blend)
-    poses = [arm.fk(q)]
-    for text in via or ():
-        poses.append(read_pose(text, "--via", poses[-1]))
-    return planners.Polyline(np.stack(poses), blend=blend)
+    via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE}")
+    waypoints: Path | None = option(
+        "Path",
+        "CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
+        "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k.",
+    )
+    blend: float = option("Path", "Largest distance of a blended corner from its waypoint [m].", 1e-3)
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the polyline."""
+        import planners
+
+        if bool(self.via) == (self.waypoints is not None):
+            came = "both" if self.via else "no option"
+            raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
+        poses = [start.arm.fk(start.q)]
+        if self.waypoints is not None:
+            return planners.Polyline.from_csv(self.waypoints, orientation=poses[0][:3, :3], blend=self.blend)
+        for text in self.via or ():
+            poses.append(read_pose(text, "--via", poses[-1]))
+        return planners.Polyline(np.stack(poses), blend=self.blend)
 
 
-@plan_command("joints")
-def plan_joints(
-    arm: optik.Robot,
-    q: Any,
-    to_deg: Annotated[str, typer.Option(metavar=NUMBERS, help="Goal configuration [degrees, sliding mm].")],
-) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class JointsCommand(PlanCommand):
     """Plan and certify a motion to another configuration, straight in joint space."""
-    import planners
 
-    return planners.JointLine(arm, q, read_configuration(arm, to_deg, "--to-deg"))
+    to_deg: str = numbers("Path", "Goal configuration [degrees, prismatic mm].", ...)
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the line in joint space."""
+        import planners
+
+        return planners.JointLine(start.arm, start.q, read_configuration(start.arm, self.to_deg, "--to-deg"))
 
 
-@plan_command("path")
-def plan_path(
-    arm: optik.Robot,
-    q: Any,
-    path: Annotated[str, typer.Argument(help=f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")],
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="KEY=VALUE of the path, repeatable; values as in TOML."),
-    ] = None,
-) -> Any:
+@dataclass(frozen=True, kw_only=True)
+class PathCommand(PlanCommand):
     """Plan and certify a motion of the tool along a path of any kind, also from a file or an installed package.
 
     --set gives the data of the path, with the keys of its to_dict. By default, start is the tool's pose at the start
     configuration.
     """
-    import planners
 
-    return planners.make_path(path, arm, **({"start": arm.fk(q).tolist()} | read_settings(set_ or [])))
+    path: str = argument(f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")
+    set_: list[str] | None = option("Path", "KEY=VALUE of the path, repeatable; values as in TOML.", None, "--set")
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the path of the typed kind."""
+        import planners
+
+        settings = {"start": start.arm.fk(start.q).tolist()} | read_settings(self.set_ or [])
+        return planners.make_path(self.path, start.arm, **settings)
 
 
 def read_settings(texts: list[str]) -> dict[str, Any]:
@@ -157,9 +386,9 @@ def read_settings(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def read_pose(text: str, option: str, before: Any) -> Any:
+def read_pose(text: str, name: str, before: Any) -> Any:
     """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
     from optik import se3
 
-    values = read_numbers(text, option, 3, 6)
+    values = read_numbers(text, name, 3, 6)
     return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)

@@ -54,7 +54,7 @@ def test_the_direction_of_a_miscalibration_has_nothing_of_the_noise() -> None:
     laser = command.make_laser(optik.load("paper6r"), np.array([0.1, 0.3, 0.4]), "1,1")
     cosines = []
     for seed in range(60):
-        off = command.displace_laser(laser, "2,0", seed).pose[:3, 3] - laser.pose[:3, 3]
+        off = command.displace_laser(laser, [2.0, 0.0], seed).pose[:3, 3] - laser.pose[:3, 3]
         noise = np.random.default_rng(seed).normal(size=3)  # what the readings of a cell with this seed begin with
         cosines.append(off @ noise / np.linalg.norm(off) / np.linalg.norm(noise))
     assert abs(np.mean(cosines)) < 4.0 * np.sqrt(1.0 / 3.0 / 60.0)  # 1 where both came from the same numbers

@@ -5,20 +5,24 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 import optik
 import planners
-from benchmarks.cli.running import FEWEST_PARTS, _Rate
-from benchmarks.cli.shared import START_SAMPLES, sample_start
+from benchmarks.cli.app import app
+from benchmarks.cli.command import START_SAMPLES, sample_start, translate
+from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.scene.contact import find_contact
+from planners.certificate.violation import ALLOWANCES
 from tests.oracles import REPOSITORY
 
 
@@ -227,6 +231,56 @@ def test_a_rate_is_for_tables(typed: Any, tmp_path: Path) -> None:
     assert "at most" in typed("plan", "line", "--out", str(tmp_path / "x.csv"), "--rate", "1e9")[2]
 
 
+# ---------------------------------------------------------------- help
+
+
+def commands(group: Any = None, words: str = "optik") -> dict[str, Any]:
+    """Every command by what is typed for it."""
+    found = {}
+    for name, command in (get_command(app) if group is None else group).commands.items():
+        inner = getattr(command, "commands", None)
+        found |= commands(command, f"{words} {name}") if inner else {f"{words} {name}": command}
+    return found
+
+
+@pytest.mark.parametrize("words", commands())
+def test_the_help_of_a_command_ends_with_an_example_that_can_be_typed(words: str) -> None:
+    command = commands()[words]
+    example = command.epilog.removeprefix("Example: `").removesuffix("`")
+    assert example.startswith(words)
+    command.make_context(words, shlex.split(example)[len(words.split()) :])  # raises for a wrong option or value
+
+
+def test_the_help_of_a_plan_is_in_panels_and_explains_every_word_of_allow(typed: Any) -> None:
+    _, out, _ = typed("plan", "line", "--help")
+    titles = [line.split()[1] for line in out.splitlines() if line.startswith("╭─")]
+    assert titles == ["Path", "Robot", "Method", "Limits", "Scene", "Output"]
+    assert all(re.search(rf"\b{word} \(", " ".join(out.replace("│", "").split())) for word in ALLOWANCES)
+
+
+def test_messages_are_in_degrees_millimetres_and_options() -> None:
+    words = "a leaves [-1.5708, 1.5708] rad, b its range [0, 0.18] m, by 2e-3 rad at 3 rad/s; or allow=('jerk', 'path')"
+    assert translate(words) == (
+        "a leaves [-90, 90]°, b its range [0, 180] mm, by 0.1146° at 3 rad/s; or --allow jerk,path"
+    )
+    advice = "timing='optimal' with tool_speed=0.25, which slows; a law with tool_speed= or rotation_speed= as limits"
+    assert translate(advice) == (
+        "--timing optimal with --tool-speed 0.25, which slows; a law with --tool-speed or --rotation-speed as limits"
+    )
+
+
+def test_an_error_says_what_to_type(typed: Any) -> None:
+    for words, advice in (
+        (["--rate", "100", "--out", "x.npz"], "--out FILE.yaml"),
+        (["--margin", "0.1"], "--scene self"),
+        (["--format", "npz"], "--out FILE"),
+        (["-r", "ur5e"], "--jerk 50"),
+    ):
+        status, _, said = typed("plan", "line", *words)
+        assert status == 2
+        assert advice in said.partition("; got ")[2].partition("; ")[2]
+
+
 def test_the_version_is_the_package_s(typed: Any) -> None:
     assert typed("--version") == (0, f"optik {optik.__version__}\n", "")
 
@@ -237,24 +291,28 @@ def test_the_version_is_the_package_s(typed: Any) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_the_time_left_is_within_a_third_of_the_truth_though_the_first_part_compiles(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    total, now, rate, shown = 120, 0.0, _Rate(), []
-    rate.after(0, now)
+    total, now, shown = 120, 0.0, []
+    progress = make_progress(lambda: now)
+    assert update_progress(progress, 0, 1, "problem sets") is None
+    assert update_progress(progress, 0, total, "part") is None
     ends = 25.0 + np.cumsum(rng.uniform(0.2, 0.6, total))  # 25 s of compiling, then 48 s of work
     for done, now in enumerate(ends, 1):
-        if found := rate.after(done, now):
-            shown.append(((total - done) / found, ends[-1] - now))
+        if (found := update_progress(progress, done, total, "part")) is not None:
+            shown.append((found, ends[-1] - now))
     estimates, truths = np.array(shown[:-10]).T
-    assert len(shown) > total - FEWEST_PARTS
+    assert len(shown) == total - FEWEST_PARTS + 1
     assert np.abs(estimates / truths - 1.0).max() < 0.6
     assert np.median(np.abs(estimates / truths - 1.0)) < 0.1
 
 
 def test_a_run_that_goes_on_is_not_fast_for_what_was_done_before() -> None:
-    rate = _Rate()
-    found = [
-        rate.after(done, now) for done, now in ((1000, 0.0), (1001, 9.0), (1002, 10.0), (1003, 11.0), (1004, 12.0))
-    ]
-    assert found == [0.0, 0.0, 0.0, 0.0, 1.0]
+    now = 0.0
+    progress = make_progress(lambda: now)
+    found = []
+    for done, seconds in ((1000, 0.0), (1001, 9.0), (1002, 10.0), (1003, 11.0), (1004, 12.0)):
+        now = seconds
+        found.append(update_progress(progress, done, 1014, "part"))
+    assert found == [None, None, None, 11.0, 10.0]
 
 
 @pytest.mark.parametrize("seed", range(4))

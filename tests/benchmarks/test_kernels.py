@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba.core.registry import cpu_target
 
-from benchmarks.cli.kernels import kernels as command
+from benchmarks.cli.installation import KernelsCommand
 from benchmarks.kernels import build, parts, process, run
 from benchmarks.run.lock import locked
 from optik.compiled import archive, compiled
@@ -60,7 +60,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
 
 def test_native_without_compile_is_refused() -> None:
     with pytest.raises(InvalidInput, match="--native"):
-        command(native=True)
+        KernelsCommand(native=True).run()
 
 
 def test_a_part_that_fails_is_named() -> None:

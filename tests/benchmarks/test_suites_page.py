@@ -23,7 +23,7 @@ from benchmarks.blocks.ik.batch.process import measure
 from benchmarks.blocks.timing.clearance.run import ROW_TYPES
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
-from benchmarks.cli.running import _warn
+from benchmarks.cli.runs import warn_of_cluster
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite
@@ -235,7 +235,7 @@ def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, li
 
 
 def test_an_address_without_a_port_gets_one_line_the_error(capsys: pytest.CaptureFixture[str]) -> None:
-    _warn("nonsense")
+    warn_of_cluster("nonsense")
     assert capsys.readouterr().err == ""
-    _warn("10.0.0.2:8786")
+    warn_of_cluster("10.0.0.2:8786")
     assert capsys.readouterr().err.startswith("warning: 10.0.0.2:8786")

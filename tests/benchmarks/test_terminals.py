@@ -69,7 +69,7 @@ INTERRUPTED = """
 import json, os, sys
 from pathlib import Path
 from benchmarks import suite
-from benchmarks.cli import bench as cli
+from benchmarks.cli.runs import RunCommand
 from tests.benchmarks.conftest import SMALL
 
 out, number, after = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
@@ -87,7 +87,7 @@ def counted(self, target):
 Path.replace = counted
 import typer
 try:
-    cli.run_with_progress("small", out, 1)
+    RunCommand(suite="small", out=out).run_with_progress()
 except typer.Exit as stopped:
     sys.exit(stopped.exit_code)
 """

@@ -234,7 +234,7 @@ def test_a_motion_promises_only_what_its_limits_have() -> None:
 
 
 def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None:
-    from benchmarks.cli.planning import PlanOptions, read_limits
+    from benchmarks.cli.plan import LineCommand
     from optik.arm.library import load
     from planners import make_law
 
@@ -242,7 +242,7 @@ def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None
     own = MotionLimits.of(panda)
     assert own.torque is not None
     given = MotionLimits.of(panda, acceleration=5.0, jerk=50.0)
-    assert given == read_limits(panda, PlanOptions(acceleration=5.0, jerk=50.0), make_law("optimal"))
+    assert given == LineCommand(acceleration=5.0, jerk=50.0).read_limits(panda, make_law("optimal"))
     np.testing.assert_array_equal(given.torque, own.torque)
     assert MotionLimits.of(panda, torque=None).torque is None
     assert MotionLimits(acceleration=5.0).torque is None

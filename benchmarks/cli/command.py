@@ -1,0 +1,323 @@
+"""Commands as dataclasses of their options, the options that they share, and readers of vectors and configurations."""
+
+from __future__ import annotations
+
+import json
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields
+from inspect import Parameter, Signature
+from itertools import takewhile
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+import numpy as np
+import typer
+from rich.console import Console
+from typer.core import TyperCommand
+
+import optik
+from optik.arm.units import unit_factors, unit_names
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.registry import names, short_name
+
+out_console, err_console = (Console(stderr=error, markup=False, highlight=False) for error in (False, True))
+
+PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method", "Limits", "Scene", "Output")
+"""Panels of the help, in their order."""
+
+NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
+"""Metavars of vector options and arguments: one argument, with commas or quoted spaces."""
+
+JOINT_LIMITS = {"velocity": 1, "acceleration": 10, "jerk": 50}
+"""Limits that hold for every joint, with examples for messages."""
+
+NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
+"""Regular expression of a number in a message."""
+
+ALLOW = (
+    "Violations to permit, comma separated or repeated: contact (or a distance below the margin), path (error above the "
+    "tolerance), limits (one is exceeded, or a jump, or a joint range), jerk (its limit is exceeded), coverage (a part of the "
+    "path is missing), not_proved (a bound is neither violated nor proved)."
+)
+"""Help of ``--allow``."""
+
+START_SAMPLES = 64
+"""Number of random configurations; the best-conditioned one is the start of an arm without home_deg."""
+
+# ---------------------------------------------------------------- commands
+
+
+def option(panel: str, help: str, default: Any = None, *flags: str, **settings: Any) -> Any:
+    """Return a field of a command that is an option, in a panel of the help; it is required if its default is ``...``."""
+    info = typer.Option(*flags, help=help, rich_help_panel=panel, **settings)
+    return field(default=MISSING if default is ... else default, metadata={"typer": info})
+
+
+def numbers(panel: str, help: str, default: Any = None) -> Any:
+    """Return a field of a command that is an option of one or more numbers in one argument."""
+    return option(panel, help, default, metavar=NUMBERS)
+
+
+def argument(help: str, **settings: Any) -> Any:
+    """Return a field of a command that is an argument."""
+    return field(metadata={"typer": typer.Argument(help=help, **settings)})
+
+
+class Command(ABC):
+    """A command: a dataclass of its options, whose docstring is its help."""
+
+    @abstractmethod
+    def run(self) -> None:
+        """Run the command; a status other than 0 is raised as typer.Exit."""
+
+
+def add_command(group: typer.Typer, name: str, kind: type[Command], example: str, **settings: Any) -> None:
+    """Add a command, whose help ends with an example."""
+
+    def run(**given: Any) -> None:
+        kind(**given).run()
+
+    run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
+    run.__annotations__ = {}
+    epilog = f"Example: `optik {example}`"
+    group.command(name, cls=NumbersCommand, help=kind.__doc__, epilog=epilog, **settings)(run)
+
+
+def _list_parameters(kind: Any) -> list[Parameter]:
+    """Return the fields of a command as parameters for Typer, in the order of the panels."""
+    hints, infos = get_type_hints(kind), {each.name: each.metadata["typer"] for each in fields(kind)}
+    parameters = [
+        Parameter(
+            each.name, Parameter.KEYWORD_ONLY, annotation=Annotated[hints[each.name], infos[each.name]],
+            default=Parameter.empty if each.default is MISSING else each.default,
+        )
+        for each in fields(kind)
+    ]  # fmt: skip
+    return sorted(parameters, key=lambda each: PANELS.index(infos[each.name].rich_help_panel or "Options"))
+
+
+class NumbersCommand(TyperCommand):
+    """A command that refuses a vector typed as several arguments, with the correct form in the error."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Check the arguments before they are parsed."""
+        vectors = {name for p in self.params if getattr(p, "metavar", None) == NUMBERS for name in p.opts}
+        for i, arg in enumerate(args):
+            name, equals, value = arg.partition("=")
+            run = list(takewhile(_is_number, [*([value] if equals else []), *args[i + 1 :]]))
+            if name in vectors and len(run) > 1:
+                expected = f"one argument: {name} {','.join(run)}"
+                raise InvalidInput(name, f"{len(run)} arguments: {' '.join(run)}", expected)
+        found = [arg for arg in args if _is_number(arg)]
+        if len(found) > 1 and any(getattr(p, "metavar", None) == Q_DEG for p in self.params):
+            raise InvalidInput(Q_DEG, f"{len(found)} arguments: {' '.join(found)}", f"one argument: {','.join(found)}")
+        return list(super().parse_args(ctx, args))
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """Return --help, in the last panel."""
+        found: Any = super().get_help_option(ctx)
+        found.rich_help_panel = PANELS[-1]
+        return found
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+# ---------------------------------------------------------------- shared options
+
+
+@dataclass(frozen=True, kw_only=True)
+class JsonCommand(Command):
+    """A command whose output is text or JSON."""
+
+    as_json: bool = option("Output", "Print JSON instead of text.", False, "--json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotCommand(JsonCommand):
+    """A command on a robot."""
+
+    robot: str = option(
+        "Robot", "A name from `optik robots`, or a file: .urdf, .toml, .json or .py.", "paper6r", "--robot", "-r"
+    )
+    tip: str | None = option("Robot", "Tool link of a URDF; required if it has several ends.")
+    base: str | None = option("Robot", "Base link of a URDF, in which poses are given; by default its root.")
+
+    def load(self) -> optik.Robot:
+        """Load the robot."""
+        return optik.load(self.robot, tip=self.tip, base=self.base)
+
+
+class Start(NamedTuple):
+    """A robot, its start configuration, and a sentence on it if it is the default."""
+
+    arm: optik.Robot
+    q: Any
+    words: str
+
+    def print_default(self) -> None:
+        """Print the default start on the error stream, which keeps the output stream for programs."""
+        if self.words:
+            err_console.print(self.words, soft_wrap=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartCommand(RobotCommand):
+    """A command that starts at a configuration of a robot and solves inverse kinematics."""
+
+    start_deg: str = numbers(
+        "Robot",
+        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or else a sampled one.",
+        "",
+    )
+    solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")
+
+    def load_start(self) -> Start:
+        """Load the robot, and return it with the typed start or its default start."""
+        arm = self.load()
+        if self.start_deg.strip():
+            return Start(arm, read_configuration(arm, self.start_deg), "")
+        from optik.arm.library import read_home
+
+        home, factors = read_home(self.robot), unit_factors(arm)
+        q = sample_start(arm) if home is None else home / factors
+        why = "a sample, because it has no home_deg" if home is None else "its home_deg"
+        return Start(arm, q, f"start of {arm.name}, {why}: --start-deg {format_numbers(q * factors)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionCommand(StartCommand):
+    """A command that plans a motion under limits."""
+
+    timing: str = option(
+        "Method", f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.", "optimal"
+    )
+    velocity: float | None = option(
+        "Limits", "Velocity limit of every joint [rad/s, prismatic m/s]; by default the robot's."
+    )
+    acceleration: float | None = option(
+        "Limits", "Acceleration limit of every joint [rad/s², prismatic m/s²]; by default the robot's."
+    )
+    jerk: float | None = option("Limits", "Jerk limit of every joint [rad/s³, prismatic m/s³]; by default the robot's.")
+
+    def read_limits(self, arm: optik.Robot, law: Any) -> Any:
+        """Return the typed limits, and the robot's own for the others."""
+        from planners import MotionLimits
+
+        limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
+        by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
+        for name, example in JOINT_LIMITS.items():
+            if name in law.enforced and limits.value(name) is None and not (name == "acceleration" and by_torque):
+                expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {example}"
+                raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
+        return limits
+
+    def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
+        """Return the typed limits by name."""
+        typed = {name: getattr(self, name) for name in JOINT_LIMITS if getattr(self, name) is not None}
+        for name, value in typed.items():
+            check_number(value, f"--{name}", "a limit above 0", above=0.0)
+        return typed
+
+
+# ---------------------------------------------------------------- readers
+
+
+def read_configuration(arm: optik.Robot, text: str, name: str = "--start-deg") -> Any:
+    """Read a configuration given in degrees, prismatic joints in millimetres."""
+    values = read_joint_values(arm, text, name)
+    q = values / unit_factors(arm)
+    lower, upper = arm.limits.lower, arm.limits.upper
+    if not arm.limits.contains(q):
+        i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        scale, unit = unit_factors(arm)[i], unit_names(arm)[i]
+        room = f"within [{lower[i] * scale:g}, {upper[i] * scale:g}]{unit}, its range"
+        raise InvalidInput(name, f"{arm.joint_names[i]} = {values[i]:g}{unit}", f"{arm.joint_names[i]} {room}")
+    return q
+
+
+def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
+    """Read one finite number per joint."""
+    values = read_numbers(text, name, arm.n, what=f"joint values of {arm.name} [degrees, prismatic mm]")
+    return arm.configuration(values, name)
+
+
+def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> list[float]:
+    """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
+    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
+    try:
+        values = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        raise InvalidInput(name, repr(text), expected) from None
+    if not values or (counts and len(values) not in counts):
+        raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
+    return values
+
+
+def format_numbers(values: Any) -> str:
+    """Return numbers as one argument of a command, rounded to 0.001."""
+    return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)
+
+
+def sample_start(arm: optik.Robot) -> Any:
+    """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
+    q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
+    q = arm.limits.clip(q)
+    if arm.shapes is not None:
+        from optik.scene.contact import find_nearest_pairs
+
+        free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
+        q = q[free] if free.any() else q
+    sigma = arm.singular_values(q)
+    return q[np.argmax(sigma[:, -1] / sigma[:, 0])]
+
+
+def read_allowed(texts: list[str] | None) -> tuple[str, ...]:
+    """Return the words of ``--allow``; raises InvalidInput for one that does not exist."""
+    from planners.certificate.violation import check_allow
+
+    words = [word.strip() for text in texts or () for word in text.split(",")]
+    try:
+        return check_allow(words)
+    except InvalidInput as error:
+        raise InvalidInput("--allow", ", ".join(words), error.expected) from None
+
+
+def load_or_error(load: Callable[[str], Any], name: str) -> Any:
+    """Load a named object, or return the error: a broken plug-in must not prevent a list of the others."""
+    try:
+        return load(name)
+    except Exception as error:  # a package may raise anything
+        return error
+
+
+def translate(words: str) -> str:
+    """Return a message of the library with degrees, millimetres and options in place of radians and Python arguments."""
+
+    def scale(match: re.Match[str]) -> str:
+        factor, unit = (180.0 / np.pi, "°") if match["unit"] == "rad" else (1e3, " mm")
+        values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
+        return values + unit
+
+    def join(match: re.Match[str]) -> str:
+        values = re.findall(r"[-+.\w]+", match[2])
+        return f"--{match[1].replace('_', '-')} {','.join(values)}".rstrip()
+
+    words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
+    words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
+    words = re.sub(r"\b(allow|branch|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
+    for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):
+        words = words.replace(python, typed)
+    return words.replace(" (max_restarts)", "")  # no option of `optik plan`
+
+
+def print_json(data: Any) -> None:
+    """Print strict JSON."""
+    print(json.dumps(data, allow_nan=False, indent=1))

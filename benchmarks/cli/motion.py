@@ -1,0 +1,359 @@
+"""`optik drive` and `optik view`: execute a saved motion, simulated or through ROS 2, or show it in a page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from functools import partial
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from benchmarks.cli.command import (
+    ALLOW,
+    Command,
+    JsonCommand,
+    argument,
+    err_console,
+    option,
+    out_console,
+    print_json,
+    read_allowed,
+    translate,
+)
+from optik.arm.units import unit_factors, unit_names
+from optik.errors import InvalidInput, NoSolution
+from optik.file_io import write_atomically
+from optik.registry import load_method, names
+
+if TYPE_CHECKING:
+    from planners import Motion, Plan
+    from planners.cell.drives.base import Execution
+    from planners.cell.view.show import Show
+
+STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
+"""Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
+
+ROS = "With --on ros"
+"""Panel of the help."""
+
+
+# ---------------------------------------------------------------- optik drive
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveCommand(JsonCommand):
+    """Execute a saved motion on a simulated arm, or check it and send it to a controller of ROS 2.
+
+    With --on ros, the motion is checked; only --execute sends it. The exit status is 0 if the arm reached the end of the
+    motion, or if the check without --execute passed. It is 1 if the arm was stopped, also by a fault, or the motion was
+    refused.
+    """
+
+    plan: Path = argument("A motion that `optik plan --out` wrote: .json, .npz or .csv.")
+    on: str = option(
+        "Options", f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file: ./drive.py.", "ideal"
+    )
+    execute: bool = option("Options", "Send the motion; with --on ros, THE ARM MOVES.", False, "--execute")
+    stop: float | None = option("Options", "Time at which to stop on the path [s].")
+    solver: str = option("Options", "IK method with which the motion was planned.", "lm")
+    allow: list[str] | None = option("Options", ALLOW)
+    url: str | None = option(ROS, "Address of rosbridge, by default ws://127.0.0.1:9090.")
+    via: str = option(ROS, "rosbridge, or rclpy with ROS 2 sourced.", "rosbridge")
+    action: str | None = option(ROS, "Name of the controller's action.")
+    states: str | None = option(ROS, "Topic of the joint states.")
+    joint_names: str | None = option(ROS, "The controller's joint names, comma separated, in the robot's order.")
+    out: Path | None = option("Output", "File for the execution, FILE.json.")
+
+    def run(self) -> None:
+        """Execute, write and print."""
+        self._check()
+        allowed = read_allowed(self.allow)
+        from planners.cell.stored import restore_plan
+
+        planned = restore_plan(read_motion(self.plan), solver=self.solver, allow=allowed)
+        execute = self._execute_through_ros if self.on == "ros" else self._simulate
+        executed = execute(planned, {"stop": self.stop, "allow": allowed})
+        data = execution_data(executed)
+        if self.out is not None:
+            from planners.files.base import to_plain
+
+            text = (
+                json.dumps(data | {"plan": to_plain(executed.plan.motion)}, allow_nan=False) + "\n"
+            )  # for `optik view`
+            write_atomically(self.out, lambda part: part.write_text(text, encoding="utf-8"))
+        if self.as_json:
+            print_json(data)
+        else:
+            _print_execution(executed)
+            if self.out is not None:
+                out_console.print(f"written to {self.out}")
+        raise typer.Exit(0 if executed.status in ("done", "dry_run") else 1)
+
+    def _check(self) -> None:
+        """Raise InvalidInput for options that do not fit together."""
+        if self.out is not None and self.out.suffix.lower() != ".json":
+            raise InvalidInput("--out", self.out, "a name that ends in .json")
+        if self.out is not None and self.out.resolve() == self.plan.resolve():
+            raise InvalidInput("--out", self.out, "a file other than the motion's")
+        given = [self.url, self.action, self.states, self.joint_names, None if self.via == "rosbridge" else self.via]
+        if self.on != "ros" and any(value is not None for value in given):
+            raise InvalidInput("--on", self.on, "--on ros with --url, --via, --action, --states and --joint-names")
+        if self.via not in ("rosbridge", "rclpy"):
+            raise InvalidInput("--via", self.via, "rosbridge or rclpy")
+        if self.via == "rclpy" and self.url is not None:
+            advice = "omit --url: rclpy finds the controller by its name"
+            raise InvalidInput("--url", self.url, "no address with --via rclpy", advice=advice)
+        if self.stop is not None and not (np.isfinite(self.stop) and self.stop >= 0.0):
+            raise InvalidInput("--stop", self.stop, "a time of at least 0 s")
+
+    def _simulate(self, planned: Plan, settings: dict[str, Any]) -> Execution:
+        """Execute the motion on a simulated arm."""
+        from planners.cell.drives import make_drive
+
+        if self.execute:
+            err_console.print(f"--execute has no effect: {self.on} is simulated", style="yellow")
+        return make_drive(self.on, planned.robot).execute(planned, **settings)
+
+    def _execute_through_ros(self, planned: Plan, settings: dict[str, Any]) -> Execution:
+        """Check the motion against the state of the arm; send it with ``--execute``."""
+        from planners.cell.drives.ros import RosDrive
+        from planners.ros.rclpy import RclpyTransport
+        from planners.ros.rosbridge import URL, RosbridgeTransport
+
+        robot, joint_names = planned.robot, None
+        if self.joint_names is not None:
+            given = [name.strip() for name in self.joint_names.split(",")]
+            if len(set(given)) != robot.n or len(given) != robot.n:
+                raise InvalidInput("--joint-names", self.joint_names, f"{robot.n} different names, comma separated")
+            joint_names = dict(zip(robot.joint_names, given, strict=True))
+        topics: dict[str, Any] = {"action": self.action, "states": self.states}
+        topics = {key: value for key, value in topics.items() if value is not None}
+        transport = RclpyTransport(**topics) if self.via == "rclpy" else RosbridgeTransport(self.url or URL, **topics)
+        with transport:
+            drive = RosDrive(robot, transport, execute=self.execute, joint_names=joint_names)
+            return drive.execute(planned, **settings)
+
+
+def _print_execution(done: Execution) -> None:
+    """Print an execution."""
+    good = done.status in ("done", "dry_run")
+    out_console.print(f"{done.drive}: {done.status}", style="green" if good else "yellow")
+    for words in (done.reason, done.advice and f"to try: {done.advice}"):
+        if words:
+            out_console.print(translate(words), soft_wrap=True)
+    if done.motion is not None:
+        _print_joints(done)
+        distance, angle = compute_tool_error(done)
+        out_console.print(
+            f"executed {done.t[-1]:.3f} s of a motion of {done.motion.end:.3f} s; {done.late} late ticks; final tool error "
+            f"{_format_small(1e3 * distance)} mm, {_format_small(np.degrees(angle))}°",
+            soft_wrap=True,
+        )
+    for note in done.notes:
+        out_console.print(f"note: {note}", soft_wrap=True)
+
+
+def _format_small(value: float) -> str:
+    """Format a number with three digits; below a millionth it is rounding."""
+    return f"{value:.3g}" if not value < 1e-6 else "less than 1e-6"
+
+
+def _print_joints(done: Execution) -> None:
+    """Print the tracking error and torque of every joint."""
+    robot, bound = done.robot, done.plan.certificate.torque.value
+    columns = ["joint", "largest tracking error"]
+    if done.torque is not None:
+        columns += ["peak torque", "certified bound"]
+    title = "" if done.torque is None else "peak torque and the certificate's bound for the planned motion"
+    table = Table(*columns, title=title)
+    tracking = np.abs(compute_tracking_error(done)).max(axis=0) * unit_factors(robot)
+    for i, name in enumerate(robot.joint_names):
+        row = [name, f"{tracking[i]:.3g}{unit_names(robot)[i]}"]
+        if done.torque is not None:
+            unit = "N" if robot.prismatic[i] else "N·m"
+            row += [f"{np.abs(done.torque[:, i]).max():.3g} {unit}"]
+            row += [f"{bound[i]:.3g} {unit}" if np.isfinite(bound[i]) else "no limit"]
+        table.add_row(*row)
+    out_console.print(table)
+
+
+def compute_tracking_error(done: Execution) -> Any:
+    """Return the joint positions of the arm minus those of the motion that was sent (k, n) [rad, m]."""
+    assert done.motion is not None and done.setpoints is not None
+    sent = done.t <= done.setpoints.t[-1]
+    return done.q[sent] - done.motion(np.minimum(done.t[sent], done.motion.end))
+
+
+def compute_tool_error(done: Execution) -> tuple[float, float]:
+    """Return the distance [m] and angle [rad] of the tool from the end of the motion."""
+    from optik import se3
+
+    assert done.motion is not None
+    error = se3.error(done.robot.fk(done.q[-1]), done.robot.fk(done.motion(done.motion.end)))
+    return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+
+
+def execution_data(done: Execution) -> dict[str, Any]:
+    """Return an execution as plain data for files and programs."""
+    from planners.cell.view.recorded import EXECUTION
+
+    data: dict[str, Any] = {
+        "format": EXECUTION, "drive": done.drive, "robot": done.robot.name,
+        "robot_fingerprint": done.robot.fingerprint, "joint_names": list(done.robot.joint_names),
+        "status": str(done.status), "reason": done.reason, "advice": done.advice, "late": done.late,
+        "fault": None if done.fault is None else {**done.fault._asdict(), "kind": str(done.fault.kind)},
+        "notes": list(done.notes), "t": done.t.tolist(), "q": _to_finite(done.q),
+        "dq": _to_finite(done.dq), "torque": None if done.torque is None else _to_finite(done.torque),
+    }  # fmt: skip
+    if done.motion is not None and done.setpoints is not None:
+        distance, angle = compute_tool_error(done)
+        data |= {
+            "duration": done.motion.end,
+            "setpoints": {name: _to_finite(x) for name, x in done.setpoints._asdict().items() if name != "period"},
+            "tracking": _to_finite(np.abs(compute_tracking_error(done)).max(axis=0)),
+            "tool_error": {"distance": _to_finite(distance), "angle": _to_finite(angle)},
+        }
+    return data
+
+
+def _to_finite(values: Any) -> Any:
+    """Return an array as nested lists, with None for NaN and infinity."""
+    return np.where(np.isfinite(values), values, np.array(None)).tolist()
+
+
+# ---------------------------------------------------------------- optik view
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewCommand(Command):
+    """Show a motion, an execution or a failed plan in the browser.
+
+    With --html, write a self-contained page. Without it, serve the page until Ctrl-C. This command never moves a real arm.
+    """
+
+    plan: Path = argument(
+        "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`.", metavar="PLAN"
+    )
+    html: Path | None = option("Options", "Write a self-contained page, FILE.html, instead of serving one.")
+    drive: str | None = option("Options", "Also execute the motion on a simulated drive: ideal or mujoco.")
+    host: str = option("Options", "Address to serve on; the default is reachable from this machine only.", "127.0.0.1")
+    port: int = option("Options", "Port to serve on; 0 for any free port.", 8080, min=0, max=65535)
+
+    def run(self) -> None:
+        """Write the page or serve it."""
+        from planners.cell.view.page import PAGE_SUFFIXES, write_page
+
+        html, drive = self.html, self.drive
+        if drive is not None and not getattr(load_method("planners.cell.drives", drive, "drive"), "simulated", False):
+            raise InvalidInput("--drive", f"{drive}, which moves a real arm", "a simulated drive: ideal or mujoco")
+        if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
+            raise InvalidInput("--html", html, f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
+        shown = _read_recording(self.plan, drive)
+        if html is None:
+            self._serve(shown)
+        else:
+            write_page(_make_show(shown, drive), html)
+            out_console.print(f"written to {html}: open it in a browser", soft_wrap=True)
+
+    def _serve(self, shown: Motion | Plan | Show) -> None:
+        """Serve until the process is interrupted; with a drive, execute the plan."""
+        from planners.cell.drives import make_drive
+        from planners.cell.view.live import Viewer
+        from planners.cell.view.show import Show, show_motion
+        from planners.plan import Plan
+
+        make = None if self.drive is None else partial(make_drive, self.drive, shown.robot, pace=1.0)
+        planned, show = shown if isinstance(shown, Plan) else None, shown
+        if not isinstance(show, Show):
+            show = show_motion(show)
+        viewer = Viewer(show, self.host, self.port, plan=planned, drive=make)
+        if not _is_local(self.host):
+            words = f"warning: everybody who can reach {self.host} can see this motion"
+            words += " and run the simulated drive" if self.drive else ""
+            err_console.print(words, style="yellow", soft_wrap=True)
+        out_console.print(f"{viewer.url} shows {shown.robot.name}; press Ctrl-C to stop", soft_wrap=True)
+        sys.stdout.flush()  # a program that starts this one reads the address
+        try:
+            viewer.serve()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            viewer.close()
+
+
+def _make_show(shown: Motion | Plan | Show, drive: str | None) -> Show:
+    """Return what a page plays; execute a plan first."""
+    from planners.cell.drives import make_drive
+    from planners.cell.view.show import Show, show_execution, show_motion
+    from planners.plan import Plan
+
+    if drive is None or not isinstance(shown, Plan):
+        return shown if isinstance(shown, Show) else show_motion(shown)
+    execution = make_drive(drive, shown.robot).execute(shown)
+    if not execution:
+        err_console.print(f"{drive}: {execution.reason}", style="yellow", soft_wrap=True)
+    return show_execution(execution)
+
+
+def _is_local(host: str) -> bool:
+    """Say whether an address is reachable from this machine only."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+# ---------------------------------------------------------------- files
+
+
+def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Show:
+    """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `read_motion`."""
+    from planners.cell.stored import restore_plan
+    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_recorded
+
+    data = _read_json(file)
+    if data.get("format") in (EXECUTION, FAILED_PLAN):
+        if drive is not None:
+            raise InvalidInput("--drive", f"{drive} for {file}, which is not a valid motion", STORED_MOTION)
+        return show_recorded(data)
+    motion = read_motion(file)
+    return motion if drive is None else restore_plan(motion)
+
+
+def read_motion(file: Path) -> Motion:
+    """Read a motion."""
+    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN
+    from planners.files import load_motion
+
+    if file.is_dir():
+        raise InvalidInput("PLAN", f"the folder {file}", STORED_MOTION)
+    try:
+        return load_motion(file)
+    except InvalidInput as error:
+        if error.argument == "file":  # its name, or that it cannot be read
+            raise InvalidInput("PLAN", error.got, STORED_MOTION) from None
+        data = _read_json(file)
+        if data.get("format") == EXECUTION:
+            advice = "`optik view` shows this file"
+            raise InvalidInput("PLAN", f"{file}, an execution", STORED_MOTION, advice=advice) from None
+        if data.get("format") not in ("optik-plan/2", FAILED_PLAN):
+            raise error
+        if data.get("reason"):
+            words = f"{file} is a failed plan: {data['reason']}"
+            raise NoSolution(words, s=data.get("s"), joint=data.get("joint"), advice=data.get("advice", "")) from None
+        raise InvalidInput("PLAN", f"{file}, the output of `optik plan … --json`", STORED_MOTION) from None
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    """Return the content of a JSON file; empty for any other file."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}
