@@ -96,7 +96,7 @@ def _suite_row(name: str, suite: Any) -> dict[str, Any]:
 class NewCommand(RobotCommand):
     """Write a commented suite for one arm, as a template. An existing file is never overwritten."""
 
-    file: Path = argument("Suite to write, such as own.toml.")
+    file: Path = argument("FILE", "Suite to write, such as own.toml.")
 
     def run(self) -> None:
         """Write the suite."""
@@ -156,7 +156,7 @@ def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
 class CheckCommand(JsonCommand):
     """Check a suite and explain its keys: meaning, unit, default and value. Files of code are not run."""
 
-    suite: str = argument("A name from `optik bench list`, or a TOML file.")
+    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.")
     every: bool = option("Output", "Also show possible keys with their defaults.", False, "--all")
 
     def run(self) -> None:

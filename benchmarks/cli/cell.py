@@ -170,7 +170,9 @@ def choose_drive(typed: str) -> tuple[str, str]:
     }
     if typed:
         if typed not in simulated:
-            raise InvalidInput("--drive", repr(typed), "ideal or mujoco: this command moves simulated arms only")
+            raise InvalidInput(
+                "--drive", repr(typed), "ideal or mujoco", advice="this command moves simulated arms only"
+            )
         return typed, simulated[typed]
     if find_spec("mujoco") is not None:
         return "mujoco", simulated["mujoco"]

@@ -30,13 +30,13 @@ PANELS = ("Options", "Path", "Target", "Task", "With --on ros", "Robot", "Method
 NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 """Metavars of vector options and arguments: one argument, with commas or quoted spaces."""
 
-JOINT_LIMITS = {"velocity": 1, "acceleration": 10, "jerk": 50}
+LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
 
 NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 """Regular expression of a number in a message."""
 
-ALLOW = (
+ALLOW_HELP = (
     "Violations to permit, comma separated or repeated: contact (or a distance below the margin), path (error above the "
     "tolerance), limits (one is exceeded, or a jump, or a joint range), jerk (its limit is exceeded), coverage (a part of the "
     "path is missing), not_proved (a bound is neither violated nor proved)."
@@ -52,7 +52,8 @@ START_SAMPLES = 64
 def option(panel: str, help: str, default: Any = None, *flags: str, **settings: Any) -> Any:
     """Return a field of a command that is an option, in a panel of the help; it is required if its default is ``...``."""
     info = typer.Option(*flags, help=help, rich_help_panel=panel, **settings)
-    return field(default=MISSING if default is ... else default, metadata={"typer": info})
+    flag = next(iter(flags), "")
+    return field(default=MISSING if default is ... else default, metadata={"typer": info, "flag": flag})
 
 
 def numbers(panel: str, help: str, default: Any = None) -> Any:
@@ -60,11 +61,12 @@ def numbers(panel: str, help: str, default: Any = None) -> Any:
     return option(panel, help, default, metavar=NUMBERS)
 
 
-def argument(help: str, **settings: Any) -> Any:
+def argument(metavar: str, help: str) -> Any:
     """Return a field of a command that is an argument."""
-    return field(metadata={"typer": typer.Argument(help=help, **settings)})
+    return field(metadata={"typer": typer.Argument(metavar=metavar, help=help)})
 
 
+@dataclass(frozen=True, kw_only=True)
 class Command(ABC):
     """A command: a dataclass of its options, whose docstring is its help."""
 
@@ -77,7 +79,14 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
     """Add a command, whose help ends with an example."""
 
     def run(**given: Any) -> None:
-        kind(**given).run()
+        try:
+            kind(**given).run()
+        except InvalidInput as error:
+            flags = {each.name: each.metadata["flag"] for each in fields(kind) if "flag" in each.metadata}
+            if (name := error.argument) in flags:  # an argument of the library
+                typed = flags[name] or f"--{name.replace('_', '-')}"
+                error.args = (f"{typed}{str(error).removeprefix(name)}",)
+            raise
 
     run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
     run.__annotations__ = {}
@@ -213,7 +222,7 @@ class MotionCommand(StartCommand):
 
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
         by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
-        for name, example in JOINT_LIMITS.items():
+        for name, example in LIMIT_EXAMPLES.items():
             if name in law.enforced and limits.value(name) is None and not (name == "acceleration" and by_torque):
                 expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {example}"
                 raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
@@ -221,7 +230,7 @@ class MotionCommand(StartCommand):
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the typed limits by name."""
-        typed = {name: getattr(self, name) for name in JOINT_LIMITS if getattr(self, name) is not None}
+        typed = {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
         for name, value in typed.items():
             check_number(value, f"--{name}", "a limit above 0", above=0.0)
         return typed

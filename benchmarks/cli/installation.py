@@ -303,7 +303,7 @@ class PeerCommand(Command):
     Environments are folders in $OPTIK_PEERS, by default optik/peers in the user's data folder. To remove one, delete it.
     """
 
-    name: str = argument("Name of a peer, from `optik doctor`.")
+    name: str = argument("NAME", "Name of a peer, from `optik doctor`.")
     install: bool = option("Options", "Create its environment and install its package there.", False, "--install")
 
     def run(self) -> None:

@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.command import (
-    ALLOW,
+    ALLOW_HELP,
     Command,
     JsonCommand,
     argument,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
 
-ROS = "With --on ros"
+ROS_PANEL = "With --on ros"
 """Panel of the help."""
 
 
@@ -55,19 +55,19 @@ class DriveCommand(JsonCommand):
     refused.
     """
 
-    plan: Path = argument("A motion that `optik plan --out` wrote: .json, .npz or .csv.")
+    plan: Path = argument("PLAN", "A motion that `optik plan --out` wrote: .json, .npz or .csv.")
     on: str = option(
         "Options", f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file: ./drive.py.", "ideal"
     )
     execute: bool = option("Options", "Send the motion; with --on ros, THE ARM MOVES.", False, "--execute")
     stop: float | None = option("Options", "Time at which to stop on the path [s].")
     solver: str = option("Options", "IK method with which the motion was planned.", "lm")
-    allow: list[str] | None = option("Options", ALLOW)
-    url: str | None = option(ROS, "Address of rosbridge, by default ws://127.0.0.1:9090.")
-    via: str = option(ROS, "rosbridge, or rclpy with ROS 2 sourced.", "rosbridge")
-    action: str | None = option(ROS, "Name of the controller's action.")
-    states: str | None = option(ROS, "Topic of the joint states.")
-    joint_names: str | None = option(ROS, "The controller's joint names, comma separated, in the robot's order.")
+    allow: list[str] | None = option("Options", ALLOW_HELP)
+    url: str | None = option(ROS_PANEL, "Address of rosbridge, by default ws://127.0.0.1:9090.")
+    via: str = option(ROS_PANEL, "rosbridge, or rclpy with ROS 2 sourced.", "rosbridge")
+    action: str | None = option(ROS_PANEL, "Name of the controller's action.")
+    states: str | None = option(ROS_PANEL, "Topic of the joint states.")
+    joint_names: str | None = option(ROS_PANEL, "The controller's joint names, comma separated, in the robot's order.")
     out: Path | None = option("Output", "File for the execution, FILE.json.")
 
     def run(self) -> None:
@@ -238,7 +238,7 @@ class ViewCommand(Command):
     """
 
     plan: Path = argument(
-        "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`.", metavar="PLAN"
+        "PLAN", "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`."
     )
     html: Path | None = option("Options", "Write a self-contained page, FILE.html, instead of serving one.")
     drive: str | None = option("Options", "Also execute the motion on a simulated drive: ideal or mujoco.")
@@ -320,7 +320,8 @@ def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Sho
     data = _read_json(file)
     if data.get("format") in (EXECUTION, FAILED_PLAN):
         if drive is not None:
-            raise InvalidInput("--drive", f"{drive} for {file}, which is not a valid motion", STORED_MOTION)
+            came = f"{file}, an execution or a failed plan, with --drive {drive}"
+            raise InvalidInput("PLAN", came, STORED_MOTION, advice="omit --drive to show this file")
         return show_recorded(data)
     motion = read_motion(file)
     return motion if drive is None else restore_plan(motion)

@@ -15,7 +15,7 @@ import typer
 import optik
 from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.command import (
-    ALLOW,
+    ALLOW_HELP,
     MotionCommand,
     Start,
     argument,
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 SILENT_START = 1e-4
 """Largest difference [rad, m] between the given start and that of the motion for which no line is printed."""
-ROS = (".yaml", ".yml")
+ROS_SUFFIXES = (".yaml", ".yml")
 """Suffixes of ROS messages."""
-FILES = (*(f".{name}" for name in names("planners.files")), *ROS)
+FILES = (*(f".{name}" for name in names("planners.files")), *ROS_SUFFIXES)
 """Suffixes of files that a plan can be written to without ``--format``."""
 
-POSE = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
+POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
 MASS = "a mass [kg] such as 3, or an interval such as 0:3"
 """Values of ``--payload``."""
@@ -82,7 +82,7 @@ class PlanCommand(MotionCommand):
     torque_rate: str | None = numbers(
         "Limits", "Torque rate limits [N·m/s, prismatic N/s]: robot (default), none, or numbers."
     )
-    allow: list[str] | None = option("Limits", ALLOW)
+    allow: list[str] | None = option("Limits", ALLOW_HELP)
     scene: str | None = option(
         "Scene", "File of obstacles: .toml, .json or .urdf; or self, to check collisions between links only."
     )
@@ -116,7 +116,7 @@ class PlanCommand(MotionCommand):
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
         if valid and self.out is not None:
-            if self.out.suffix.lower() in ROS and self.format is None:
+            if self.out.suffix.lower() in ROS_SUFFIXES and self.format is None:
                 planners.to_ros(plan, self.out, rate=self.rate, allow=allow)
             else:
                 plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
@@ -143,7 +143,7 @@ class PlanCommand(MotionCommand):
         if self.package_dir is not None:
             path, links = split_links(name)
             if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
-                raise InvalidInput("--package-dir", self.package_dir, f"no --package-dir, because {name} is not a URDF")
+                raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
             name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
         arm = optik.load(name, tip=self.tip, base=self.base)
         return arm if self.payload is None else _add_payload(arm, self.payload)
@@ -166,12 +166,12 @@ class PlanCommand(MotionCommand):
             raise InvalidInput("--out-failed", self.out_failed, "a name that ends in .json")
         if rate is not None:
             check_number(rate, "--rate", "points per second, above 0", above=0.0)
-            if out is None or out.suffix.lower() not in (*ROS, ".csv"):
+            if out is None or out.suffix.lower() not in (*ROS_SUFFIXES, ".csv"):
                 came = f"{rate:g} {f'with --out {out}' if out else 'without --out'}"
                 raise InvalidInput("--rate", came, "a file of points", advice="add --out FILE.yaml or --out FILE.csv")
         if self.format is not None:
             if out is None:
-                raise InvalidInput("--format", self.format, "a file", advice="add --out FILE")
+                raise InvalidInput("--format", f"{self.format} without --out", "a file", advice="add --out FILE")
             load_method("planners.files", self.format, "file format")
         elif out is not None and out.suffix.lower() not in FILES:
             advice = "for another name add --format"
@@ -278,8 +278,8 @@ class LineCommand(PlanCommand):
 
         T, turn = start.arm.fk(start.q), read_numbers(self.turn_deg, "--turn-deg", 3)
         if np.linalg.norm(turn) > 180.0:
-            expected = "a rotation vector of at most 180°: a line turns the shortest way"
-            raise InvalidInput("--turn-deg", self.turn_deg, expected)
+            advice = "a line turns the shortest way"
+            raise InvalidInput("--turn-deg", self.turn_deg, "a rotation vector of at most 180°", advice=advice)
         position = T[:3, 3] + read_numbers(self.move, "--move", 3)
         return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
 
@@ -289,7 +289,7 @@ class ArcCommand(PlanCommand):
     """Plan and certify a motion of the tool along a circular arc: through a point to an end, or about an axis by an angle."""
 
     via: str = numbers("Path", "Intermediate point x,y,z [m]; with --to.", "")
-    to: str = numbers("Path", f"End pose: {POSE}", "")
+    to: str = numbers("Path", f"End pose: {POSE_SYNTAX}", "")
     centre: str = numbers("Path", "Point on the axis, x,y,z [m]; with --axis and --angle-deg.", "")
     axis: str = numbers("Path", "Direction of the axis, x,y,z.", "0,0,1")
     angle_deg: float = option("Path", "Angle about the axis, right-handed [degrees].", 90.0)
@@ -317,7 +317,7 @@ class PolylineCommand(PlanCommand):
     default in the configuration that is best for the whole path.
     """
 
-    via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE}")
+    via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE_SYNTAX}")
     waypoints: Path | None = option(
         "Path",
         "CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
@@ -361,7 +361,7 @@ class PathCommand(PlanCommand):
     configuration.
     """
 
-    path: str = argument(f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")
+    path: str = argument("PATH", f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")
     set_: list[str] | None = option("Path", "KEY=VALUE of the path, repeatable; values as in TOML.", None, "--set")
 
     def make_path(self, start: Start) -> planners.Path:

@@ -71,7 +71,7 @@ def _describe_ranges(robot: Robot) -> str:
 class FkCommand(RobotCommand):
     """Compute forward kinematics: the tool pose for joint values."""
 
-    q_deg: str = argument('Joint values [degrees, prismatic mm]: 20,-35,40 or "20 -35 40".', metavar=Q_DEG)
+    q_deg: str = argument(Q_DEG, 'Joint values [degrees, prismatic mm]: 20,-35,40 or "20 -35 40".')
 
     def run(self) -> None:
         """Print the pose."""
@@ -112,7 +112,7 @@ class IkCommand(StartCommand):
     quat: str = numbers("Target", "Target orientation as a quaternion w,x,y,z, in place of --rpy-deg.", "")
     task: str = option("Target", f"Constrained part of the pose, one of: {', '.join(TASKS)}.", "pose")
     closest: bool = option("Method", "If there is no solution, return the nearest pose.", False)
-    restarts: int = option("Method", "Largest number of restarts.", 200)
+    max_restarts: int = option("Method", "Largest number of restarts.", 200, "--restarts")
 
     def run(self) -> None:
         """Solve and print; exit with status 1 without a solution."""
@@ -130,7 +130,7 @@ class IkCommand(StartCommand):
         if quat:
             R = se3.from_quaternion(read_numbers(quat, "--quat", 4), "--quat")
         result = optik.solve_ik(
-            start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.restarts, task=self.task,
+            start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=self.task,
             closest=self.closest,
         )  # fmt: skip
         start.print_default()
@@ -167,5 +167,5 @@ def _print_ik(arm: Robot, result: IKResult, solver: str) -> None:
         table.add_row(name, f"{value * scale:+.6f}{unit}", f"{lo * scale:.0f} … {hi * scale:.0f}{unit}")
     out_console.print(table)
     out_console.print(
-        f"position error {1e3 * result.position_error:.3g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
+        f"position error {1e3 * result.position_error:.4g} mm, rotation error {np.degrees(result.rotation_error):.3g}°"
     )

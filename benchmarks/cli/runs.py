@@ -1,4 +1,4 @@
-"""`optik bench run`, `report` and `compare`, and `optik demo`: runs of suites with progress, their reports and differences."""
+"""`optik bench run`, `report` and `compare`, and `optik demo`: runs of suites with progress, reports, differences."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MOST_SETTINGS = 10
 Tell = Callable[[int, int, str], None]
 """Type of a progress callback, as `benchmarks.run.session.Progress`."""
 
-WORKERS = "Number of processes. It does not change results, only measured times of plans."
+WORKERS_HELP = "Number of processes. It does not change results, only measured times of plans."
 """Help of ``--workers``."""
 
 
@@ -62,9 +62,9 @@ class RunCommand(JsonCommand):
     failed; 2 for wrong arguments or a folder that cannot be written; 130 after Ctrl-C.
     """
 
-    suite: str = argument("A name from `optik bench list`, or a TOML file.")
+    suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.")
     out: Path = option("Options", "Folder of the run: new, empty, or with an interrupted run of the same suite.", ...)
-    workers: int = option("Options", WORKERS, 1)
+    workers: int = option("Options", WORKERS_HELP, 1)
     dask: str = option("Options", "Run on the Dask cluster of this scheduler: tls://HOST:PORT.", "", metavar="ADDRESS")
     part_timeout: float | None = option(
         "Options", "Time limit of a part in a worker process. [default: 1800 with --workers]", metavar="SECONDS"
@@ -128,7 +128,7 @@ class DemoCommand(JsonCommand):
     """Compare the IK methods and time laws on the paper's workspace and line: run the suite `paper` and write its report."""
 
     out: Path = option("Options", "Folder of the run and the report.", Path("optik-demo"))
-    workers: int = option("Options", WORKERS, DEMO_WORKERS)
+    workers: int = option("Options", WORKERS_HELP, DEMO_WORKERS)
 
     def run(self) -> None:
         """Run the suite, write its report, and print the verdicts."""
@@ -242,7 +242,7 @@ class Format(StrEnum):
 class ReportCommand(JsonCommand):
     """Write the report of a run into its folder: one HTML page that works offline, or Markdown, CSV or LaTeX."""
 
-    folder: Path = argument("Folder of a run.", metavar="RUN")
+    folder: Path = argument("RUN", "Folder of a run.")
     format: Format = option(
         "Output", "html: one page; md: report.md with figures; csv or tex: one file per table.", Format.HTML
     )
@@ -290,8 +290,8 @@ class CompareCommand(JsonCommand):
     by more than the spread between rounds. The exit status is 1 if B is worse than A by more than the threshold.
     """
 
-    first: Path = argument("Folder of the first run.", metavar="A")
-    second: Path = argument("Folder of a second run of the same blocks.", metavar="B")
+    first: Path = argument("A", "Folder of the first run.")
+    second: Path = argument("B", "Folder of a second run of the same blocks.")
     threshold: float = option(
         "Options",
         "Exit with status 1 if B is worse by more: percent of a time, percentage points of a rate.",
