@@ -16,16 +16,17 @@ from tests.figures.figure import ROOT, Row, Value, main
 
 COMMAND = ("plan", "line", "--robot", "paper6r", "--start-deg", "20,-35,40,25,50,-30", "--move", "-0.12,0,0.2")
 WORKER = """
-import json, sys
+import gc, json, sys
 from pathlib import Path
+from numba.core.dispatcher import Dispatcher
 root = Path(sys.argv[1])
 from benchmarks.cli.app import app
 sys.argv = ["optik", *sys.argv[2:]]
 seen = set()
 def note(frame, event, _):
     code = frame.f_code
-    if event == "call" and code.co_filename.startswith(str(root)) and code.co_name != "<module>":
-        seen.add((code.co_filename, code.co_qualname if hasattr(code, "co_qualname") else code.co_name))
+    if event == "call" and code.co_filename.startswith(f"{root}/") and code.co_name != "<module>":
+        seen.add(code)
 def run():
     try:
         app()
@@ -35,8 +36,9 @@ run()  # compiles, and imports
 sys.setprofile(note)
 run()
 sys.setprofile(None)
-seen = {(f, n) for f, n in seen if "/compiled/" not in f}
-print("\\n" + json.dumps([len({f for f, _ in seen}), len(seen)]))
+kernels = {one.py_func.__code__ for one in gc.get_objects() if issubclass(type(one), Dispatcher)}
+seen = {code for code in seen - kernels if "/compiled/" not in code.co_filename}
+print("\\n" + json.dumps([len({code.co_filename for code in seen}), len(seen)]))
 """
 
 
