@@ -17,7 +17,7 @@ from planners.certificate.certification import certify
 from planners.certificate.checks import check_span
 from planners.certificate.violation import ALLOWANCES, Allow, check_allow
 from planners.following.failure import FollowStatus
-from planners.limits import ALL_LIMITS, MotionLimits
+from planners.limits import ALL_LIMITS, MotionLimits, check_path
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -95,7 +95,7 @@ class Motion:
         if self.trajectory.n != self.robot.n:
             raise InvalidInput("trajectory", f"{self.trajectory.n} joints", f"the {self.robot.n} of {self.robot.name}")
         self.limits.arrays(self.robot.n)
-        self.limits.check_path(self.path)
+        check_path(self.limits, self.path)
         if not isinstance(self.enforced, tuple) or any(k not in self.limits.names for k in self.enforced):
             raise InvalidInput(
                 "enforced", repr(self.enforced)[:120], f"a tuple of some of {', '.join(self.limits.names)}"

@@ -24,7 +24,7 @@ from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, requ
 from planners.files import save
 from planners.fit import check_statics, fit, stretch_factor
 from planners.following.follow import DEFAULT_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
-from planners.limits import SAME_SPEED, MotionLimits
+from planners.limits import SAME_SPEED, MotionLimits, check_path
 from planners.motion import Motion, PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
@@ -304,7 +304,7 @@ def _build_request(
         other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
         raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
-    limits.check_path(path)
+    check_path(limits, path)
     tolerance, rate, scene, allow = options
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,

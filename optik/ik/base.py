@@ -14,7 +14,7 @@ from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
-from optik.ik._nearest_pose import find_nearest_pose
+from optik.ik._gauss_newton import find_nearest_pose
 from optik.ik._problem import IK_TOLERANCE, STATUS_OF_CODE, check_batch, check_problem, sample_restart
 from optik.ik._problem import IKBatch as IKBatch
 from optik.ik._problem import IKResult as IKResult

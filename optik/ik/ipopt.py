@@ -8,8 +8,7 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import ProgrammeSolver
-from optik.ik._casadi.solver import Answer, Programme, first_line
+from optik.ik._casadi.programme import Answer, Programme, ProgrammeSolver, first_line
 from optik.ik._casadi.symbolic import Model, cost, cost_derivatives, error_components
 from optik.ik.base import IKStatus
 

@@ -18,7 +18,7 @@ from optik.errors import InvalidInput, RobotModelError
 from optik.ik._lm import kernels
 from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._lm.partial_pose import attempt_task
-from optik.ik._preference import Preference
+from optik.ik._null_space import Preference
 from optik.ik._problem import SOLVED, STATUS_OF_CODE, check_start
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.newton import GAIN, LEAST_DAMPING

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
-from optik.ik._casadi.programme import ProgrammeSolver
-from optik.ik._casadi.solver import Answer
+from optik.ik._casadi.programme import Answer, ProgrammeSolver
 from optik.ik._casadi.symbolic import Model, cost_derivatives
 from optik.ik.base import IKStatus
 

@@ -28,7 +28,7 @@ from planners.certificate.checks import (
 from planners.certificate.clearance import clearance
 from planners.certificate.effort import energy, friction_steps
 from planners.certificate.path_error import PathError
-from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme
+from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, check_path
 from planners.paths.base import Path
 from planners.trajectory import Trajectory, cut_after, cut_before
 
@@ -164,7 +164,7 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
         raise InvalidInput("trajectory", f"{trajectory.n} joints", f"the {robot.n} of {robot.name}")
     assert limits is not None
     if path is not None:
-        limits.check_path(path)
+        check_path(limits, path)
     return limits
 
 

@@ -12,7 +12,13 @@ from planners.limits._kinds import (
     kind_of,
     register,
 )
-from planners.limits._motion_limits import MotionLimits
+from planners.limits._motion_limits import (
+    MotionLimits,
+    check_path,
+    find_tool_limit_changes,
+    tool_limits_at,
+    tool_limits_between,
+)
 from planners.limits.base import (
     Extreme,
     Limit,
@@ -44,10 +50,14 @@ __all__ = [
     "ToolExtreme",
     "ToolSpeedLimit",
     "check_names",
+    "check_path",
+    "find_tool_limit_changes",
     "kind_of",
     "ratio_to_limit",
     "register",
     "scale_of",
     "sides",
     "symmetric_bound",
+    "tool_limits_at",
+    "tool_limits_between",
 ]

@@ -342,101 +342,6 @@ class MotionLimits:
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
         return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
 
-    def check_path(self, path: Path) -> None:
-        """Check that limits with one bound for each segment have as many bounds as the path has segments.
-
-        Parameters
-        ----------
-        path : Path
-            The path.
-
-        Raises
-        ------
-        InvalidInput
-            A different number of bounds.
-        """
-        for name in TOOL_SPEEDS:
-            value = self.value(name)
-            if np.ndim(value):
-                bounds_on_pieces(path, np.asarray(value), name)
-
-    def tool_at(self, path: Path, s: Array) -> Array:
-        """Return the greatest tool speeds at positions along a path; at a break the lesser of both sides.
-
-        Parameters
-        ----------
-        path : Path
-            The path.
-        s : (k,) array
-            Positions [m, or rad].
-
-        Returns
-        -------
-        (k, 2) array
-            Tool speed [m/s] and rotation speed [rad/s]; infinity where free.
-
-        Raises
-        ------
-        InvalidInput
-            Different numbers of bounds and segments.
-        """
-        kept = [np.asarray(np.inf if value is None else value) for value in (self.tool_speed, self.rotation_speed)]
-        each = [
-            bound_at(path, b, s, name) if b.ndim else np.full(s.size, b)
-            for b, name in zip(kept, TOOL_SPEEDS, strict=True)
-        ]
-        return np.stack(each, axis=1)
-
-    def tool_between(self, path: Path, s: Array) -> Array:
-        """Return the greatest tool speeds between positions along a path; the lesser if an interval has two of them.
-
-        Parameters
-        ----------
-        path : Path
-            The path.
-        s : (k + 1,) array
-            Positions, increasing [m, or rad].
-
-        Returns
-        -------
-        (k, 2) array
-            Tool speed [m/s] and rotation speed [rad/s]; infinity where free.
-
-        Raises
-        ------
-        InvalidInput
-            Different numbers of bounds and segments.
-        """
-        kept = zip(TOOL_SPEEDS, map(self.value, TOOL_SPEEDS), self.tool, strict=True)
-        each = [
-            np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
-            for name, v, most in kept
-        ]
-        return np.stack(each, axis=1)
-
-    def tool_changes(self, path: Path) -> Array:
-        """Return the breaks of a path at which a greatest tool speed changes.
-
-        Parameters
-        ----------
-        path : Path
-            The path.
-
-        Returns
-        -------
-        (k,) array
-            Positions of these breaks [m, or rad].
-
-        Raises
-        ------
-        InvalidInput
-            Different numbers of bounds and segments.
-        """
-        if not any(np.ndim(self.value(name)) for name in TOOL_SPEEDS):
-            return np.empty(0)
-        breaks, allowed = path.breaks, self.tool_between(path, path.breaks)
-        return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])
-
     @property
     def tool(self) -> tuple[float, float]:
         """Greatest tool speed [m/s] and rotation speed [rad/s] of any segment, infinity where free."""
@@ -444,3 +349,39 @@ class MotionLimits:
             np.inf if value is None else float(np.max(value)) for value in (self.tool_speed, self.rotation_speed)
         )
         return speed, rotation
+
+
+def check_path(limits: MotionLimits, path: Path) -> None:
+    """Check that limits with one bound for each segment have as many bounds as the path has segments."""
+    for name in TOOL_SPEEDS:
+        value = limits.value(name)
+        if np.ndim(value):
+            bounds_on_pieces(path, np.asarray(value), name)
+
+
+def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
+    """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
+    given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
+    each = [bound_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    return np.stack(each, axis=1)
+
+
+def tool_limits_between(limits: MotionLimits, path: Path, s: Array) -> Array:
+    """Return the greatest tool speeds (k, 2) [m/s, rad/s] between positions (k + 1,) along a path.
+
+    If an interval has two limits, it is the lesser.
+    """
+    given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
+    each = [
+        np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+        for name, v, most in given
+    ]
+    return np.stack(each, axis=1)
+
+
+def find_tool_limit_changes(limits: MotionLimits, path: Path) -> Array:
+    """Return the breaks of a path (k,) at which a greatest tool speed changes."""
+    if not any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):
+        return np.empty(0)
+    breaks, allowed = path.breaks, tool_limits_between(limits, path, path.breaks)
+    return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])

@@ -13,8 +13,7 @@ from optik.errors import NoSolution
 from planners.fit import fit_to_limits, match_start, stretch_factor
 from planners.following.joint_path import JointPath
 from planners.plan import Plan, PlanRequest
-from planners.replan.reason import explain_infeasible
-from planners.replan.request import certify_motion, choose_law, run_law
+from planners.replan.request import certify_motion, choose_law, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, limits_at, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
 from planners.timing._brake import brake, stop_time

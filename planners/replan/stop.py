@@ -10,8 +10,7 @@ import numpy as np
 
 from planners.fit import match_start
 from planners.plan import Plan, PlanRequest
-from planners.replan.reason import explain_infeasible
-from planners.replan.request import certify_motion
+from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, limits_at, s_at
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind

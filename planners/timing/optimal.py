@@ -15,7 +15,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.following.follow import JointPath
-from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, tool_limits_between
 from planners.limits.base import ratio_to_limit
 from planners.timing._optimal import iteration
 from planners.timing._optimal.newton import Problem
@@ -353,7 +353,9 @@ def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits
         return np.zeros(t.size - 1)
     at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
     twist = np.einsum("kij,kj->ki", joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
-    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / limits.tool_between(joint_path.path, s)[:, None]
+    norms = (
+        np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / tool_limits_between(limits, joint_path.path, s)[:, None]
+    )
     return np.asarray(norms.max(axis=(1, 2)))
 
 

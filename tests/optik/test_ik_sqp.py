@@ -12,7 +12,7 @@ from optik import DHRow, IKStatus, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import IPOPT, SQP
 from optik.ik._casadi import symbolic
-from optik.ik._preference import PREFERENCES
+from optik.ik._null_space import PREFERENCES
 from optik.task import Task, as_task
 from tests import oracles
 from tests.optik.test_task import TASKS, plain_error

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 import optik
 from optik import se3
-from optik.arm.shapes.enclosure import box_triangles, enclose_cylinder, enclose_mesh, split_mesh
-from optik.arm.shapes.excess import Capsule, bound_excess
+from optik.arm.shapes.enclosure import Capsule, bound_excess, box_triangles, enclose_cylinder, enclose_mesh, split_mesh
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError
 from tests.oracles.shapes import distances

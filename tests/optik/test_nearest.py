@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 import optik
 from optik import IKStatus
 from optik.ik import DLS, LM
-from optik.ik._nearest_pose import find_nearest_pose
+from optik.ik._gauss_newton import find_nearest_pose
 from optik.task import as_task
 from tests import oracles
 

@@ -23,7 +23,7 @@ from planners.following.joint_path import JointPath
 from planners.paths.base import Path
 from planners.timing import base
 from planners.timing import toppra as toppra_law
-from planners.timing._sectional.ramps import Ramp, law_of, phases_of, ratio_of, table
+from planners.timing._sectional.ramps import Ramp, law_of, make_table, phases_of, ratio_of
 from planners.timing.base import refit
 from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic
@@ -202,7 +202,7 @@ def test_the_ratio_of_a_ramp_is_what_the_chain_rule_says(joint_path: JointPath) 
             _, *derivatives = chain(joint_path, law, t, k)
             worst = np.maximum(worst, [np.abs(d).max() for d in derivatives])
     slow = max((worst[0] / 2.0), (worst[1] / 10.0) ** (1 / 2), (worst[2] / 100.0) ** (1 / 3))
-    assert ratio_of(table(joint_path, LIMITS), ramp, 60) == pytest.approx(slow, rel=2e-3)
+    assert ratio_of(make_table(joint_path, LIMITS), ramp, 60) == pytest.approx(slow, rel=2e-3)
 
 
 # ---------------------------------------------------------------- ruckig

@@ -18,7 +18,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import stretch_factor
 from planners.following.joint_path import JointPath
-from planners.limits import PathPoints
+from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
 from tests.planners.cases import START, default_line, paper6r
 
 SPEEDS = (0.1, 0.3, 0.05)
@@ -84,7 +84,7 @@ def test_a_corner_has_the_lesser_limit_of_both_its_segments() -> None:
 def test_the_speed_changes_at_the_breaks_at_which_its_limits_differ(speeds: tuple[float, ...] | float) -> None:
     least = bent().least_on_pieces(np.broadcast_to(speeds, 3).astype(float))
     expected = bent().breaks[1:-1][np.diff(least) != 0.0]
-    assert limits(speeds).tool_changes(bent()).tolist() == expected.tolist()
+    assert find_tool_limit_changes(limits(speeds), bent()).tolist() == expected.tolist()
 
 
 def test_rows_have_the_limit_of_their_place_and_at_a_break_the_lesser() -> None:
@@ -257,7 +257,7 @@ def test_limits_of_segments_are_values(tmp_path: Path) -> None:
     assert one.scale(2.0).value("tool_speed").tolist() == [0.2, 0.6, 0.1]
     assert one.to_dict(6)["tool_speed"] == list(SPEEDS)
     assert one.tool == (0.3, np.inf)
-    assert one.tool_at(bent(), np.array([0.05, 0.15]))[:, 0].tolist() == [0.1, 0.3]
+    assert tool_limits_at(one, bent(), np.array([0.05, 0.15]))[:, 0].tolist() == [0.1, 0.3]
     motion = plan(paper6r(), bent(), START, limits=one, timing="ruckig").motion
     for suffix in (".json", ".csv", ".npz"):
         save(motion, tmp_path / f"motion{suffix}")

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.enclosure import box_triangles, enclose_cylinder, enclose_mesh, fit_capsule
-from optik.arm.shapes.excess import Capsule
+from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder, enclose_mesh, fit_capsule
 from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh
 from optik.arm.shapes.model import Shapes
 from optik.arm.urdf_tree import Joint, Tree, joint_origin, origin_pose, read_number, read_triple

@@ -11,7 +11,7 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import find_times
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes
 from planners.timing import _sweep
 from planners.timing._optimal import reach
 from planners.timing._optimal.newton import Problem
@@ -85,7 +85,7 @@ def moving_programme(
     at, v, a = _filter(t, s, v, width, when)
     at = np.clip(at, begin, end)
     at[0], at[-1] = begin, end
-    for place in limits.tool_changes(joint_path.path):  # the nearest grid point moves there
+    for place in find_tool_limit_changes(limits, joint_path.path):  # the nearest grid point moves there
         k = int(np.abs(at - place).argmin())
         if 0 < k < at.size - 1 and at[k - 1] < place < at[k + 1]:
             at[k] = place
@@ -270,7 +270,7 @@ def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, mo
     usual = round(_sweep.count_intervals(along, motion, even, per_change, least, share))
     count = max(round(more * (intervals or usual)), 8)
     when = np.interp(np.linspace(0.0, share[-1], count + 1), share, t)
-    changes = limits.tool_changes(joint_path.path)
+    changes = find_tool_limit_changes(limits, joint_path.path)
     when, k, nodes = _add_nodes(when, joint_path, along, motion, least, changes)
     found = np.empty((3, when.size))
     _sweep.sample(along.s, motion, when, found)

@@ -11,12 +11,11 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
-from planners.paths.base import Path
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import speed_bound
 
-TABLE_INTERVALS, TABLE_PER_PIECE = (1024, 16384), 12
-"""Least and largest number of intervals of a table, and the number in the path's shortest piece."""
+TABLE_INTERVALS, TABLE_PER_PIECE = 1024, 12
+"""Least number of intervals of a table, and the number in the path's shortest piece."""
 LEAST_FLAT = 0.02
 """Least fraction of a ramp with constant acceleration: without it Ruckig's roots lose half their digits; it costs 1e-4 of T."""
 SHORTEST_PHASE = 5e-4
@@ -57,31 +56,14 @@ class Table(NamedTuple):
     parts: Array
 
 
-def table(joint_path: JointPath, limits: MotionLimits) -> Table:
-    """Return the table at equally spaced path parameters."""
-    return _table(joint_path, limits, np.linspace(0.0, joint_path.end, fine_enough(joint_path.path) + 1))
-
-
 def make_table(joint_path: JointPath, limits: MotionLimits) -> Table:
     """Return the table at path parameters that include every break and are dense where pieces are short."""
-    breaks = joint_path.path.breaks
-    return _table(
-        joint_path,
-        limits,
-        make_graded_grid(breaks[breaks < joint_path.end], joint_path.end, TABLE_INTERVALS[0], TABLE_PER_PIECE),
-    )
-
-
-def _table(joint_path: JointPath, limits: MotionLimits, s: Array) -> Table:
+    breaks, end = joint_path.path.breaks, joint_path.end
+    s = make_graded_grid(breaks[breaks < end], end, TABLE_INTERVALS, TABLE_PER_PIECE)
     slowness = 1.0 / speed_bound(joint_path, limits, s)
     if any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):  # the lesser speed also half a cell beyond its segment
         slowness = np.maximum(slowness, np.maximum(np.append(slowness[1:], 0.0), np.append(0.0, slowness[:-1])))
     return Table(s, slowness, limit_rows(limits, PathPoints(joint_path, s)))
-
-
-def fine_enough(path: Path) -> int:
-    """Return the number of equal intervals of a table that resolves the path's shortest piece."""
-    return int(np.clip(TABLE_PER_PIECE * path.end / np.diff(path.breaks).min(), *TABLE_INTERVALS))
 
 
 def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
@@ -209,17 +191,3 @@ def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, 
     kind, i = columns[column]
     joint = joint_path.robot.joint_names[i] if kind.subject is None else None
     return Worst(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))
-
-
-def states(law: scipy.interpolate.PPoly, count: int = 64) -> tuple[Array, Array, Array, Array]:
-    """s, ṡ, s̈, s⃛ of a law at instants of each piece, one-sided at its ends."""
-    u = np.diff(law.x)[:, None] * np.linspace(0.0, 1.0, count + 1)
-    out, c = [], law.c
-    for _ in range(4):
-        value = np.zeros_like(u)
-        for row in c:
-            value = value * u + row[:, None]
-        out.append(value.ravel())
-        degree = np.arange(len(c))[::-1][:, None]
-        c = (c * degree)[:-1] if len(c) > 1 else np.zeros_like(c)
-    return out[0], out[1], out[2], out[3]
