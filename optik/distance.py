@@ -17,7 +17,6 @@ from optik.types import Array
 NearestPoint = tuple[float, float, Triple]
 """Least distance [m], the position on the first segment as a fraction from 0 to 1, and the difference there from the nearest
 point of the other body (3,) [m]."""
-
 DISTANCE_ROUNDING = 1e-9
 """Bound of the error of a distance [m], with the rounding of poses: several hundred times 2e-16 of `LARGEST_COORDINATE`."""
 LARGEST_COORDINATE = 1e4

@@ -14,7 +14,6 @@ from optik.errors import InvalidInput, OutputError
 
 MOST_BYTES = 2**30
 """Default size limit of a file [bytes]."""
-
 BYTES_AT_ONCE = 2**20
 """Bytes read in one call, for which Python reserves memory."""
 

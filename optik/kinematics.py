@@ -24,7 +24,6 @@ Triple = tuple[float, float, float]
 Chain = tuple[Array, Flags, Array]
 """An arm as kernels take it: fixed (n, 4, 4), the transforms [1, m] from the joint before (the base, for the first) to
 each joint at q = 0; prismatic (n,), flags of prismatic joints; tool (4, 4), the transform from the last joint to the tool."""
-
 Range = tuple[Array, Array]
 """Position limits, or bounds of an iteration, as kernels take them: lower (n,) and upper (n,) [rad, m]."""
 

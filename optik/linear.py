@@ -12,7 +12,6 @@ from optik.types import Array, Indices
 ORTHOGONAL = 1e-10
 """Cosine [1] below which two rows count as orthogonal; it is the relative error of singular values that are nearly equal, and
 its square that of others."""
-
 MOST_SWEEPS = 30
 """Most sweeps of Jacobi rotations: two or three are enough for finite numbers."""
 

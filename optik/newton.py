@@ -11,14 +11,11 @@ from optik.types import Array
 
 GAIN = 0.1
 """Gain [1] of the damping λ² = gain · ½|e|² + least damping of searches from a distant seed (Sugihara 2011)."""
-
 LEAST_DAMPING = 1e-12
 """Least damping λ² [m², rad²]: 1e-8 would leave 0.2 % of near targets unsolved, 1e-4 would leave 5 %."""
-
 POLISHING_DAMPING = 1e-4
 """Damping λ at a singular configuration [m, rad]: a step leaves 1e-4 of the error in directions with a singular value of
 100 λ."""
-
 SQUARED_ROUNDING = 1e-30
 """Squared error [m², rad²] that is rounding."""
 

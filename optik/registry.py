@@ -35,13 +35,10 @@ GROUPS = (
     "benchmarks.suites",
 )
 """All groups: names of packages and of groups of entry points. For listings only."""
-
 _DATA_GROUPS = ("optik.robots", "benchmarks.suites")
 """Groups of data files; importing them would hide `optik.robots()` behind a module."""
-
 _OURS = ("optik", "planners", "benchmarks")
 """Our packages: if one of their modules is missing, no dependency is."""
-
 _loaded: dict[tuple[str, str], tuple[str, Any]] = {}
 """Plug-ins that this process has loaded, by group and name: the source, and the method."""
 

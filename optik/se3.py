@@ -17,13 +17,10 @@ from optik.types import Array
 
 ROTATION_TOLERANCE = 1e-6
 """Largest |RᵀR − I| of an accepted rotation matrix [1]: measured poses have 1e-7 of noise."""
-
 FARTHEST = 1e6
 """Largest coordinate of an accepted position [m]: squares of larger ones lose millimetres."""
-
 QUATERNION_ERROR = 1e-2
 """Largest difference of a quaternion's length from 1 [1], for values with three digits."""
-
 LAST_ROW_TOLERANCE = 1e-9
 """Largest difference of a pose's last row from (0, 0, 0, 1) [1]."""
 

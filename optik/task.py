@@ -19,13 +19,10 @@ from optik.types import Array
 
 Goal = tuple[Array, Array]
 """A task's target as kernels take it: `Task.flags` (13,) [1, m, rad], and the target pose (4, 4) [1, m]."""
-
 TASK_FRAMES = ("target", "base")
 """Frames of the components of an error."""
-
 SERIES_ANGLE = 1e-3
 """Angle [rad] below which (1 − ½a cot ½a) / a² is replaced by its limit 1/12; the next term is a²/720."""
-
 _MASKS = {
     "pose": (1, 1, 1, 1, 1, 1),
     "position": (1, 1, 1, 0, 0, 0),

@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 """Real numbers in double precision."""
-
 Flags: TypeAlias = NDArray[np.bool_]
 """Truth values."""
-
 Indices: TypeAlias = NDArray[np.int64]
 """Integers: indices, counts or status codes."""

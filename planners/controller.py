@@ -13,10 +13,8 @@ from planners.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
 """Interpolation through positions; positions and velocities; positions, velocities and accelerations."""
-
 SAME_INSTANT = 1e-9
 """Instants nearer to a knot than this are equal to it [s]: one nanosecond, the resolution of controllers."""
-
 POINTS = 1_000_000
 """Most setpoints of a motion: two hours at 125 per second."""
 

@@ -22,10 +22,8 @@ from planners.trajectory import State, Trajectory, shift_pieces
 
 FIRST_MARGIN = 1e-12
 """Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""
-
 SPARE = 1e-6
 """Largest fraction of the duration that a scaled motion may be too slow: gravity does not scale with a power of the speed."""
-
 MOST_SPEED_UPS = 4
 """Most times that such a motion is sped up again; each adds a few digits."""
 

@@ -36,7 +36,6 @@ __all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path
 
 PATH_FRACTION = 0.95
 """Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
-
 MOST_SECONDS = 1e9
 """Longest duration that can be requested [s], 30 years: powers of much longer ones overflow."""
 

@@ -23,13 +23,10 @@ from optik.types import Array, Flags
 
 COMPARED = 40
 """Number of configurations that are compared: 240 equations, far more than an explanation has unknowns."""
-
 SIGNS_TRIED = 512
 """Largest number of combinations of joint directions that are tried, fewest reversed joints first: all for nine joints."""
-
 UNEXPLAINED = "angles and distances of neighbouring axes agree; lengths along the axes may differ"
 """Reason of a difference that neither the axes nor an explanation describes."""
-
 PARALLEL = 1e-3
 """Angle [rad] below which two axes count as parallel: the direction of their common normal is then mostly noise."""
 

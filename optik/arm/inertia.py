@@ -17,21 +17,16 @@ from optik.types import Array
 FARTHEST_MASS = 5.0
 """Largest distance of a centre of mass from its frame, and largest radius of gyration [m]. The largest industrial arms
 reach this far with all links; 1 cm given in millimetres already exceeds it."""
-
 HEAVIEST = 1e4
 """Largest mass of a link or payload [kg]: the mass of the heaviest industrial arms with all links."""
-
 TRIANGLE_SLACK = 0.1
 """Fraction by which the largest principal moment may exceed the sum of the others [1]: measured moments have such errors.
 Those of the Puma's third link (Armstrong, Khatib and Burdick 1986) exceed it by 9 %."""
-
 TENSOR_ROUNDING = 1e-6
 """Asymmetry of an inertia tensor, and negative part of its smallest moment, relative to its largest entry [1]: the
 rounding errors of entries with seven digits."""
-
 NO_INERTIA = 1e-15
 """Largest entry of an inertia tensor that counts as 0 [kg·m²]: a thousandth of that of 1 mg at 1 mm."""
-
 Body = tuple[float, Array, Array]
 """A rigid body: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the axes of one frame."""
 

@@ -89,43 +89,32 @@ from optik.types import Array
 
 ROBOTS = "optik.robots"
 """Name of the group of robots."""
-
 URDF = (".urdf", ".xml")
 """Suffixes of URDF files."""
-
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
-
 URDF_OPTIONS = {"tip", "base", "shapes", "packages", "srdf"}
 """Options that may follow the path of a URDF."""
-
 MOST_TOML_BYTES = 2**20
 """Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
-
 CONVENTIONS = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 """Constructors by the convention of the rows: modified (Craig) or standard (distal)."""
-
 REQUIRED_KEYS = ("convention", "joints")
 """Keys that every file has."""
-
 OPTIONAL_KEYS = (
     "source", "joint_names", "home_deg", "gravity", "gravity_magnitude", "base", "tool", "dynamic_limits", "inertia", "shapes",
 )  # fmt: skip
 """Keys that a file may have."""
-
 RANGES = {"range_deg": RADIANS_PER_DEGREE, "range_rad": 1.0, "range_mm": 1e-3}
 """Keys of a joint's position limits, and the factor to radians or metres."""
-
 SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 """Keys of a joint's velocity limit, and the factor to rad/s or m/s."""
-
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
 """Keys of a row; the type of the joint determines the required ones."""
 
 
 CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
 """Keys of a capsule's row besides its link and radius."""
-
 LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 """Keys of a row of masses."""
 

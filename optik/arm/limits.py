@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
 R = TypeVar("R", bound="DataclassInstance")
 """Type of a dataclass."""
-
 DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
 """Fields of `JointLimits` that may be unknown."""
-
 LIMIT_TOLERANCE = 1e-9
 """Slack of position limits [rad, m]: rounding errors are not limit violations."""
 

@@ -21,7 +21,6 @@ from optik.types import Array
 ROD_DENSITY = 1500.0
 """Density of the assumed rods [kg/m³]: with `ROD_THICKNESS` an arm of the UR5e's size weighs 14 kg, of the Panda's 20 kg;
 the real ones weigh 19 and 16 kg without their bases."""
-
 ROD_THICKNESS = 0.1
 """Diameter of the assumed rods, as a part of the length of all links together [1]: arms are some ten times as long as thick."""
 
@@ -71,21 +70,16 @@ def _describe_masses(robot: Robot, thickness: float, total: float) -> str:
 
 PLANT_STEP = 0.0005
 """Step of MuJoCo's integrator by default [s]: eight steps in a servo period of 4 ms, as fast as current loops of drives run."""
-
 SMALLEST_MASS = 1e-12
 """Mass [kg] and smallest principal moment [kg·m²] that are written for 0: MuJoCo refuses moving bodies below 1e-15. They
 change torques by less than 1e-9 N·m up to accelerations of 100 m/s² and rad/s²."""
-
 TRIANGLE_MARGIN = 1e-15
 """Part by which the sum of the two smaller moments exceeds the largest after mending [1]: rounding of that sum."""
-
 STIFF_STEPS = 2.0
 """Time constant with which MuJoCo brings a sticking joint to rest, in steps: its shortest. With its default of 0.02 s a joint
 at rest creeps under load by some 1e-3 rad/s."""
-
 STIFF_SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 """Impedance of friction in MuJoCo: its largest. A joint that sticks then carries 99.99 % of the load by friction, not 90 %."""
-
 Axes = tuple[Array, Array]
 """Principal moments (3,) [kg·m²], and the axes as columns of a rotation matrix (3, 3)."""
 

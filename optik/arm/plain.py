@@ -17,25 +17,18 @@ from optik.types import Array
 
 INFINITE = {"inf": np.inf, "-inf": -np.inf}
 """Strings for infinite numbers, which JSON lacks."""
-
 LIMIT_KEYS = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Keys of an arm's limits that are always written: fields of `JointLimits`."""
-
 TORQUE_KEYS = ("torque", "torque_rate")
 """Keys of an arm's limits that are written where known."""
-
 ARM_KEYS = ("name", "joint_names", "prismatic", "fixed", "tool", "gravity", "limits", "source")
 """Keys of an arm that are always written: fields of `ArmModel`."""
-
 MASS_KEYS = ("gravity_magnitude", "inertia", "payload")
 """Keys of an arm that are written where they are known, gravity_magnitude where it is not the standard value."""
-
 INERTIA_KEYS = ("mass", "com", "tensor", "motor", "viscous", "coulomb", "source")
 """Keys of an arm's masses: the fields of `Inertia`."""
-
 PAYLOAD_KEYS = ("mass", "com", "inertia")
 """Keys of a payload: the fields of `Payload`."""
-
 SHAPES_KEYS = ("link", "a", "b", "radius", "excess", "names", "apart", "source")
 """Keys of an arm's shapes: the arrays of `Capsules` and the excess in columns, and the other fields of `Shapes`."""
 

@@ -30,19 +30,14 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 """Arguments of a function."""
-
 R = TypeVar("R")
 """Result of a function."""
-
 Placed: TypeAlias = list[tuple[Joint, Array]]
 """All joints of a chain, and the poses of their links in the frames of the arm's joints."""
-
 MOVING = ("revolute", "continuous", "prismatic")
 """Types of movable joints; fixed joints are merged, other types are an error."""
-
 PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 """Attributes of an <inertia>, arranged as in the tensor."""
-
 INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
 """Texts for infinity, in lower case."""
 

@@ -20,10 +20,8 @@ from typing import Any, NamedTuple
 
 ARCHIVE_FORMAT = "optik kernels 1"
 """Format of an archive: the first words of the file."""
-
 ARCHIVES = Path(__file__).parent / "_kernels"
 """Only folder from which archives are read, because their machine code is run."""
-
 NEEDED = {
     "x86-64-v3": "avx avx2 bmi bmi2 cx16 f16c fma lzcnt movbe popcnt sahf sse3 sse4.1 sse4.2 ssse3 xsave",
     "generic": "",

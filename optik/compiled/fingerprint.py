@@ -34,7 +34,6 @@ from numba.extending import is_jitted
 
 FOREIGN = {"numpy", "numba", "llvmlite"} | set(sys.stdlib_module_names)
 """Packages whose functions are identified by name; `VERSIONS` holds their releases, of NumPy the major version only."""
-
 VERSIONS = (
     f"numba {numba.__version__}",
     f"llvmlite {llvmlite.__version__}",
@@ -42,22 +41,16 @@ VERSIONS = (
     f"Python {sys.implementation.cache_tag}{getattr(sys, 'abiflags', '')} {importlib.util.MAGIC_NUMBER.hex()}",
 )
 """Versions that the machine code depends on: a patch of Python or a minor release of NumPy changes neither bytecode nor ABI."""
-
 MOST_OPT = 1
 """Highest LLVM optimisation level of serial kernels. Parallel kernels use Numba's: only they are faster at a higher one."""
-
 SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of Numba, beside the optimisation level, that change the machine code of a function."""
-
 LOADS_CONSTANT = {dis.opmap[name] for name in ("LOAD_CONST", "RETURN_CONST") if name in dis.opmap}
 """Bytecode instructions that load a constant by its index; which of them exist depends on the version of Python."""
-
 PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), range, np.generic)
 """Types whose values are described completely by their `repr`."""
-
 NAMED = (BuiltinFunctionType, MethodDescriptorType, np.ufunc, np.dtype, types.Type)
 """Types whose values are identified by name, because `VERSIONS` holds the release of their code."""
-
 ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 """Memory address in a `repr`: it differs in every process."""
 

@@ -24,7 +24,6 @@ config.reload_config()
 
 F = TypeVar("F", bound=Callable[..., Any])
 """Type of the function: the type checker sees the signature of what is compiled."""
-
 QUIET_SECONDS = 2.0
 """Time of compilation after which a terminal shows progress."""
 

@@ -15,22 +15,17 @@ from optik.types import Array
 
 Work = tuple[Array, Array, Array, Array]
 """Scratch of `bounded_step`: matrix (6, 6) [m²], right-hand sides (6,) and (6,) [m, rad], state of each joint (n,) [1]."""
-
 Rule = tuple[float, float, float, float, float, float, float, float]
 """Settings of `descend_inside`: position and rotation tolerance [m, rad]; number of iterations; patience and progress [1];
 gain and least damping of λ² = gain · ½|e|² + least damping; growth of λ². The iteration ends after `patience` iterations
 that do not reduce ½|e|² below the fraction `progress` of its least value. A step that does not reduce ½|e|² is undone, and
 λ² grows. A growth of 1 accepts every step."""
-
 JOINT_FREE, JOINT_RELEASED, JOINT_LOW, JOINT_HIGH, JOINT_LOCKED = 0.0, 1.0, 2.0, 3.0, 4.0
 """States of a joint in one step. A joint that comes back to its bound after its release stays there."""
-
 LEAST_PULL = 1e-9
 """Least step away from its bound at which a joint is released [rad, m]; smaller values are rounding errors."""
-
 NO_TRACE = np.empty((0, 6))
 """Argument `trace` of `descend_inside` if the errors are not recorded."""
-
 LEAST_SCALE = 1e-9
 """Smallest factor on the gain that the growth leads to [1]; steps with it are undamped."""
 
@@ -152,7 +147,6 @@ def descend_inside(
 DESCENT_PATIENCE, DESCENT_PROGRESS = 12, 1.0 - 1e-12
 """The descent ends after this number of consecutive steps [1] that do not reduce ½|e|² by a fraction of 1e-12. The damping
 has then grown by DESCENT_GROWTH¹²."""
-
 DESCENT_GROWTH = 4.0
 """Growth of λ² after a step that does not reduce ½|e|² [1] (Marquardt 1963)."""
 

@@ -27,26 +27,19 @@ from optik.types import Array, Indices
 
 Objective = tuple[Array, Array]
 """Secondary objective: weights (3,) of posture, limits and manipulability [1], and the posture (n,) [rad, m]."""
-
 RANK_FLOOR = 1e-12
 """Added to the diagonal of J Jᵀ [m², 1], so that its determinant is positive at a singular configuration. It is far above
 the rounding errors of the products, and a millionth of the square of a singular value of 1e-3."""
-
 LOST_RANK = -1e3
 """Log √det(J Jᵀ) [1] if the factorisation fails nevertheless, below all other values (6 log √1e-12 = −83)."""
-
 PROJECTION_DAMPING = 1e-12
 """Damping λ² [m², rad²] of projections and corrections, which keeps them finite at a singular configuration."""
-
 MOST_CORRECTIONS, FRACTION_OF_TOLERANCE = 8, 0.1
 """Largest number of Newton steps that correct the task error, and the fraction of the tolerance at which they end [1]."""
-
 MOST_DESCENTS, LONGEST_DESCENT = 200, 0.5
 """Largest number and length [rad, m] of the descent's steps. The correction after a step must stay on the same branch."""
-
 LEAST_SLOPE, SHORTEST_DESCENT = 1e-7, 1e-8
 """Projected gradient that counts as zero, and the shortest step that is tried [rad, m]."""
-
 SUFFICIENT = 1e-4
 """Least decrease as a fraction of the one that the slope predicts [1] (Armijo; Nocedal and Wright 2006, §3.1)."""
 

@@ -51,10 +51,8 @@ _ADVICE: Mapping[IKStatus, str] = {
     IKStatus.IN_CONTACT: "another target, or another place for the object: every solution that was found collides",
 }
 """Advice by status."""
-
 STATUS_OF_CODE = tuple(IKStatus)
 """Status of each code, in the order of `IKStatus`."""
-
 SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECTED, IN_CONTACT = range(
     len(STATUS_OF_CODE)
 )

@@ -27,7 +27,6 @@ from optik.types import Array
 
 MAX_ATTEMPTS = 1_000_000_000
 """Largest max_iterations and max_restarts: more would take days and overflow the int32 of a batch."""
-
 MOST_TRACED = 1_000_000
 """Largest max_iterations with a trace. Each iteration takes 48 bytes, so a trace takes at most 48 MB."""
 

@@ -21,24 +21,18 @@ from optik.types import Array, Flags
 
 BACKENDS = ("auto", "ssik", "eaik", "enumeration")
 """Values of the option ``backend``."""
-
 ENUMERATION = "enumeration (numerical, may be incomplete)"
 """Name of an enumeration in results and messages."""
-
 ENUMERATION_SEEDS = 1024
 """Largest number of seeds of an enumeration; most end earlier by IDLE_SEEDS."""
-
 IDLE_SEEDS = 60
 """An enumeration ends after this number of consecutive seeds without a new root. It misses a branch that a fraction p of the
 seeds leads to with probability (1 − p)^60: 5 % for p = 0.05, 0.2 % for p = 0.1."""
-
 ENOUGH_ROOTS = 32
 """Number of roots that ends an enumeration: a redundant arm has infinitely many."""
-
 MOST_ROOTS = 8
 """Largest number of roots of a 6R arm with a closed form. If there are fewer, some may be lost instead of complex: the search
 then also solves for perturbed targets and iterates from `q0`. (EAIK lost the straight wrist of a stretched UR5e.)"""
-
 PERTURBATION = 1e-3
 """Size of the perturbations of targets near a singularity [m, rad]."""
 

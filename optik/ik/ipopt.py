@@ -21,7 +21,6 @@ _RETURN_CODES = {
     "User_Requested_Stop": IKStatus.TIME_LIMIT,
 }
 """Statuses by IPOPT's return code; all other codes mean STALLED."""
-
 FORMS = ("constraint", "least_squares")
 """Values of the option ``form``."""
 

@@ -27,10 +27,8 @@ from optik.types import Array
 
 PATIENCE, PROGRESS = 4, 0.7
 """An attempt ends after PATIENCE consecutive iterations [1] that do not reduce E below this fraction of its least value [1]."""
-
 BATCH_LANES = 16
 """Targets per lane group of a batch. Four vectors of four numbers hide each other's latency (8 lanes: 10 % slower)."""
-
 BATCH_CHUNK = 4096
 """Problems that a thread takes at a time: dispatching costs little, and all threads end at about the same time."""
 

@@ -30,13 +30,10 @@ from optik.file_io import read_bytes
 
 SUFFIXES = (".py", ".toml", ".urdf", ".xml", ".json")
 """Suffixes of plug-ins' files; a name with one of them is a path."""
-
 MODULES = "optik_plugin_"
 """Begin of the names of the modules of files."""
-
 _FRAGMENT = re.compile(r"(.*\.(?:urdf|xml))#(.*)", re.IGNORECASE | re.DOTALL)
 """A URDF file with options behind it: ``arm.urdf#tip=tool0&base=base_link``."""
-
 _importing = threading.RLock()
 """Lock of imports: no thread may get the module of a file that another thread is running."""
 

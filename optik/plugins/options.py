@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 
 NO_DEFAULT = inspect.Parameter.empty
 """Default of a required option."""
-
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
 """Heading of a section of a NumPy docstring."""
-
 _UNIT = re.compile(r"\[((?:rad|m|s|kg|N|deg|degrees|mm|µs|ms|Hz|1|1/s)(?:[/,^·², ³](?:\w|[/²³^,· ])*)?)\]")
 """A unit in square brackets."""
 

@@ -22,14 +22,12 @@ if TYPE_CHECKING:
 
 BOX, ROUND, PLANE, SELF = 0, 1, 2, 3
 """Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, or a capsule of the arm."""
-
 Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
 capsule_radius (c,), plane_point, plane_normal (p, 3) [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
 """The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
-
 ALLOWED, STILL = "allowed by the scene", "neither moves"
 """Reasons why a capsule and an object are not checked."""
 

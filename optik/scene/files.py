@@ -47,10 +47,8 @@ from optik.types import Array
 
 OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
 """Kinds of objects, in the order of their names."""
-
 MOST_SCENE_BYTES = 64 * 2**20
 """Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
-
 ROW_KEYS = {
     "boxes": (("xyz_mm", "edges_mm"), ("rpy_deg", "name")),
     "spheres": (("centre_mm", "radius_mm"), ("name",)),
@@ -58,7 +56,6 @@ ROW_KEYS = {
     "planes": (("point_mm", "normal"), ("name",)),
 }
 """Required and optional keys of a row of each kind."""
-
 SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
 

@@ -26,13 +26,10 @@ if TYPE_CHECKING:
 SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it: poses (b, 4, 4) and half edges (b, 3) of the boxes, ends a and b (c, 3) and radius (c,) of the
 spheres and capsules, points (p, 3) and normals (p, 3) of the planes; all in the base frame [m, 1]."""
-
 LARGEST_OBJECT = 100.0
 """Largest coordinate, edge and radius in a scene [m]: larger values look like millimetres; a floor is a plane."""
-
 MOST_OBJECTS = 100_000
 """Most objects of a scene: their pairs with an arm's capsules fit in memory."""
-
 UNIT_NORMAL = 1e-14
 """A normal whose length differs from 1 by less [1] is kept to the last bit, so that a copy of a scene equals it."""
 

@@ -187,7 +187,6 @@ MOST_PARTS = 8
 """Largest number of parts into which an interval is divided at once."""
 NARROWEST_SHARE = 1e-9
 """Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
-
 Side = TypeVar("Side", bound=Any)
 """A NamedTuple of arrays (k, ...) that begins with the times ``t`` (k,): the motion at the left or right ends of intervals."""
 

@@ -52,7 +52,6 @@ VALUE_REMAINDER = 1.0 / 384.0
 """Largest distance of a function from its cubic Hermite interpolant, over h⁴ and its fourth derivative."""
 RATE_REMAINDER = float(np.sqrt(3.0)) / 216.0
 """Largest distance of a function's derivative from that of its cubic Hermite interpolant, over h³ and its fourth derivative."""
-
 Sizes = tuple[Array, Flags, Array, Array, Array, Array, float]
 """Sizes of an arm and its load: lengths of the fixed vectors before the joints (n,) [m], prismatic joints (n,), masses (n,)
 [kg], distances of the centres of mass from the joints' origins (n,) [m], halves of the traces of the inertias (n,) [kg·m²],

@@ -18,10 +18,8 @@ from planners.paths.base import Path
 
 BRANCH_STATIONS = 31
 """Equally spaced samples at which branches are compared: steps are below 0.25 rad on most paths; tracking adds more."""
-
 SAME_CONFIGURATION = 1e-4
 """Configurations nearer than this on every joint [rad or m], modulo whole turns, are the same."""
-
 MOTION_WEIGHT = 1.0
 """Weight in a branch's cost of its length in joint space [rad or m]: the unit of the other weights."""
 LIMITS_WEIGHT = 0.5

@@ -22,16 +22,12 @@ from planners.paths.base import Path
 
 CLEARLY_REGULAR = 1e-2
 """Smallest singular value above which the end of a branch does not count as singular."""
-
 BEYOND = 1e-3
 """Distance behind the end of a branch, as a fraction of the path, at which other configurations are searched."""
-
 EXACT_TOLERANCE = Tolerance(1e-9, 1e-9)
 """Tolerance [m, rad] with which an arm of fewer than six joints reaches a pose: it nearly reaches many others."""
-
 RANK_DRAWS = 20
 """Random configurations at which the rank of an arm is computed; almost all configurations have the same."""
-
 ZERO_FRACTION = 1e-10
 """A singular value below this fraction of the largest is rounding."""
 

@@ -43,21 +43,16 @@ __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure
 
 START_TOLERANCE = 1e-4
 """Largest distance of the tool from the path's start [m and rad]: the accuracy of a real arm's encoders and model."""
-
 SAME_BRANCH = 0.02
 """Largest distance of a result from the tracked configuration [rad or m] that is accepted without polishing it."""
-
 RETRY_BELOW = 1e-2
 """Smallest singular value below which a method that jumped to another branch is called again, with the tracked configuration
 as its initial guess."""
-
 DRIFT_BELOW = 1e-4
 """Smallest singular value below which a tolerance of 1e-6 lets the joints drift by `SAME_BRANCH` / 2 and more, so that the
 next sample starts at the tracked configuration."""
-
 MOST_SAMPLES = 100_000
 """Most samples: 151 hold a line to a nanometre, and each is a call of the IK method."""
-
 DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
 """Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 

@@ -20,10 +20,8 @@ from planners.paths.base import Path
 
 LEAST_SPACING = 2e-4
 """Least spacing of spline nodes [m or rad]: rounding of 1e-16 in q becomes 60e-16 / (2e-4)³ = 1e-3 in the third derivative."""
-
 SMALL_DEVIATION = 1e-6
 """A proved deviation [m, rad] below this is not bounded more closely: controllers achieve 1e-5 at best."""
-
 PROOF_PARTS = 16
 """Parts in which a piece with a larger deviation is proved: the remainder of fourth order is 16⁴ = 65,536 times as small."""
 

@@ -17,23 +17,17 @@ PathNodes = tuple[Array, Array, Array, Array, Array, Array]
 """Nodes s (k,) [m, or rad] of a path, as kernels take them: poses (k, 4, 4) and twists (k, 3, 6) of the path there [1, m,
 rad], rows (k, 4, d, n) and values (k, 4, d) of the guide, as for `derivatives_at` [1, rad, m], and bounds (k, 2) on
 the fourth derivatives of position and rotation from each node to the next [1/m³, 1/m⁴]."""
-
 LARGEST_STEP = 0.25
 """Largest joint motion from one node to the next [rad or m]."""
-
 LARGEST_CORRECTION = 0.02
 """Largest correction of a predicted configuration [rad or m]; a larger one may lead to another branch."""
-
 REGULAR = 1e-3
 """Above this smallest singular value nodes are exact: rounding of 1e-15 in the pose is 1e-6 / m² in q''. Below it, a step from
 regular nodes on both sides passes a singular configuration that the motion goes through smoothly."""
-
 SMALLEST_SINGULAR_VALUE = 1e-6
 """Below this a tool speed of 1 mm/s needs joint speeds above 1,000 rad/s: no motion follows the path node by node."""
-
 ON_PATH = 1e-12
 """Largest error that the corrector may leave [m and rad] in an arm of a metre; rounding leaves about 1e-15."""
-
 DONE, SINGULAR, NOT_MET, TOO_LONG, LOOSE, LIMIT = range(6)
 """Results of a step from one node to the next: accepted; a singular value too small; Newton's method did not converge near the
 prediction; a joint moves too far; the proved deviation is too large; a joint exceeds its limit."""

@@ -21,19 +21,14 @@ from planners.paths.base import Path
 
 GUIDE_STATIONS = 25
 """Stations along the path at which the null-space motion is chosen: a spline of 24 pieces."""
-
 STATION_DRAWS = 40
 """Random initial guesses at every station, among whose solutions the programme chooses."""
-
 CHOICES = 3
 """Null-space motions that are tried, the best first: the first can be followed on most paths."""
-
 SHORTEST_FRACTION = 1e-3
 """Shortest step towards the end of the reach, as a fraction of the path: the accuracy of that end."""
-
 KEEP_OFF_FACTOR = 8.0
 """Factor on the weight of the distance to the limits, if the null-space motion reached a limit."""
-
 MOST_REFINEMENTS = 4
 """Most attempts to follow one null-space motion; before each new one, stations are inserted where following failed."""
 

@@ -23,7 +23,6 @@ from planners.following.joint_path import Course, smallest_singular_values
 
 CLEAR = 1e-4
 """Least singular value of the regular configuration ahead of a singular start: q'' is exact to 1e-3 / m² there."""
-
 AHEAD = 2.0 ** np.arange(-10.0, -2.0)
 """Fractions of the path at which a regular configuration ahead of a singular start is searched, the nearest first."""
 

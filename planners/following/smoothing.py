@@ -12,31 +12,22 @@ from optik.types import Array
 
 Ranges = tuple[Array, Array]
 """Middle (n,) and half (n,) of the joints' ranges [rad, m], infinite without a limit."""
-
 Stations = tuple[Array, Array]
 """Poses (k, 4, 4) of the tool at stations of the path [1, m], and the stations (k,) as fractions of the path [1]."""
-
 LARGEST_EDGE = 0.7
 """Largest joint motion from one station to the next [rad or m], before smoothing: a larger one may be a jump."""
-
 BARRIER_WEIGHT = 0.3
 """Weight of the barrier at the limits, −Σ ln(1 − x²) with x = (q − middle) / half, beside ½ the squared motion."""
-
 LOG_EDGE = 0.98
 """The barrier continues as a parabola beyond this x, so that it has derivatives outside the limits, too."""
-
 SMOOTHING_ROUNDS = 12
 """Most Newton steps of smoothing."""
-
 SMOOTHING_CONVERGED = 1e-4
 """Smoothing has converged if a step moves no joint further than this [rad or m]: the guide need not be exact."""
-
 LARGEST_MOVE = 0.2
 """Largest joint motion in one step of smoothing [rad or m], so that the null spaces change little."""
-
 MOST_RETREAT = 0.05
 """Largest null-space motion away from the limits from one station to the next [rad or m], before smoothing."""
-
 STATION_REACHED = 1e-9
 """Largest pose error of a configuration at its station [m, rad]."""
 

@@ -24,27 +24,20 @@ from planners.following.singular import PathPoint, continue_to, find_departures,
 
 LEAST_STEP = 1e-6
 """Shortest step, as a fraction of the path length: the accuracy of the end of a branch."""
-
 FINEST_STEP = 1e-11
 """Shortest step, as a fraction of the path length, where only the path bends too much; rounding in s is 1e-16."""
-
 MOST_NODES = 200_000
 """Most nodes of one path, at which tracking stops: minutes of computing time."""
-
 BEND_FRACTION = 1e-3
 """Fraction of the tolerance below which the path's own bend does not limit a step, only the joints do."""
-
 NODES_AT_ONCE = 1024
 """Nodes per march, so that the work of a rejected step does not grow with the path."""
-
 STEP_OVER_FROM = (march.REGULAR, 1.7e-3, 3e-3, 5e-3, 1e-2, 3e-4, 1e-4)
 """Smallest singular values at the ends of a step over a singular configuration, in the order they are tried. Small ones make
 a short step; at large ones a path that passes a little beside the singularity is still stepped over; the smallest are for
 arms that leave the singularity slowly."""
-
 STEP_OVER_LENGTHS = (1.0, 1.7, 3.0, 5.0)
 """Ratios of the step length behind the singular configuration to that before it, where the joint speeds change."""
-
 SAME_START = 1e-4
 """Largest distance of a continuation of a singular start from the given one [rad or m]: `follow` accepts as much."""
 

@@ -380,7 +380,6 @@ TOOL_SPEEDS = tuple(kind.name for kind in FIELD_LIMITS if kind.subject == "tool"
 """Names of the limits of the tool."""
 LOADED = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, LoadedLimit))
 """Names of the limits that need the arm's masses. Files contain them only if they are given."""
-
 _BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
 """Limits that are fields of `MotionLimits`, by name."""
 _ADDED: dict[str, Limit] = {}

@@ -14,7 +14,6 @@ from optik.types import Array, Indices
 
 NO_LENGTH = 1e-12
 """Chords [m] and angles [rad] below this are rounding: poses of an arm of a metre have errors of 1e-16."""
-
 HALF_TURN = 1e-6
 """Nearer to 180° than this [rad], the direction of the shortest turn depends on rounding and measuring errors."""
 

@@ -16,10 +16,8 @@ from optik.types import Array, Indices
 Capsules: TypeAlias = tuple[Indices, Array, Array, Array]
 """Capsules as kernels take them: link (m,), 0 for the base and i for the frame of joint i, a and b (m, 3), the ends of the
 segments in those frames [m], and radius (m,) [m]. A sphere has a = b."""
-
 LONGEST_LINK = 10.0
 """Largest coordinate and radius of a capsule of an arm [m]: larger values look like millimetres."""
-
 MOST_CAPSULES = 4096
 """Most capsules of an arm: all pairs of them fit in memory."""
 

@@ -26,13 +26,10 @@ from optik.types import Array, Flags
 
 SPACING = 60
 """Number of sampled points of a mesh along its size."""
-
 MOST_POINTS = 200_000
 """Most points on a mesh: with fewer than `SPACING` requires, the bound is larger, never too small."""
-
 EXCESS_STEP = 5e-4
 """Accuracy of the bound [m]."""
-
 MOST_OPEN_CELLS = 100_000
 """Most cells that are divided: beyond it, the bound is less accurate."""
 
@@ -142,28 +139,20 @@ def _surface_points(capsule: Capsule, s: Array, phi: Array) -> tuple[Array, Arra
 
 ENCLOSURE_ROUNDING = 1e-9
 """Increase of every radius [m], a million times the rounding errors of positions."""
-
 WELL_ENCLOSED = 0.03
 """Excess [m] below which a mesh is not cut further."""
-
 MOST_OF_ONE = 3
 """Most capsules of one mesh: the time of a certificate grows with their number."""
-
 WORTH_A_CUT = 0.9
 """A part is cut if the product of excess and size falls below this fraction of its value: more capsules cost time."""
-
 FEW_TRIANGLES = 500
 """Number of triangles of a larger mesh from which the cuts are chosen."""
-
 SAME_AXIS = 0.98
 """A principal axis whose cosine to an axis of the frame is above this is not tried."""
-
 CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Positions of the planes that are tried, as fractions of the extent along an axis."""
-
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of length 1."""
-
 FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 """Corners of the faces of a box, each around its face."""
 

@@ -18,7 +18,6 @@ from optik.types import Array
 
 MOST_MESH_BYTES = 64 * 2**20
 """Largest mesh that is read [bytes]: its text is parsed in seconds."""
-
 MOST_TRIANGLES = 1_000_000
 """Most triangles of a mesh, as in an STL of `MOST_MESH_BYTES`."""
 

@@ -20,10 +20,8 @@ from optik.types import Array, Indices
 
 NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
-
 PAYLOAD = "payload"
 """Name of the capsules of a payload, which move with the tool's frame."""
-
 Apart: TypeAlias = tuple[str | int, str | int, str]
 """Two parts of an arm, each a name of capsules or a number of a link, and the reason why they are not checked."""
 

@@ -15,10 +15,8 @@ from optik.types import Array
 
 HESSIAN_DAMPING = 0.3
 """c in the Hessian JᵀJ + c·E·I, with E the sum of squares. Measurements do not distinguish values from 0.1 to 1."""
-
 _FLOOR = 1e-10
 """Least curvature [m², rad²]: it keeps the Hessian positive definite in the null space of the task."""
-
 _HALF_TURN = 1e-9
 """Added to (2 cos ½θ)² so that derivatives are finite at half a turn; near the target it shortens e by a fraction of 1e-10."""
 

@@ -20,7 +20,6 @@ from optik.types import Array
 
 EXTRA = "closed-form"
 """Extra of this package that installs the other packages."""
-
 Solve = Callable[[Array], Any]
 """Function from the tool pose (4, 4) times R0ᵀ to candidates (k, m) of the m moving joints."""
 

@@ -32,19 +32,14 @@ from optik.types import Array, Flags
 
 ROOT_ERROR = 1e-9
 """If one root is this accurate [m, rad], less accurate roots are rejected; near a singularity many are within the tolerance."""
-
 MOST_WINDINGS = 4096
 """Largest number of windings of one root: joints that can turn a hundred times would otherwise have millions."""
-
 FEW_POINTS = 4
 """Number of initial guesses on a curve of roots if only its nearest point is needed."""
-
 CURVE_STEP = 0.05
 """Step along a null-space direction that tests whether the curve of roots continues there [rad]."""
-
 CURVE_TRIES = 8
 """Number of directions tried from one null-space direction, each nearer to the tangent of the curve."""
-
 DISTANCE_OBJECTIVE = np.array([1.0, 0.0, 0.0])
 """Weights [1] of the objective of `slide`: the distance to the reference alone."""
 

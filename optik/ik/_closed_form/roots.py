@@ -16,22 +16,16 @@ from optik.types import Array, Flags
 
 SAME_ROOT = 1e-5
 """Roots closer than this in every joint [rad, m] are equal: rounding separates coinciding roots by 1e-8 to 1e-6."""
-
 LIMIT_BAND = 1e-4
 """A joint that violates its limits by at most this [rad, m] is clamped, and the others correct the error."""
-
 SINGULAR_PIVOT = 1e-9
 """A pivot of JᵀJ below this fraction of its entry (3e-5 of a length) means that the configuration is singular."""
-
 ROOT_ROUNDING, NEAR_ROOT = 1e-14, 1e-12
 """Position and rotation error [m, rad] to which a root is refined; a candidate within it is not changed."""
-
 WHOLE_POSE = POSE.flags
 """Flags of the complete pose."""
-
 POLISHING_STEPS = 40
 """Largest number of polishing steps of a candidate. Least-squares candidates near a singularity need many."""
-
 CLAMPED_STEPS = 20
 """Largest number of steps that correct a root after clamping to a limit."""
 

@@ -45,20 +45,15 @@ from optik.types import Array
 
 NEAREST_SEEDS = 16
 """Number of seeds that are tried in the order of the distance of their poses; the others follow in a fixed order."""
-
 FREE = 9
 """Number of attempts before the first with bounded steps; with fewer, targets far from limits take longer (4: 3 %, 2: 15 %)."""
-
 NEAR_BEST = 100
 """Number of attempts before the first that starts between the best iterate and a seed. On the panda, 10 % of these attempts
 solve a singular target with joints at a limit, against 1 % of those from a seed. On regular targets they are worse."""
-
 BOUNDED = -1.0
 """Value of ENDING for a lane that respects the limits and holds the joints that are pushed out of them."""
-
 FROM_START = 7
 """Number of attempts from the caller's guess that hold joints: each skips one more of the joints nearest to their limits."""
-
 INSIDE, ON_LIMITS = 0, 1
 """Kinds of seeds: anywhere inside the limits, or with as many joints at a limit as the arm has redundant ones."""
 

@@ -38,7 +38,6 @@ from optik.types import Array
 
 INVALID_ARGUMENT = -3
 """Code of invalid arguments: the caller checks them again and raises."""
-
 IDLE = -1.0
 """Number of the problem of a lane without one."""
 

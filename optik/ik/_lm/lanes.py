@@ -46,7 +46,6 @@ PICKED, NEXT = 151, 153
 """Rows of the flags whether PICKS are known, for each of two kinds, and of the configuration to which a lane moves."""
 ROWS = 165
 """Rows of the work array."""
-
 PUSHED = -1.0
 """Value of HELD_JOINTS for a lane that holds, in each step, the joints that its error pushes out of their bounds."""
 
@@ -54,7 +53,6 @@ PUSHED = -1.0
 O, Z = 0, 36
 GEOMETRY = 72
 """Rows of the geometry, for at most 12 joints."""
-
 NEARLY_HALF_TURN = 9.8695
 """Square of an angle just short of half a turn [rad²]."""
 

@@ -25,7 +25,6 @@ AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER,
 
 COMPARED_SEEDS, SEEDS = 256, 1024
 """Number of seeds whose poses are compared with the target, and number of all seeds."""
-
 AT_BEST_E, AT_BEST, AT_SEEDS = 162, 163, 175
 """Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
 Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n), first of the seeds anywhere inside the

@@ -60,7 +60,6 @@ from optik.types import Array
 BOUNDED_PATIENCE = 2.0
 """Patience of attempts that hold joints at limits. It suffices for 95 % of the successful attempts and halves the iterations
 of the others."""
-
 STEP, MEASURE = -1, -2
 """Codes besides those of `IKStatus`: the lane takes a step, or it has moved and its error must be measured first."""
 

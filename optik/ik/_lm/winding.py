@@ -10,10 +10,8 @@ from optik.compiled import inlined
 
 WHOLE_TURN = 2.0 * pi
 """One turn of a revolute joint [rad]."""
-
 TURN_SLACK = 1e-9
 """An angle outside a limit by at most this [rad] counts as on it: adding turns rounds, and the caller clamps."""
-
 TIE = 1e-6
 """An angle stays unchanged up to this [rad] beyond half a turn from the initial guess, so that rounding does not decide."""
 

@@ -17,7 +17,6 @@ TERMINAL = 1e4
 """Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.
 
 Rounding in the backward sweep is relative to this: far larger weights make the pivots meaningless."""
-
 PIVOT = 1e-8
 """Least curvature of the model in a stage's free variable, in the stage's units: below it is rounding error."""
 

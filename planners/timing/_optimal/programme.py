@@ -242,7 +242,6 @@ STRAIGHT_LOADED, CURVED_LOADED = (50, (15.0, 5.0, 20.0)), (100, (20.0, 7.0, 20.0
 than those of acceleration, and speeds peak inside them."""
 STRAIGHT = 1e-6
 """Change of q' over the path, over the largest q', below which the joint path is straight."""
-
 FASTEST = 1e4
 """Largest ratio of speeds and accelerations to the mean ones: no initial guess needs more."""
 Q_ROUNDING, JERK_ROUNDING = 4e-16, 1e-3
@@ -251,7 +250,6 @@ FEWEST = 50
 """Least number of intervals of a motion, whatever the rounding."""
 NODE_JUMP = 0.02
 """Largest jump of q''' within an interval, as a fraction of the jerk limits; larger jumps are at grid points."""
-
 SAME_NODE = 1e-9
 """Fraction of the path within which a node and a change of a limit coincide."""
 
