@@ -16,7 +16,7 @@ from planners.certificate.torque import TorqueBounds
 from planners.curve import quintic
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names
-from planners.limits.base import TorqueRatios
+from planners.limits._motion import TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import State, Trajectory, shift_pieces
 

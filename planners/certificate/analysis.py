@@ -15,7 +15,7 @@ from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TorqueBounds
-from planners.limits.base import LimitedMotion, TorqueRatios
+from planners.limits._motion import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

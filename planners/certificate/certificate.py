@@ -19,7 +19,7 @@ from planners.certificate.effort import Energy, FrictionStep
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
 from planners.limits import ALL_LIMITS, LOADED, Extreme, ToolExtreme, kind_of
-from planners.limits.base import plain
+from planners.limits._motion import plain
 from planners.paths.base import Path
 
 RATIO_ROUNDING = 1e-12

@@ -46,7 +46,7 @@ from optik.kinematics import Chain
 from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds
 from planners.curve import BINOMIAL, bell
-from planners.limits.base import TorqueRatios
+from planners.limits._motion import TorqueRatios
 
 VALUE_REMAINDER = 1.0 / 384.0
 """Largest distance of a function from its cubic Hermite interpolant, over h⁴ and its fourth derivative."""

@@ -12,6 +12,7 @@ from planners.limits._kinds import (
     kind_of,
     register,
 )
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits._motion_limits import (
     MotionLimits,
     check_path,
@@ -19,17 +20,7 @@ from planners.limits._motion_limits import (
     tool_limits_at,
     tool_limits_between,
 )
-from planners.limits.base import (
-    Extreme,
-    Limit,
-    LimitedMotion,
-    PathPoints,
-    ToolExtreme,
-    ratio_to_limit,
-    scale_of,
-    sides,
-    symmetric_bound,
-)
+from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
 
 SAME_SPEED = 1e-6
 """Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""

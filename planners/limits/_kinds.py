@@ -17,17 +17,8 @@ from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.curve import chain_rows
-from planners.limits.base import (
-    Extreme,
-    Limit,
-    LimitedMotion,
-    PathPoints,
-    ToolExtreme,
-    ratio_to_limit,
-    scale_of,
-    sides,
-    symmetric_bound,
-)
+from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 

@@ -28,7 +28,8 @@ from planners.limits._kinds import (
     is_known,
     kind_of,
 )
-from planners.limits.base import Limit, PathPoints, is_pair, plain, ratio_to_limit, symmetric_bound
+from planners.limits._motion import PathPoints, plain
+from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
 from planners.paths.base import Path
 
 

@@ -28,7 +28,7 @@ from planners.limits import (
     register,
     scale_of,
 )
-from planners.limits.base import LimitedMotion
+from planners.limits._motion import LimitedMotion
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])

@@ -15,7 +15,7 @@ from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.curve import quintic_through
-from planners.limits.base import TorqueRatios
+from planners.limits._motion import TorqueRatios
 from tests import oracles
 
 
