@@ -15,8 +15,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.curve import apply_chain_rule, quintic_through
 from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.following.follow import JointPath
-from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, tool_limits_between
-from planners.limits.base import ratio_to_limit
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.timing._optimal import iteration
 from planners.timing._optimal.newton import Problem
 from planners.timing._optimal.programme import (
@@ -326,10 +325,8 @@ class _Excess(NamedTuple):
 
 def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
     """Return the factors by which a motion exceeds the limits in the intervals."""
-    bounds = limits.bounds(joint_path.robot.n)
-    speed, acceleration, jerk = (
-        _piece_ratios(motion, order, bounds[field]) for order, field in enumerate(DERIVATIVES, start=1)
-    )
+    bounds, analysis = limits.bounds(joint_path.robot.n), MotionAnalysis(joint_path.robot, motion)
+    speed, acceleration, jerk = (kind_of(field).piece_ratios(analysis, bounds[field]) for field in DERIVATIVES)
     if not given.rows.loaded:
         return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, z)
@@ -337,13 +334,6 @@ def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits:
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
-
-
-def _piece_ratios(motion: Trajectory, order: int, bound: Array) -> Array:
-    """Return the exact extrema of a derivative on every piece (K, n), over the bound on their side."""
-    if bound.ndim == 1:
-        return motion.piece_worst(order) / bound
-    return np.maximum(*(ratio_to_limit(extrema, bound) for extrema in motion.piece_range(order)))
 
 
 def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:
