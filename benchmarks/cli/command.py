@@ -17,7 +17,7 @@ from rich.console import Console
 from typer.core import TyperCommand
 
 import optik
-from optik.arm.units import unit_factors, unit_names
+from optik.arm.model import unit_factors, unit_names
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.registry import names, short_name

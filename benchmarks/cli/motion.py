@@ -26,7 +26,7 @@ from benchmarks.cli.command import (
     read_allowed,
     translate,
 )
-from optik.arm.units import unit_factors, unit_names
+from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically
 from optik.registry import load_method, names

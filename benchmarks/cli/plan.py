@@ -29,7 +29,7 @@ from benchmarks.cli.command import (
     read_configuration,
     read_numbers,
 )
-from optik.arm.units import unit_factors
+from optik.arm.model import unit_factors
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically

@@ -25,8 +25,8 @@ from benchmarks.cli.command import (
     read_joint_values,
     read_numbers,
 )
+from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
-from optik.arm.units import unit_factors, unit_names
 from optik.errors import InvalidInput
 from optik.ik import IKResult
 from optik.registry import short_name

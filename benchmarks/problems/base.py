@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
 from optik.arm.library import load
+from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
-from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.registry import build_method
 from optik.types import Array

@@ -380,3 +380,13 @@ class ArmDynamics(ArmModel):
         heaviest = self.payload.masses[-1] if self.payload is not None else 0.0
         wanted = f"one mass, such as robot.with_payload({heaviest:g}).{asked}(...)"
         raise InvalidInput("payload", f"an interval, {self.payload}", wanted)
+
+
+def unit_factors(arm: ArmModel) -> Array:
+    """Return the factors (n,) from rad and m to the units in text."""
+    return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
+
+
+def unit_names(arm: ArmModel) -> list[str]:
+    """Return the units of the joints in text."""
+    return [" mm" if slides else "°" for slides in arm.prismatic]

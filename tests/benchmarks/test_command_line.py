@@ -19,7 +19,7 @@ from benchmarks.cli.app import app
 from benchmarks.cli.command import START_SAMPLES, sample_start, translate
 from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
 from optik.arm.library import read_home, robot_from_toml
-from optik.arm.units import unit_factors
+from optik.arm.model import unit_factors
 from optik.errors import InvalidInput
 from optik.scene.contact import find_contact
 from planners.certificate.violation import ALLOWANCES

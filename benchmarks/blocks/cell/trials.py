@@ -12,8 +12,8 @@ from benchmarks.blocks._arms import arm_with
 from benchmarks.blocks._seeds import trial_seed
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, Noise
 from optik import se3
+from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
-from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives import Drive, make_drive

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
-from optik.arm.units import unit_factors, unit_names
 from optik.dynamics import joint_torques
 from optik.scene import Scene
 from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs, rooms_batch

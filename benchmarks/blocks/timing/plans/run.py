@@ -16,8 +16,8 @@ from benchmarks.blocks.timing.plans.settings import LineTask
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from optik import se3
+from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
-from optik.arm.units import unit_factors
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.scene.contact import check_scene
