@@ -70,7 +70,7 @@ class CellCommand(MotionCommand):
         from planners.cell import Cell, Plane
         from planners.timing import make_law
 
-        self._check_counts()
+        check_count(self.seed, "--seed", 0)
         if self.out.suffix.lower() != ".html":
             raise InvalidInput("--out", self.out, "a name that ends in .html")
         law, start, (drive, why) = make_law(self.timing), self.load_start(), choose_drive(self.drive)
@@ -88,15 +88,6 @@ class CellCommand(MotionCommand):
         )  # fmt: skip
         start.print_default()
         self._report(outcome, drive, why)
-
-    def _check_counts(self) -> None:
-        """Raise InvalidInput for a count out of range."""
-        from planners.cell._parts import MOST_READINGS
-        from planners.cell.cell import MOST_ROUNDS
-
-        check_count(self.seed, "--seed", 0)
-        check_count(self.corrections, "--corrections", 0, MOST_ROUNDS)
-        check_count(self.readings, "--readings", 1, MOST_READINGS)
 
     def _report(self, outcome: Outcome, drive: str, why: str) -> None:
         """Write page and data and print the outcome."""

@@ -18,7 +18,6 @@ from typer.core import TyperCommand
 
 import optik
 from optik.arm.model import unit_factors, unit_names
-from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.registry import names, short_name
 
@@ -230,10 +229,7 @@ class MotionCommand(StartCommand):
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the typed limits by name."""
-        typed = {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
-        for name, value in typed.items():
-            check_number(value, f"--{name}", "a limit above 0", above=0.0)
-        return typed
+        return {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
 
 
 # ---------------------------------------------------------------- readers

@@ -83,9 +83,8 @@ class DriveCommand(JsonCommand):
         if self.out is not None:
             from planners.files.base import to_plain
 
-            text = (
-                json.dumps(data | {"plan": to_plain(executed.plan.motion)}, allow_nan=False) + "\n"
-            )  # for `optik view`
+            stored = data | {"plan": to_plain(executed.plan.motion)}  # for `optik view`
+            text = json.dumps(stored, allow_nan=False) + "\n"
             write_atomically(self.out, lambda part: part.write_text(text, encoding="utf-8"))
         if self.as_json:
             print_json(data)
@@ -265,14 +264,11 @@ class ViewCommand(Command):
         """Serve until the process is interrupted; with a drive, execute the plan."""
         from planners.cell.drives import make_drive
         from planners.cell.view.live import Viewer
-        from planners.cell.view.show import Show, show_motion
         from planners.plan import Plan
 
         make = None if self.drive is None else partial(make_drive, self.drive, shown.robot, pace=1.0)
-        planned, show = shown if isinstance(shown, Plan) else None, shown
-        if not isinstance(show, Show):
-            show = show_motion(show)
-        viewer = Viewer(show, self.host, self.port, plan=planned, drive=make)
+        planned = shown if isinstance(shown, Plan) else None
+        viewer = Viewer(_make_show(shown), self.host, self.port, plan=planned, drive=make)
         if not _is_local(self.host):
             words = f"warning: everybody who can reach {self.host} can see this motion"
             words += " and run the simulated drive" if self.drive else ""
@@ -287,8 +283,8 @@ class ViewCommand(Command):
             viewer.close()
 
 
-def _make_show(shown: Motion | Plan | Show, drive: str | None) -> Show:
-    """Return what a page plays; execute a plan first."""
+def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
+    """Return what a page plays; with a drive, execute a plan first."""
     from planners.cell.drives import make_drive
     from planners.cell.view.show import Show, show_execution, show_motion
     from planners.plan import Plan

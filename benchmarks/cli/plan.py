@@ -246,7 +246,7 @@ def _add_payload(arm: optik.Robot, payload: str) -> optik.Robot:
         masses = [float(part) for part in payload.split(":")]
     except ValueError:
         masses = []
-    if len(masses) not in (1, 2) or masses != sorted(masses):
+    if len(masses) not in (1, 2):
         raise InvalidInput("--payload", repr(payload), MASS)
     if arm.inertia is None:
         raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")

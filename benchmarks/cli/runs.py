@@ -309,21 +309,18 @@ class CompareCommand(JsonCommand):
         found = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
         worse = len(found.worse_than(self.threshold))
         if self.as_json:
-            data = {
-                "a": str(self.first),
-                "b": str(self.second),
-                "threshold": self.threshold,
-                "worse_past_threshold": worse,
-            }
-            data |= {"differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out)}
-            print_json(data | {"settings": [one._asdict() for one in found.settings]})
+            print_json(
+                {
+                    "a": str(self.first), "b": str(self.second), "threshold": self.threshold, "worse_past_threshold": worse,
+                    "differences": [as_data(d) for d in found.differences], "left_out": list(found.left_out),
+                    "settings": [one._asdict() for one in found.settings],
+                }
+            )  # fmt: skip
         else:
             self._print(found)
-            counts = [
-                f"{sum(d.verdict == v for d in found.differences)} {v}" for v in ("better", "worse", "within noise")
-            ]
-            words = f"{', '.join(counts)}; worse by more than {self.threshold:g}: {worse}"
-            out_console.print(words, soft_wrap=True)
+            verdicts = [d.verdict for d in found.differences]
+            counts = ", ".join(f"{verdicts.count(word)} {word}" for word in ("better", "worse", "within noise"))
+            out_console.print(f"{counts}; worse by more than {self.threshold:g}: {worse}", soft_wrap=True)
         if worse:
             raise typer.Exit(1)
 
