@@ -82,7 +82,7 @@ def replan(
             touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means"
         )
         return request.infeasible(plan.joint_path, error, PlanStatus.CONTACT)
-    return plan_stop(request, plan, start, time_limit) if stop else plan_onward(request, plan, start)
+    return plan_stop(request, start, time_limit) if stop else plan_onward(request, start)
 
 
 def _check_plan(plan: Plan, stop: bool, time_limit: float) -> Trajectory:

@@ -11,7 +11,6 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene
-from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.violation import word_of_limit
 from planners.fit import check_statics, match_start
 from planners.following.joint_path import JointPath
@@ -73,31 +72,20 @@ def _own_law(plan: Plan) -> TimeLaw:
     return RecordedLaw(plan)
 
 
-def choose_law(request: PlanRequest) -> TimeLaw:
-    """Return the law that continues from a moving state."""
-    return Optimal() if isinstance(request.law, RecordedLaw) else request.law
-
-
 def certify_motion(
-    request: PlanRequest,
-    plan: Plan,
-    start: MovingState,
-    motion: Trajectory,
-    kind: StopKind | None,
-    end: float | None = None,
-    analysis: MotionAnalysis | None = None,
+    request: PlanRequest, start: MovingState, motion: Trajectory, kind: StopKind | None = None, end: float | None = None
 ) -> Plan:
     """Return the plan of a certified motion, with the part of the path that it covers."""
+    plan, analysis = start.plan, start.rest_analysis if motion is start.rest else None
     last = plan.joint_path.end if plan.span is None else plan.span[1]
     end = (last if kind is StopKind.END else plan.joint_path.end) if end is None else end
     covering = replace(request, span=(start.at.s, max(start.at.s, end)), stop_kind=kind)
     return covering.certify_motion(plan.joint_path, motion, analysis=analysis)
 
 
-def run_law(
-    law: TimeLaw, request: PlanRequest, joints: JointPath, limits: MotionLimits, at: PathState
-) -> Trajectory | None:
-    """Return the law's motion from exactly this state; None if the law finds none."""
+def run_law(request: PlanRequest, joints: JointPath, limits: MotionLimits, at: PathState) -> Trajectory | None:
+    """Return the law's motion from exactly this state; None if the law finds none. `optimal` runs for a stand-in."""
+    law = Optimal() if isinstance(request.law, RecordedLaw) else request.law
     if at.s >= joints.end * (1.0 - 1e-9):  # no path left
         return None
     try:
@@ -110,9 +98,9 @@ def run_law(
     return match_start(motion, at.joints, limits)
 
 
-def explain_infeasible(request: PlanRequest, plan: Plan, start: MovingState, stop: bool) -> NoSolution:
+def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> NoSolution:
     """Return why there is no motion: the state itself exceeds a limit, or the running motion does later."""
-    limits, robot = request.limits, plan.robot
+    plan, limits, robot = start.plan, request.limits, start.plan.robot
     try:
         check_statics(plan.joint_path, request.limits, request.enforced, start.at.s)
     except NoSolution as error:
@@ -136,7 +124,7 @@ def explain_infeasible(request: PlanRequest, plan: Plan, start: MovingState, sto
         return NoSolution(f"{none}: {what}", s=start.at.s, joint=joint, advice=f"limits {ratio:.6g} times as high")
     if start.rest is None:
         return NoSolution(f"{none} was found", s=start.at.s, advice=advice)
-    proof = certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis).certificate
+    proof = certify_motion(request, start, start.rest, StopKind.END).certificate
     if not proof.enforced:
         return NoSolution(f"{none} was found: {'; '.join(proof.reasons)}", s=start.at.s, advice=advice)
     field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))

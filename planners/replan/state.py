@@ -69,6 +69,12 @@ class MovingState:
         return None if self.rest is None else MotionAnalysis(self.plan.robot, self.rest, self.plan.path)
 
     @property
+    def plan_limits(self) -> MotionLimits:
+        """The limits that the plan's motion respects at the time of the state."""
+        before = self.plan.before
+        return before[0] if before is not None and self.t < before[1] else self.plan.limits
+
+    @property
     def joints(self) -> State:
         """q, q̇ and q̈ of the state."""
         assert self.at.joints is not None
@@ -103,11 +109,6 @@ def build_moving_state(
     if at.s >= joints.end * (1.0 - 1e-9) and not left:
         raise InvalidInput("state", f"the path's end (s = {at.s:.9g})", "a state before it, with some path left")
     return MovingState(plan, at, t, (1.0, 0.0), still, error)
-
-
-def limits_at(plan: Plan, t: float) -> MotionLimits:
-    """Return the limits that the plan's motion respects at a time [s]."""
-    return plan.before[0] if plan.before is not None and t < plan.before[1] else plan.limits
 
 
 def s_at(plan: Plan, t: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from planners.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible
-from planners.replan.state import MovingState, limits_at, s_at
+from planners.replan.state import MovingState, s_at
 from planners.timing._brake import brake, stop_time
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
@@ -27,47 +27,47 @@ FIRST_END, CLOSE_ENDS = 0.85, 0.01
 """Braking distance, relative to the sweep's, at which the optimum is tried first, and the interval that ends the search."""
 
 
-def plan_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+def plan_stop(request: PlanRequest, start: MovingState, time_limit: float) -> Plan:
     """Return the first certified stop: of the optimum, of the sweep, or the end of the motion.
 
     If no stop respects lower limits, the plan's own limits hold until the arm is at rest.
     """
-    first, limits = _find_stop(request, plan, start, time_limit), limits_at(plan, start.t)
+    first, limits = _find_stop(request, start, time_limit), start.plan_limits
     if first or request.limits == limits or request.limits.names != limits.names:
         return first
-    old = _find_stop(replace(request, limits=limits), plan, start, time_limit)
+    old = _find_stop(replace(request, limits=limits), start, time_limit)
     if not old:
         return first
     later = replace(request, before=(limits, old.trajectory.end))
     assert old.span is not None
-    return certify_motion(later, plan, start, old.trajectory, old.stop_kind, old.span[1])
+    return certify_motion(later, start, old.trajectory, old.stop_kind, old.span[1])
 
 
-def _find_stop(request: PlanRequest, plan: Plan, start: MovingState, time_limit: float) -> Plan:
+def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> Plan:
     """Return the best stop with the limits of the request, or the failure."""
-    best = next((p for p in _sweep_stops(request, plan, start) if p), None)
+    best = next((p for p in _sweep_stops(request, start) if p), None)
     if best is not None and time_limit > 0.0:
-        best = _refine_stop(request, plan, start, best, perf_counter() + time_limit)
+        best = _refine_stop(request, start, best, perf_counter() + time_limit)
     if best is not None and (start.time_left is None or best.trajectory.duration <= start.time_left):
         return best
     if start.rest is not None:
-        end = certify_motion(request, plan, start, start.rest, StopKind.END, analysis=start.rest_analysis)
+        end = certify_motion(request, start, start.rest, StopKind.END)
         if end or (end.certificate.clearance is not None and end.certificate.clearance.touches):
             return end
-    return best or request.infeasible(plan.joint_path, explain_infeasible(request, plan, start, True))
+    return best or request.infeasible(start.plan.joint_path, explain_infeasible(request, start, True))
 
 
-def _sweep_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterator[Plan]:
+def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
-    running, scales, rate = plan.trajectory, compute_limit_scales(request, plan), start.clock[0]
+    plan, rest, rate = start.plan, start.rest, start.clock[0]
+    running, scales = plan.trajectory, compute_limit_scales(request, plan)
     for fraction in LIMIT_FRACTIONS:
         braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, fraction)
         if braking.end > running.end:
             return
         if braking.motion is not None:
             motion = match_start(braking.motion, start.joints, request.limits)
-            yield certify_motion(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
-    rest = start.rest
+            yield certify_motion(request, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
     if rest is None:
         return
     usual = stop_time(plan.robot, running, request.limits, start.t, start.clock, scales)
@@ -80,7 +80,7 @@ def _sweep_stops(request: PlanRequest, plan: Plan, start: MovingState) -> Iterat
             return
         if braking.motion is not None:
             motion = join(cut_after(rest, delay), braking.motion)
-            yield certify_motion(request, plan, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+            yield certify_motion(request, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
 
 
 def compute_limit_scales(request: PlanRequest, plan: Plan) -> dict[str, float]:
@@ -93,9 +93,9 @@ def compute_limit_scales(request: PlanRequest, plan: Plan) -> dict[str, float]:
     return scales
 
 
-def _refine_stop(request: PlanRequest, plan: Plan, start: MovingState, best: Plan, until: float) -> Plan:
+def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: float) -> Plan:
     """Return the best of a stop and of as many optima near its end as the time allows."""
-    law, joints = request.law if isinstance(request.law, Optimal) else Optimal(), plan.joint_path
+    law, joints = request.law if isinstance(request.law, Optimal) else Optimal(), start.plan.joint_path
     if best.span is None or best.within_limits_from or set(law.enforced) - set(request.enforced):
         return best
     way, longest = best.span[1] - start.at.s, 0.0
@@ -117,7 +117,7 @@ def _refine_stop(request: PlanRequest, plan: Plan, start: MovingState, best: Pla
         longest = max(longest, perf_counter() - began)
     found.sort(key=lambda each: each[0].duration)
     optima = (
-        certify_motion(request, plan, start, match_start(m, start.joints, request.limits), StopKind.OPTIMUM, s)
+        certify_motion(request, start, match_start(m, start.joints, request.limits), StopKind.OPTIMUM, s)
         for m, s in found
     )
     return next((optimum for optimum in optima if optimum), best)
