@@ -24,7 +24,7 @@ soak: $(VENV)/.dev
 
 # The tests on the newest Python of this machine (3.11 to 3.14); an extra that pip cannot install there is skipped by name.
 NEWEST := $(shell for v in 14 13 12 11; do python3.$$v -c '' 2>/dev/null && echo python3.$$v && break; done)
-newest:
+newest: $(VENV)/.dev
 	$(NEWEST) -m venv .venv-newest
 	for extra in tests closed-form ros figures distributed shapes sim view ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \

@@ -1,18 +1,30 @@
-"""Checks of the tables, lists, names, numbers and targets of a suite file; errors name the place of a wrong value."""
+"""Typed settings of suites: every key is declared once, with its default, unit and meaning."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
-from optik.check import check_count, check_number
-from optik.errors import InvalidInput
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_before_validator_function
+
+from optik.check import check_count, check_number, format_value
+from optik.errors import InvalidInput, OptikError
 from optik.plugins.options import find_nearest_name
-from optik.registry import check_name
+from optik.registry import check_name, short_name
 
-Item = TypeVar("Item")
+Model = TypeVar("Model", bound="Settings")
 
 NAMED_KEYS = {
     "robot": ("optik.robots", "robot"),
@@ -23,46 +35,46 @@ NAMED_KEYS = {
 """Keys whose value is a name or the path of a file: group, and what errors call it. They mean the same in every kind."""
 
 
-@dataclass(frozen=True)
-class Target:
-    """A bound that a measure of a block must keep.
+class Settings(BaseModel):
+    """A table of a suite's file. Keys that are not declared are refused with the nearest one."""
 
-    Attributes
-    ----------
-    measure : str
-        One of the measures of the block; its last part is the unit.
-    method : str
-        Label of the method or law that the bound applies to; empty if the block has only one.
-    to : str
-        Label of the method or peer whose value is the denominator of ``median_ratio``.
-    group : str
-        The part of the problems that the bound applies to: a kind of line or a robot; empty for all.
-    at_most, at_least : float or None
-        The bound, as one of the two.
-    goal : bool
-        Whether the target is only a goal: the report does not count a missed goal as a failure.
-    """
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, coerce_numbers_to_str=True)
+    fixed: ClassVar[frozenset[str]] = frozenset()
+    """Fields that a file may not give."""
 
-    measure: str
-    method: str = ""
-    to: str = ""
-    group: str = ""
-    at_most: float | None = None
-    at_least: float | None = None
-    goal: bool = False
+    @classmethod
+    def keys(cls) -> dict[str, Any]:
+        """Fields by the keys of a file."""
+        return {f.alias or name: f for name, f in cls.model_fields.items() if name not in cls.fixed}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, data: Any) -> Any:
+        keys = cls.keys()
+        need = [key for key, field in keys.items() if field.is_required()]
+        check_keys(data, set(keys), "", set(need))
+        return data
 
 
-def bounds(data: dict[str, Any], where: str) -> dict[str, Any]:
-    """Read the bound of a target and whether it is a goal."""
-    if ("at_most" in data) == ("at_least" in data):
-        others = sorted(set(data) - {"measure"})
-        raise InvalidInput(where, f"{data['measure']} with {others}", "either at_most or at_least")
-    found: dict[str, Any] = {
-        key: check_number(data[key], f"{where}: {key}", "a number") for key in ("at_most", "at_least") if key in data
-    }
-    if not isinstance(data.get("goal", False), bool):
-        raise InvalidInput(f"{where}: goal", repr(data["goal"])[:60], "true or false")
-    return found | {"goal": data.get("goal", False)}
+def key(meaning: str, default: Any = ..., unit: str = "", **more: Any) -> Any:
+    """Declare a key: its meaning, its default and its unit."""
+    return Field(default, description=meaning, json_schema_extra={"unit": unit}, **more)
+
+
+def read(model: type[Model], data: Any, where: str) -> Model:
+    """Read a table; errors of misuse say where the wrong value stands."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ": ".join([where, *(str(at) for at in first["loc"] if isinstance(at, str))])
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, InvalidInput):
+            raise InvalidInput(f"{place}: {cause.argument}".rstrip(": "), cause.got, cause.expected) from None
+        if isinstance(cause, OptikError):
+            raise cause from None
+        words = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+        raise InvalidInput(place, format_value(first["input"], 60), words) from None
 
 
 @contextmanager
@@ -74,9 +86,140 @@ def naming(where: str) -> Iterator[None]:
         raise InvalidInput(f"{where}: {error.argument}", error.got, error.expected) from error
 
 
+# ---------------------------------------------------------------- types of values
+
+
+def named(group: str, noun: str) -> BeforeValidator:
+    """A name out of a group, or the path of a plug-in's file, which is made absolute; no code is run."""
+    return BeforeValidator(lambda value: check_name(group, value, noun))
+
+
+RobotName = Annotated[str, named(*NAMED_KEYS["robot"])]
+"""An arm."""
+
+SetName = Annotated[str, named(*NAMED_KEYS["set"])]
+"""A problem set."""
+
+SolverName = Annotated[str, named(*NAMED_KEYS["solver"])]
+"""An IK method."""
+
+LawName = Annotated[str, named(*NAMED_KEYS["law"])]
+"""A time law."""
+
+
+def counted(least: int) -> BeforeValidator:
+    """A whole number of at least some value."""
+
+    def check(value: Any) -> int:
+        check_count(value, "", least)
+        return int(value)
+
+    return BeforeValidator(check)
+
+
+Count = Annotated[int, counted(1)]
+"""A whole number of at least 1."""
+
+MaybeCount = Annotated[int | None, counted(1)]
+"""A whole number of at least 1, or no bound."""
+
+
+def numbered(expected: str, *, above: float | None = None, least: float | None = None) -> BeforeValidator:
+    """A finite number inside a range."""
+    return BeforeValidator(lambda value: check_number(value, "", expected, above=above, least=least))
+
+
+def one_of(*known: str) -> BeforeValidator:
+    """A word out of a few."""
+
+    def check(value: Any) -> str:
+        if value not in known:
+            raise InvalidInput("", format_value(value, 60), f"one of {', '.join(known)}")
+        return str(value)
+
+    return BeforeValidator(check)
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InvalidInput("", format_value(value, 60), "true or false")
+    return value
+
+
+Flag = Annotated[bool, BeforeValidator(_flag)]
+"""True or false."""
+
+
+def _table(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InvalidInput("", type(value).__name__, "a table")
+    return dict(value)
+
+
+Options = Annotated[dict[str, Any], BeforeValidator(_table)]
+"""Options of a method or a set, which it checks itself."""
+
+
+def _listed(value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise InvalidInput("", format_value(value, 60), "a list that is not empty")
+    return tuple(value)
+
+
+LISTED = BeforeValidator(_listed)
+"""Makes a tuple of a list that is not empty."""
+
+
+def _increasing(values: tuple[int, ...]) -> tuple[int, ...]:
+    if list(values) != sorted(set(values)):
+        raise InvalidInput("", values, "whole numbers, each larger than the one before")
+    return values
+
+
+Budgets = Annotated[tuple[Count, ...], LISTED, AfterValidator(_increasing)]
+"""Increasing numbers of iterations."""
+
+
+def _three(values: Any) -> tuple[float, ...]:
+    if not isinstance(values, list | tuple) or len(values) != 3:
+        raise InvalidInput("", format_value(values, 60), "three numbers [m]")
+    return tuple(check_number(x, "", "three numbers [m]") for x in values)
+
+
+Three = Annotated[tuple[float, ...], BeforeValidator(_three)]
+"""Three numbers."""
+
+Joints = Annotated[tuple[Annotated[float, numbered("degrees or mm, one number a joint")], ...], LISTED]
+"""Joint coordinates [degrees, mm]; their number is checked where the arm is loaded."""
+
+
+class Entries:
+    """A list of tables of a model, or one table, as the entries that its `entry` makes of them, with different labels."""
+
+    def __init__(self, model: type[Any], *, single: bool = False, **about: Any) -> None:
+        self.model, self._single, self._about = model, single, about
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_before_validator_function(self._read, handler(source))
+
+    def _read(self, value: Any) -> Any:
+        if self._single:
+            return self._one(value)
+        found = tuple(map(self._one, _listed(value)))
+        check_labels(found)
+        return found
+
+    def _one(self, value: Any) -> Any:
+        return value if hasattr(value, "label") else read(self.model, value, "").entry(**self._about)
+
+
+# ---------------------------------------------------------------- checks
+
+
 def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = None) -> None:
     """Raise InvalidInput unless data is a table with all required and only known keys."""
-    check_table(data, where)
+    if not isinstance(data, dict):
+        raise InvalidInput(where, type(data).__name__, "a table")
     if unknown := sorted(set(data) - known):
         near = find_nearest_name(unknown[0], known)
         meant = f"{near!r}, or another of" if near else "keys out of"
@@ -85,41 +228,18 @@ def check_keys(data: Any, known: set[str], where: str, need: set[str] | None = N
         raise InvalidInput(where, f"no {missing[0]!r}", f"the keys {', '.join(sorted(need or set()))}")
 
 
-def check_table(value: Any, where: str) -> dict[str, Any]:
-    """Return the value if it is a table."""
-    if not isinstance(value, dict):
-        raise InvalidInput(where, type(value).__name__, "a table")
-    return value
-
-
-def check_list(value: Any, where: str) -> list[Any]:
-    """Return the value if it is a list that is not empty."""
-    if not isinstance(value, list) or not value:
-        raise InvalidInput(where, repr(value)[:60], "a list that is not empty")
-    return value
-
-
-def check_known(name: Any, group: str, kind: str) -> str:
-    """Return a name that can be used, the file of a plug-in as its absolute path, without running any code."""
-    return check_name(group, name, kind)
-
-
 def check_different(values: list[str], where: str, what: str) -> None:
     """Raise InvalidInput unless all values are different."""
     if len(set(values)) != len(values):
-        raise InvalidInput(
-            where, f"{what}s {values}", f"{'an' if what[0] in 'aeiou' else 'a'} {what} of its own for each"
-        )
+        article = "an" if what[0] in "aeiou" else "a"
+        raise InvalidInput(where, f"{what}s {values}", f"{article} {what} of its own for each")
 
 
-def all_of(data: Any, where: str, read: Callable[[Any], Item]) -> tuple[Item, ...]:
-    """Read every item of an optional list."""
-    return tuple(read(item) for item in check_list(data, where)) if data is not None else ()
+def check_labels(entries: tuple[Any, ...]) -> None:
+    """Raise InvalidInput unless all entries have different labels."""
+    check_different([entry.label for entry in entries], "", "label")
 
 
-def optional_count(value: Any, where: str) -> int | None:
-    """Return an integer of at least 1, or None if the value is None."""
-    if value is None:
-        return None
-    check_count(value, where, 1)
-    return int(value)
+def default_label(named: str) -> Callable[[dict[str, Any]], str]:
+    """The default of a label: the name that another key gives."""
+    return lambda given: short_name(given[named])

@@ -24,8 +24,11 @@ SUITES = "benchmarks.suites"
 ALIASES = {"blocks": "budgets", "line": "plans", "speed": "calls", "timing": "laws"}
 """Keys of a suite that are not the name of their kind: they are older than the kinds' names."""
 
-OWN_KEYS = ("title", "seed")
-"""Keys of a suite that ask for no kind of block."""
+OWN_KEYS = {
+    "title": ("Heading of the report.", "the suite's name"),
+    "seed": ("Seed of all random numbers, 0 or more.", "0"),
+}
+"""Keys of a suite that ask for no kind of block: meaning and default."""
 
 
 @dataclass(frozen=True)

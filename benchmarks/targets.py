@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
+from pydantic import model_validator
 
-from benchmarks.settings import Target, bounds, check_keys
+from benchmarks.settings import Flag, Settings, key, numbered
 from optik.errors import InvalidInput
 
 
@@ -54,6 +55,51 @@ class Measure:
         """All values of the measure on the rows of one entry."""
         found = self.compute(rows)
         return tuple(float(value) for value in found) if isinstance(found, tuple) else (float(found),)
+
+
+def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:
+    """One of some measures by its name."""
+    found = next((measure for measure in measures if measure.name == name), None)
+    if found is None:
+        raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.name for measure in measures)}")
+    return found
+
+
+class Target(Settings):
+    """A bound that a measure of a block must keep."""
+
+    measure: str = key("Measure of the block; the end of its name is the unit.")
+    method: str = key("Label of the entry that the bound applies to; by default the first.", "")
+    to: str = key("Label of the entry whose value is the denominator of a ratio.", "")
+    group: str = key("Part of the problems: a kind of motions, a robot, or the label of limits; by default all.", "")
+    at_most: Annotated[float | None, numbered("a number")] = key("Largest value; give one of the two bounds.", None)
+    at_least: Annotated[float | None, numbered("a number")] = key("Least value; give one of the two bounds.", None)
+    goal: Flag = key("Whether a missed bound is no failure.", False)
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Target:
+        if (self.at_most is None) == (self.at_least is None):
+            others = sorted(self.model_fields_set - {"measure"})
+            raise InvalidInput("", f"{self.measure} with {others}", "either at_most or at_least")
+        return self
+
+    def fitted(
+        self, where: str, measures: tuple[Measure, ...], labels: tuple[str, ...], groups: tuple[str, ...]
+    ) -> Target:
+        """The target, checked against its block; one that names no entry asks the first."""
+        at = f"{where}: targets"
+        measure = measure_named(measures, self.measure, at)
+        method = self.method or (labels[0] if labels and "method" not in self.model_fields_set else "")
+        if (self.to != "") != measure.relative:
+            relative = ", ".join(m.name for m in measures if m.relative) or "no measure of this block"
+            came = f"{measure.name} with `to` = {self.to!r}" if self.to else f"{measure.name} without `to`"
+            raise InvalidInput(at, came, f"`to` for {relative}, and only there")
+        for name in (method, self.to):
+            if name and name not in labels:
+                raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
+        if self.group and self.group not in groups:
+            raise InvalidInput(at, f"group {self.group!r}", f"one of {', '.join(groups) or 'none: it has no groups'}")
+        return self.model_copy(update={"method": method})
 
 
 @dataclass(frozen=True)
@@ -108,40 +154,3 @@ class Outcome:
     def unit(self) -> str:
         """Unit of the value and of the bound."""
         return self.measure.unit
-
-
-def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:
-    """One of some measures by its name."""
-    found = next((measure for measure in measures if measure.name == name), None)
-    if found is None:
-        raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.name for measure in measures)}")
-    return found
-
-
-def read_target(
-    data: Any,
-    where: str,
-    measures: Sequence[Measure],
-    *,
-    labels: Sequence[str] = (),
-    groups: Sequence[str] = (),
-    key: str = "method",
-    required: bool = False,
-) -> Target:
-    """Check the settings of one target and return it."""
-    at = f"{where}: targets"
-    known = {"measure", key, "to", "at_most", "at_least", "goal"} | ({"group"} if groups else set())
-    check_keys(data, known, at, need={"measure", key} if required else {"measure"})
-    measure = measure_named(measures, data["measure"], at)
-    label, to = str(data.get(key, labels[0] if labels else "")), str(data.get("to", ""))
-    if (to != "") != measure.relative:
-        relative = ", ".join(m.name for m in measures if m.relative) or "no measure of this block"
-        came = f"{measure.name} with `to` = {to!r}" if to else f"{measure.name} without `to`"
-        raise InvalidInput(at, came, f"`to` for {relative}, and only there")
-    for name in (label, to):
-        if name and name not in labels:
-            raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
-    group = data.get("group", "")
-    if group and group not in groups:
-        raise InvalidInput(at, f"group {group!r}", f"one of {', '.join(groups)}")
-    return Target(measure.name, label, to, group, **bounds(data, at))

@@ -333,13 +333,12 @@ def test_a_worker_checks_the_files_once_a_part(tmp_path: Path, monkeypatch: pyte
     recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_10", file)])
     read, taken = [], files.digest
     monkeypatch.setattr(files, "digest", lambda one: read.append(one) or taken(one))
-    parts = SimpleNamespace(solve=lambda work: pl.DataFrame({"problem": [work]}))
-    monkeypatch.setattr("benchmarks.run.work.load_kind", lambda kind: parts)
+    parts: Any = SimpleNamespace(solve=lambda work: pl.DataFrame({"problem": [work]}))
     for part in range(2):
-        assert isinstance(attempt("toy", part, recorded), pl.DataFrame)
+        assert isinstance(attempt(parts, part, recorded), pl.DataFrame)
         assert read == [file] * (part + 1)
     write(file, said="b")
-    refused = attempt("toy", 2, recorded)
+    refused = attempt(parts, 2, recorded)
     assert isinstance(refused, InvalidInput)
     assert refused.argument == str(file)
 

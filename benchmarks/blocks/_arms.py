@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
 
 from optik.arm.inertia import payload_masses
 from optik.arm.library import load
@@ -25,12 +27,13 @@ def arm_with(robot: str, payload: float | tuple[float, float] | None) -> Robot:
     return arm if payload is None else arm.with_payload(payload)
 
 
-def read_payload(value: Any, where: str) -> float | tuple[float, float] | None:
-    """Check a payload."""
-    if value is None:
-        return None
+def _payload(value: Any) -> float | tuple[float, float]:
     try:
         low, high = payload_masses(value)
     except InvalidInput as error:
-        raise InvalidInput(where, error.got, error.expected) from None
+        raise InvalidInput("", error.got, error.expected) from None
     return high if low == high else (low, high)
+
+
+Payload = Annotated[float | tuple[float, float] | None, BeforeValidator(_payload)]
+"""Mass in the tool [kg], or the lightest and the heaviest; that of the robot's own file where None."""

@@ -1,79 +1,109 @@
-"""Entries of a block as a suite has them: methods, laws and peers, with their options and labels."""
+"""Entries of a block as a suite's file has them: methods, laws and peers, with their options and labels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
 
 from benchmarks.blocks.base import Entry
 from benchmarks.settings import (
-    all_of,
-    check_different,
-    check_keys,
-    check_known,
-    check_list,
-    check_table,
-    optional_count,
+    LISTED,
+    Flag,
+    LawName,
+    MaybeCount,
+    Options,
+    Settings,
+    SolverName,
+    default_label,
+    key,
+    named,
 )
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS
 
+LABEL_MEANING = "Name in reports; by default its own."
+"""Meaning of the key `label`."""
 
-def read_method(data: Any, where: str) -> Entry:
-    """Check the settings of an IK method of ours."""
-    check_keys(data, {"label", "solver", "options", "max_problems"}, f"{where}: methods", need={"solver"})
-    name = check_known(data["solver"], "optik.ik", "IK method")
-    most = optional_count(data.get("max_problems"), f"{where}: max_problems")
-    return Entry(
-        str(data.get("label", short_name(name))),
-        name,
-        dict(check_table(data.get("options", {}), f"{where}: options")),
-        most,
+
+class Method(Settings):
+    """An IK method."""
+
+    solver: SolverName = key("IK method: a name from `optik doctor`, or the path of a file.")
+    label: str = Field(default_factory=default_label("solver"), description=LABEL_MEANING)
+    options: Options = key("Options of the method.", {})
+    max_problems: MaybeCount = key("Largest number of problems, for slow methods; by default all.", None)
+
+    def entry(self) -> Entry:
+        """The method as the block compares it."""
+        return Entry(self.label, self.solver, self.options, self.max_problems)
+
+
+class BudgetedMethod(Method):
+    """An IK method that nothing but a budget stops; or one that is called as it comes, ``whole = true``."""
+
+    whole: Flag = key(
+        "Whether each problem is one call with default settings and restarts, instead of one attempt.", False
     )
 
+    def entry(self) -> Entry:
+        """The method as the block compares it."""
+        for fixed in ("max_iterations", "max_restarts", "time_limit"):
+            if fixed in self.options and not self.whole:
+                expected = "budgets in place of it: one attempt, stopped at each budget; or whole = true"
+                raise InvalidInput("", fixed, expected)
+        return Entry(self.label, self.solver, self.options, self.max_problems, whole=self.whole)
 
-def read_law(data: Any, where: str, role: str = "law") -> Entry:
-    """Check the settings of a time law of ours."""
-    check_keys(data, {"label", "law", "options", "without"}, where, need={"law"})
-    name = check_known(data["law"], "planners.timing", "time law")
-    without = tuple(check_list(data["without"], f"{where}: without")) if "without" in data else ()
-    if unknown := [limit for limit in without if limit not in ALL_LIMITS]:
-        raise InvalidInput(f"{where}: without", repr(unknown[0])[:60], f"limits out of {', '.join(ALL_LIMITS)}")
-    return Entry(
-        str(data.get("label", short_name(name))),
-        name,
-        dict(check_table(data.get("options", {}), f"{where}: options")),
-        role=role,
-        without=without,
+
+def _limits(names: tuple[Any, ...]) -> tuple[str, ...]:
+    if unknown := [limit for limit in names if limit not in ALL_LIMITS]:
+        raise InvalidInput("", repr(unknown[0])[:60], f"limits out of {', '.join(ALL_LIMITS)}")
+    return names
+
+
+class Law(Settings):
+    """A time law."""
+
+    law: LawName = key("Time law: a name, or the path of a file.")
+    label: str = Field(default_factory=default_label("law"), description=LABEL_MEANING)
+    options: Options = key("Options of the law.", {})
+    without: Annotated[tuple[Any, ...], LISTED, AfterValidator(_limits)] = key(
+        "Limits that the law does not know; its motions are judged by them.", ()
     )
 
-
-def read_peers(
-    data: Any, where: str, folder: str, *, word: str = "peer", most: str = "max_problems", budgets: bool = False
-) -> tuple[Entry, ...]:
-    """Check the settings of all peers of a block."""
-
-    def read(peer: Any) -> Entry:
-        check_keys(
-            peer, {"label", "peer", most, *(["iterations"] if budgets else [])}, f"{where}: peers", need={"peer"}
-        )
-        name = check_known(peer["peer"], folder, word)
-        shown = str(peer.get("label", short_name(name).replace("_", " ")))
-        budget = optional_count(peer.get("iterations"), f"{where}: iterations")
-        options = {} if budget is None else {"iterations": budget}
-        return Entry(shown, name, options, optional_count(peer.get(most), f"{where}: {most}"), "peer")
-
-    return all_of(data, f"{where}: peers", read)
+    def entry(self, role: str = "law") -> Entry:
+        """The law as the block compares it."""
+        return Entry(self.label, self.law, self.options, role=role, without=self.without)
 
 
-def _options(data: dict[str, Any], where: str) -> dict[str, Any]:
-    """Options of an entry: a copy of its table."""
-    return dict(check_table(data.get("options", {}), f"{where}: options"))
+class IKPeer(Settings):
+    """A method of another package."""
+
+    peer: Annotated[str, named("benchmarks.peers.ik", "peer")] = key("Outside method: a name, or the path of a file.")
+    label: str = Field(
+        default_factory=lambda given: short_name(given["peer"]).replace("_", " "), description=LABEL_MEANING
+    )
+    max_problems: MaybeCount = key("Largest number of problems, for slow methods; by default all.", None)
+    iterations: MaybeCount = key("Largest number of iterations, for methods that accept one.", None)
+
+    def entry(self) -> Entry:
+        """The peer as the block compares it."""
+        options = {} if self.iterations is None else {"iterations": self.iterations}
+        return Entry(self.label, self.peer, options, self.max_problems, "peer")
 
 
-def check_labels(entries: Sequence[Entry], where: str) -> list[str]:
-    """Return the labels of some entries, all of them different."""
-    labels = [entry.label for entry in entries]
-    check_different(labels, where, "label")
-    return labels
+class LawPeer(Settings):
+    """A time law of another package."""
+
+    peer: Annotated[str, named("benchmarks.peers.laws", "peer of timing")] = key(
+        "Outside law: a name, or the path of a file."
+    )
+    label: str = Field(
+        default_factory=lambda given: short_name(given["peer"]).replace("_", " "), description=LABEL_MEANING
+    )
+    max_lines: MaybeCount = key("Largest number of motions of each set, for slow laws; by default all.", None)
+
+    def entry(self) -> Entry:
+        """The peer as the block compares it."""
+        return Entry(self.label, self.peer, {}, self.max_lines, "peer")

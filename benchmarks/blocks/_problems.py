@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any
 
+from pydantic import model_validator
+
 from benchmarks.blocks.base import Block
-from benchmarks.problems.base import SETS, ProblemSet, problem_set
+from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import check_keys, check_known, check_table, naming
+from benchmarks.settings import Options, RobotName, SetName, key, naming
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -18,46 +19,24 @@ TRIAL_PROBLEMS = 5
 """Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class ProblemBlock(Block):
-    """A block of IK problems.
+    """A block of IK problems: one problem set on one robot."""
 
-    Attributes
-    ----------
-    robot : str
-        The arm: a name from `optik robots`, or the path of a file; behind a URDF perhaps ``#tip=LINK&base=LINK``.
-    set : str
-        The problem set: a name, or the path of a file.
-    options : dict
-        Options of the problem set.
-    """
+    robot: RobotName = key(
+        "The arm: a name from `optik robots`, or a file; behind a URDF perhaps `#tip=LINK&base=LINK`."
+    )
+    set: SetName = key("The problem set: a name, or the path of a file.")
+    options: Options = key("Options of the problem set.", {})
 
-    robot: str
-    set: str
-    options: dict[str, Any]
-
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """The one arm."""
-        return (self.robot,)
-
-
-def named(data: Any, what: str) -> str:
-    """How errors call a block: its kind and its id."""
-    return f"{what} {data.get('id', '?')!r}" if isinstance(data, dict) else what
-
-
-def read_problems(data: Any, where: str, known: set[str], need: set[str]) -> dict[str, Any]:
-    """Check what every block of IK problems has: id, title, robot, set and options."""
-    check_keys(data, {"id", "title", "robot", "set", "options"} | known, where, need={"id", "robot", "set"} | need)
-    robot, drawn = check_known(data["robot"], "optik.robots", "robot"), check_known(data["set"], SETS, "problem set")
-    options = dict(check_table(data.get("options", {}), f"{where}: options"))
-    if drawn == "file" and "path" in options:
-        options["path"] = resolve_data_file(options["path"], f"{where}: options: path")
-    return {
-        "id": str(data["id"]), "title": str(data.get("title", data["id"])), "robot": robot, "set": drawn,
-        "options": options,
-    }  # fmt: skip
+    @model_validator(mode="before")
+    @classmethod
+    def _find_file(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("set") == "file" and isinstance(data.get("options"), dict):
+            options = data["options"]
+            if "path" in options:
+                path = resolve_data_file(options["path"], "options: path")
+                data = data | {"options": options | {"path": path}}
+        return data
 
 
 def check_set(block: ProblemBlock) -> None:
@@ -69,7 +48,9 @@ def check_set(block: ProblemBlock) -> None:
 def _draw_few(block: ProblemBlock) -> None:
     if "count" in block.options:
         check_count(block.options["count"], "count", 1)
-        block = replace(block, options=block.options | {"count": min(int(block.options["count"]), TRIAL_PROBLEMS)})
+        block = block.model_copy(
+            update={"options": block.options | {"count": min(int(block.options["count"]), TRIAL_PROBLEMS)}}
+        )
     problem_set(block, 0)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
 
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
@@ -16,13 +18,16 @@ SCENES = {
 """Files of the scenes that come with the suites, by name."""
 
 
-def scene_name(value: Any, where: str) -> str:
-    """Check what a suite has as a scene."""
+def _name(value: Any) -> str:
     if isinstance(value, str) and value in SCENES:
         return value
     if isinstance(value, str) and "." not in value and "/" not in value:
-        raise InvalidInput(where, repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
-    return resolve_data_file(value, where)
+        raise InvalidInput("", repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
+    return resolve_data_file(value, "scene")
+
+
+SceneName = Annotated[str, BeforeValidator(_name)]
+"""A scene that comes with the suites, or the path of a file."""
 
 
 def scene_named(name: str, margin: float = 0.0) -> Scene:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import polars as pl
+from pydantic import Field
 
 from benchmarks.records import RunFolder, slug
-from benchmarks.settings import Target
-from benchmarks.targets import Measure, Outcome, measure_named
+from benchmarks.settings import LISTED, Settings, check_different, key, read
+from benchmarks.targets import Measure, Outcome, Target, measure_named
 from optik.errors import UnknownName
 
 Tell = Callable[[str], None]
@@ -27,33 +27,36 @@ KINDS = {
 """Every kind of block with its module."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """One block of a suite.
+class Block(Settings):
+    """One block of a suite, as its file has it."""
 
-    Attributes
-    ----------
-    id : str
-        Names the block's files.
-    title : str
-        What reports call it.
-    targets : tuple of Target
-        What it is held to.
-    """
+    noun: ClassVar[str] = "block"
+    """What errors call it, before its id."""
+    measures: ClassVar[tuple[Measure, ...]] = ()
+    """Measures that its targets may name."""
 
-    id: str
-    title: str
-    targets: tuple[Target, ...] = ()
+    id: str = key("Names the block's files.")
+    title: str = Field(default_factory=lambda given: given["id"], description="Name of the block in reports.")
+    targets: Annotated[tuple[Target, ...], LISTED] = key("Bounds that the report checks.", ())
+
+    @classmethod
+    def read(cls, data: Any) -> Self:
+        """Check the table of a suite's file."""
+        where = f"{cls.noun} {data.get('id', '')!r}".removesuffix(" ''") if isinstance(data, dict) else cls.noun
+        block = read(cls, data, where)
+        check_different(list(block.labels), where, "label")
+        targets = tuple(target.fitted(where, block.measures, block.labels, block.groups) for target in block.targets)
+        return block.model_copy(update={"targets": targets})
 
     @property
-    def sweep(self) -> bool:
+    def is_sweep(self) -> bool:
         """Whether it varies the options of one method: what it compares takes no colour that a method needs."""
         return False
 
     @property
     def robots(self) -> tuple[str, ...]:
         """Names of the arms that it runs on."""
-        return ()
+        return (self.robot,) if hasattr(self, "robot") else ()
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -64,6 +67,11 @@ class Block:
     def labels(self) -> tuple[str, ...]:
         """Labels of all entries."""
         return tuple(entry.label for entry in self.entries)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Parts of its problems that a target may name."""
+        return ()
 
 
 @dataclass(frozen=True)
@@ -179,13 +187,15 @@ class BlockRows:
         return {label: known[label] for label in self.block.labels if label in known}
 
 
-class Kind(ABC):
+class Kind:
     """A kind of block: it reads settings, divides or does the work, and reads the rows. Its module names it ``METHOD``.
 
     Attributes
     ----------
     name, title : str
         Name, also of its folder in a run, and words for people.
+    block : type
+        Its blocks.
     measures : tuple of Measure
         Measures that a target of its blocks may name.
     compared : tuple of Compared
@@ -204,6 +214,7 @@ class Kind(ABC):
 
     name: ClassVar[str]
     title: ClassVar[str]
+    block: ClassVar[type[Block]]
     measures: ClassVar[tuple[Measure, ...]] = ()
     compared: ClassVar[tuple[Compared, ...]] = ()
     single: ClassVar[bool] = False
@@ -214,9 +225,9 @@ class Kind(ABC):
 
     # ------------------------------------------------------------ work
 
-    @abstractmethod
     def settings(self, data: Any) -> Block:
         """Check the settings of one block, as the suite's file has them."""
+        return self.block.read(data)
 
     def prepare(self, block: Any, seed: int) -> Any:
         """Check what only trying shows, before anything is written; `parts` is given what it returns."""

@@ -1,64 +1,29 @@
-"""Explanation of every key of a suite: meaning and unit from docstrings, default from the code that reads it."""
+"""Explanation of every key of a suite, from the models that read it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic_core import PydanticUndefined
+
+from benchmarks.blocks._entries import IKPeer, LawPeer
 from benchmarks.blocks._problems import ProblemBlock, check_set
-from benchmarks.blocks.base import Block, Entry, Kind
-from benchmarks.blocks.cell.settings import Noise
+from benchmarks.blocks.base import Block
 from benchmarks.blocks.timing.laws.motions import path_in_file
-from benchmarks.blocks.timing.laws.sets import LineSet
-from benchmarks.blocks.timing.laws.settings import Example, LawBlock
-from benchmarks.settings import NAMED_KEYS, Target, naming
-from benchmarks.suite import ALIASES, Suite
+from benchmarks.blocks.timing.laws.settings import LawBlock
+from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming
+from benchmarks.suite import ALIASES, OWN_KEYS, Suite
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import is_path
 from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
 from optik.plugins.usage import collect_plugins
 from optik.registry import load_method
 
-SUITE_KEYS = {
-    "title": ("Heading of the report.", "the suite's name"),
-    "seed": ("Seed of all random numbers, 0 or more.", "0"),
-}
-"""Keys of a suite itself: meaning and default."""
-
-PEERS_OF = {"calls": ("benchmarks.peers.ik", "peer"), "laws": ("benchmarks.peers.laws", "peer of timing")}
-"""Group and noun of the peers of each kind."""
-
-ENTRY_KEYS = {
-    "solver": "IK method: a name from `optik doctor`, or the path of a file.",
-    "law": "Time law: a name, or the path of a file.",
-    "peer": "Outside method: a name, or the path of a file.",
-    "label": "Name in reports; by default its own.",
-    "options": "Options of the method.",
-    "max_problems": "Largest number of problems, for slow methods; by default all.",
-    "whole": "Whether each problem is one call with default settings and restarts, instead of one attempt.",
-    "along": "Whether the method iterates at each of 151 poses of the line, starting from its previous solution.",
-    "without": "Limits that the law does not know; its motions are judged by them.",
-    "max_lines": "Largest number of motions of each set, for slow laws; by default all.",
-}
-"""Keys of an entry of ``methods``, ``laws``, ``peers`` or ``reference``."""
-
-MOTION_LIMIT_KEYS = {
-    "label": ParameterDoc("str", "Name of these limits in reports.", ""),
-    "velocity": ParameterDoc("", "Velocity limit: a number, one per joint, or 'robot' [rad/s, m/s].", "rad/s, m/s"),
-    "acceleration": ParameterDoc("", "Acceleration limit [rad/s², m/s²].", "rad/s², m/s²"),
-    "jerk": ParameterDoc("", "Jerk limit [rad/s³, m/s³].", "rad/s³, m/s³"),
-    "tool_speed": ParameterDoc("", "Limit on the speed of the tool point [m/s].", "m/s"),
-    "rotation_speed": ParameterDoc("", "Limit on the angular speed of the tool [rad/s].", "rad/s"),
-    "torque": ParameterDoc("", "Torque limit, for an arm with known masses [N·m, N].", "N·m, N"),
-    "torque_rate": ParameterDoc("", "Torque rate limit [N·m/s, N/s].", "N·m/s, N/s"),
-}  # fmt: skip
-"""Keys of an entry of ``limits``."""
-
-TARGET_LABELS = ("method", "law")
-"""Keys with which a target names its entry."""
+PEERS_OF = {IKPeer: ("benchmarks.peers.ik", "peer"), LawPeer: ("benchmarks.peers.laws", "peer of timing")}
+"""Group and noun of peers."""
 
 
 class Explained(NamedTuple):
@@ -92,31 +57,22 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
     """Explain every key of a suite, including possible keys that it lacks."""
     found = [
         Explained(key, suite.settings.get(key), default, "", meaning, key in suite.settings)
-        for key, (meaning, default) in SUITE_KEYS.items()
+        for key, (meaning, default) in OWN_KEYS.items()
     ]
-    kinds = {kind.name: kind for kind in suite.kinds}
     for key, data in suite.settings.items():
-        name = ALIASES.get(key, key)
-        kind = kinds.get(name)
-        if key in SUITE_KEYS or kind is None:
+        kind = next((kind for kind in suite.kinds if kind.name == ALIASES.get(key, key)), None)
+        if kind is None:
             continue
         blocks, tables = suite.of(kind.name), [data] if kind.single else data
         for block, table in zip(blocks, tables, strict=True):
             with collect_plugins(folder):
-                found += _block(kind, block, table, key if kind.single else f"{key}.{block.id}")
+                found += _table(type(block), table, key if kind.single else f"{key}.{block.id}")
+                _check(block)
     return found
 
 
-def _block(kind: Kind, block: Block, table: dict[str, Any], at: str) -> Iterator[Explained]:
-    """Explain the keys of one block."""
-    words_of = read_parameter_docs(type(block))
-    known = {field.name for field in fields(block)} & set(words_of)
-    for key in [*table, *(key for key in sorted(known - set(table)) if _taken(kind, table, key))]:
-        about = words_of.get(key, ParameterDoc("", "", ""))
-        value, given = table.get(key), key in table
-        yield Explained(f"{at}.{key}", value, _default(kind, block, table, key), about.unit, about.meaning, given)
-        if given:
-            yield from _inside(kind, table, key, value, f"{at}.{key}")
+def _check(block: Block) -> None:
+    """Check what only data files show."""
     if isinstance(block, ProblemBlock) and not _code(block.set) and not _code(block.robot):
         check_set(block)
     for line in block.lines if isinstance(block, LawBlock) else ():
@@ -125,25 +81,45 @@ def _block(kind: Kind, block: Block, table: dict[str, Any], at: str) -> Iterator
                 path_in_file(line.load(), Path(line.path))
 
 
-def _taken(kind: Kind, table: dict[str, Any], key: str) -> bool:
-    """Say whether a kind has a key: it may refuse a value, but not the key."""
-    try:
-        kind.settings(table | {key: None})
-    except InvalidInput as error:
-        return not error.got.startswith("the key")
-    except OptikError:
-        return True
-    return True
+def _table(model: type[Settings], table: dict[str, Any], at: str, absent: bool = True) -> Iterator[Explained]:
+    """Explain the keys of a table, and on request those that it lacks."""
+    keys = model.keys()
+    for key in [*table, *(key for key in sorted(set(keys) - set(table)) if absent)]:
+        field, value, given = keys[key], table.get(key), key in table
+        unit = (field.json_schema_extra or {}).get("unit", "")
+        yield Explained(f"{at}.{key}", value, _default(field), unit, field.description or "", given)
+        if key in ("options", "solver_options") and isinstance(value, dict):
+            yield from _options(*_named(model, table, key), value, f"{at}.{key}")
+        elif (inner := _model(field)) is not None and isinstance(value, dict):
+            yield from _table(inner, value, f"{at}.{key}", absent=False)
+        elif inner is not None and isinstance(value, list):
+            for number, item in enumerate(value):
+                yield from _table(inner, item, f"{at}.{key}[{number}]", absent=False)
 
 
-def _default(kind: Kind, block: Block, table: dict[str, Any], key: str) -> str:
-    """Return the default of a key: the value that the kind reads without it."""
-    if key in table:
-        try:
-            block = kind.settings({name: value for name, value in table.items() if name != key})
-        except OptikError:
-            return "required"
-    return _shown(getattr(block, key, None))
+def _model(field: Any) -> type[Settings] | None:
+    """The model of the tables that a key has."""
+    for one in field.metadata:
+        if isinstance(one, Entries):
+            return one.model
+    found = [field.annotation, *getattr(field.annotation, "__args__", ())]
+    return next((one for one in found if isinstance(one, type) and issubclass(one, Settings)), None)
+
+
+def _named(model: type[Settings], table: dict[str, Any], key: str) -> tuple[str, str, Any]:
+    """Group, noun and name of what the options of a table are of."""
+    name = next(
+        n for n in (("set",) if key == "options" and "set" in table else ("solver", "law", "peer")) if n in table
+    )
+    group, noun = PEERS_OF[model] if name == "peer" else NAMED_KEYS[name]
+    return group, noun, table[name]
+
+
+def _default(field: Any) -> str:
+    """The default of a key: ``required`` where it has none."""
+    if field.is_required():
+        return "required"
+    return "" if field.default is PydanticUndefined else _shown(field.default)
 
 
 def _shown(value: Any) -> str:
@@ -152,62 +128,9 @@ def _shown(value: Any) -> str:
         return "none"
     if isinstance(value, tuple):
         return ", ".join(_shown(part) for part in value)
-    if isinstance(value, Entry):
-        return value.label
-    if is_dataclass(value):
-        return ", ".join(str(getattr(value, field.name)) for field in fields(value) if getattr(value, field.name))
+    if isinstance(value, Settings):
+        return ", ".join(f"{key} {_shown(given)}" for key, given in value if given) or "none"
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-# ---------------------------------------------------------------- tables inside a block
-
-
-def _inside(kind: Kind, table: dict[str, Any], key: str, value: Any, at: str) -> Iterator[Explained]:
-    """Explain the keys of the tables inside a block."""
-    if key in ("options", "solver_options") and isinstance(value, dict):
-        named = "set" if key == "options" else "solver"
-        yield from _options(*NAMED_KEYS[named], table.get(named), value, at)
-        return
-    for number, item in enumerate(value if isinstance(value, list) else [value]):
-        if not isinstance(item, dict):
-            continue
-        where = f"{at}[{number}]" if isinstance(value, list) else at
-        for inner, given in item.items():
-            yield _entry(key, inner, given, where)
-            if inner == "options":
-                yield from _entry_options(kind, item, f"{where}.options")
-
-
-def _entry(key: str, inner: str, value: Any, where: str) -> Explained:
-    """Explain one key of an entry of a list: of a method, a target, a set of motions, limits."""
-    tables = {
-        "lines": read_parameter_docs(LineSet),
-        "example": read_parameter_docs(Example),
-        "limits": MOTION_LIMIT_KEYS,
-        "targets": _target_keys(),
-        "noise": read_parameter_docs(Noise),
-    }
-    if key in tables:
-        about = tables[key].get(inner, ParameterDoc("", "", ""))
-        return Explained(f"{where}.{inner}", value, "", about.unit, about.meaning)
-    needed = "required" if inner in ("solver", "law", "peer") else ""
-    return Explained(f"{where}.{inner}", value, needed, "", ENTRY_KEYS.get(inner, ""))
-
-
-def _target_keys() -> dict[str, ParameterDoc]:
-    """Return the keys of a target; for laws its entry is ``law``."""
-    found = read_parameter_docs(Target)
-    both = ParameterDoc("float", "Bound; give one of the two.", "")
-    return found | dict.fromkeys(TARGET_LABELS, found["method"]) | {"at_most": both, "at_least": both}
-
-
-def _entry_options(kind: Kind, item: dict[str, Any], at: str) -> Iterator[Explained]:
-    """Explain the options of a method, a law or a peer."""
-    for named in ("solver", "law"):
-        if named in item:
-            yield from _options(*NAMED_KEYS[named], item[named], item["options"], at)
-    if "peer" in item and kind.name in PEERS_OF:
-        yield from _options(*PEERS_OF[kind.name], item["peer"], item["options"], at)
 
 
 def _code(name: Any) -> bool:

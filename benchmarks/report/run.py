@@ -87,7 +87,7 @@ class Run:
         pairs = list(self.suite.pairs())
         peers = {entry.label for _, block in pairs for entry in block.entries if entry.role == "peer"}
         shown = [(block, load_report(kind).labels(block)) for kind, block in pairs]
-        compared = dict.fromkeys(label for block, labels in shown if not block.sweep for label in labels)
+        compared = dict.fromkeys(label for block, labels in shown if not block.is_sweep for label in labels)
         found = dict.fromkeys((*compared, *(label for _, labels in shown for label in labels)))
         return sorted(found, key=lambda label: (label not in compared, label in peers))
 

@@ -1,4 +1,4 @@
-"""Problem and result of a solve: checks of targets and initial guesses, tolerance, status, results of one solve and a batch."""
+"""Problem and result of a solve: checks of targets and initial guesses, tolerance, status, results of solves and batches."""
 
 from __future__ import annotations
 

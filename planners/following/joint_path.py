@@ -1,4 +1,4 @@
-"""JointPath: quintics q(s) between nodes with exact derivatives and bounded deviation; and the nodes of a path for marching."""
+"""JointPath: quintics q(s) between nodes with exact derivatives and bounded deviation; nodes for marching."""
 
 from __future__ import annotations
 

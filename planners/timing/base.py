@@ -1,4 +1,4 @@
-"""Base of time laws, and laws by name: the limits that a law needs and enforces, greatest speeds, the refit of s(t) to q(t)."""
+"""Time laws by name, and their base: the limits that a law needs and enforces, greatest speeds, refits of s(t) to q(t)."""
 
 from __future__ import annotations
 

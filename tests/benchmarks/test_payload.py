@@ -15,9 +15,9 @@ from benchmarks.blocks.timing.clearance.settings import PROOF
 from benchmarks.blocks.timing.laws.measures import judge
 from benchmarks.blocks.timing.laws.motions import draw_motion
 from benchmarks.blocks.timing.laws.run import check_laws, line_rows
-from benchmarks.blocks.timing.laws.settings import LawBlock, read_block
+from benchmarks.blocks.timing.laws.settings import LawBlock
 from benchmarks.blocks.timing.plans.nearest import nearest_points, placed
-from benchmarks.settings import Target
+from benchmarks.targets import Target
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
 from planners import MotionLimits
@@ -38,7 +38,7 @@ OVER_TORQUE = 20
 
 
 def block_of(**changes: Any) -> LawBlock:
-    return read_block(BLOCK | changes)
+    return LawBlock.read({key: value for key, value in (BLOCK | changes).items() if value is not None})
 
 
 def rows_of(block: LawBlock, seed: int) -> dict[str, dict[str, Any]]:
@@ -107,7 +107,7 @@ def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
         }
     )  # fmt: skip
     for measure, value in (("median_ms_ratio", 0.15), ("median_duration_ratio", 1.0), ("worst_duration_ratio", 1.5)):
-        assert judge(rows, Target(measure, "a", "b", at_most=1.0))[0] == pytest.approx(value)
+        assert judge(rows, Target(measure=measure, method="a", to="b", at_most=1.0))[0] == pytest.approx(value)
 
 
 # ---------------------------------------------------------------- contact

@@ -33,9 +33,8 @@ from benchmarks.report.ik.calls.success import success_and_time
 from benchmarks.report.ik.calls.winners import winners
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
-from benchmarks.settings import Target
 from benchmarks.suite import suite_of
-from benchmarks.targets import Outcome, measure_named
+from benchmarks.targets import Outcome, Target, measure_named
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy
@@ -260,7 +259,7 @@ def test_measures_are_what_their_names_say() -> None:
         "p90_us": np.percentile(np.arange(1, 101), 90), "p99_us": np.percentile(np.arange(1, 101), 99),
     }  # fmt: skip
     for measure, value in expect.items():
-        found, note = judge(table, Target(measure, "a", at_most=1.0))
+        found, note = judge(table, Target(measure=measure, method="a", at_most=1.0))
         assert found == pytest.approx(value)
         assert note.startswith("100 calls")
 
@@ -272,7 +271,7 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     assert median_ratio(table, "a", "b") == pytest.approx(np.median([300, 9000]) / np.median([100, 1000]))
     assert np.isnan(median_ratio(table, "a", "c"))
     assert set(shared(table, ("a", "b"))["problem"]) == {1, 2}
-    assert judge(table, Target("median_ratio", "a", "b", at_most=1.0))[1] == "2 problems, both"
+    assert judge(table, Target(measure="median_ratio", method="a", to="b", at_most=1.0))[1] == "2 problems, both"
 
 
 @pytest.mark.parametrize(
@@ -286,7 +285,9 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     ],
 )
 def test_a_bound_is_held_at_the_bound(value: float, bounds: dict[str, float], held: bool | None, asked: str) -> None:
-    outcome = Outcome("x", "X", Target("success", "a", **bounds), measure_named(MEASURES, "success", "x"), value, "")  # type: ignore[arg-type]
+    outcome = Outcome(
+        "x", "X", Target(measure="success", method="a", **bounds), measure_named(MEASURES, "success", "x"), value, ""
+    )  # type: ignore[arg-type]
     assert outcome.held is held
     assert outcome.asked == asked
 
@@ -298,12 +299,12 @@ def test_a_batch_is_judged_at_its_largest_number_of_threads() -> None:
             "extra_memory_mb": [900.0, 1.0, 5.0, 3.0],
         }
     )  # fmt: skip
-    assert judge_batch(table, Target("success"))[0] == 98.0
-    assert judge_batch(table, Target("million_per_second"))[0] == pytest.approx(49e-6)
-    assert judge_batch(table, Target("extra_memory_mb"))[0] == 5.0
+    assert judge_batch(table, Target(measure="success", at_least=0.0))[0] == 98.0
+    assert judge_batch(table, Target(measure="million_per_second", at_least=0.0))[0] == pytest.approx(49e-6)
+    assert judge_batch(table, Target(measure="extra_memory_mb", at_least=0.0))[0] == 5.0
     silent = table.with_columns(extra_memory_mb=pl.lit(None))
-    assert judge_batch(silent, Target("extra_memory_mb"))[1] == "not reported by this system"
-    assert judge_batch(None, Target("success"))[1] == "it was not run"
+    assert judge_batch(silent, Target(measure="extra_memory_mb", at_least=0.0))[1] == "not reported by this system"
+    assert judge_batch(None, Target(measure="success", at_least=0.0))[1] == "it was not run"
 
 
 # ---------------------------------------------------------------- peers

@@ -34,8 +34,8 @@ from benchmarks.report.numbers import ratio
 from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.winners import kind_winners
 from benchmarks.run import run_suite
-from benchmarks.settings import Target
 from benchmarks.suite import Suite, suite_of
+from benchmarks.targets import Target
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
@@ -247,11 +247,16 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
         "truth_over_bound": 2.0, "bound_over_truth": 1.0 / 0.99,
     }  # fmt: skip
     for measure, value in wanted.items():
-        assert judge(table, Target(measure, "a"))[0] == pytest.approx(value), measure
-    assert judge(table, Target("worst_optimum", "a", group="regular"))[0] == pytest.approx(1.5)
-    assert judge(table, Target("worst_ratio", "a", group="near_singular")) == (1.2, "1 motions")
-    assert re.findall(r"\d+", judge(table, Target("worst_ratio", "a"))[1]) == ["3", "4"]
-    assert np.isnan(judge(table, Target("worst_ratio", "b"))[0])
+        assert judge(table, Target(measure=measure, method="a", at_least=0.0))[0] == pytest.approx(value), measure
+    assert judge(table, Target(measure="worst_optimum", method="a", group="regular", at_least=0.0))[0] == pytest.approx(
+        1.5
+    )
+    assert judge(table, Target(measure="worst_ratio", method="a", group="near_singular", at_least=0.0)) == (
+        1.2,
+        "1 motions",
+    )
+    assert re.findall(r"\d+", judge(table, Target(measure="worst_ratio", method="a", at_least=0.0))[1]) == ["3", "4"]
+    assert np.isnan(judge(table, Target(measure="worst_ratio", method="b", at_least=0.0))[0])
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:

@@ -22,6 +22,7 @@ class _Cell(Kind):
 
     name = "cell"
     title = "The executed cell"
+    block = CellBlock
     measures = ALL_MEASURES
     order = 45
     alone = False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import polars as pl
@@ -40,9 +39,9 @@ def claims(run: Run) -> dict[str, Any] | None:
 def noise_words(noise: Noise) -> str:
     """What varies from trial to trial, in words."""
     words = []
-    for field in fields(noise):
-        value = getattr(noise, field.name)
-        what, scale, unit = NOISE_WORDS[field.name]
+    for name in NOISE_WORDS:
+        value = getattr(noise, name)
+        what, scale, unit = NOISE_WORDS[name]
         if value:
             gap = "" if what.endswith("±") else " "
             words.append(f"{what}{gap}{scale * value:.7g}{' ' + unit if unit else ''}")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows, Compared, Kind, Part
 from benchmarks.blocks.ik.answers.measures import MEASURES, compared_answers, distribution, summary
 from benchmarks.blocks.ik.answers.run import AnswersWork, check, parts, solve, store_hash
-from benchmarks.blocks.ik.answers.settings import AnswersBlock, read_block
+from benchmarks.blocks.ik.answers.settings import AnswersBlock
 from benchmarks.records import RunFolder
-from benchmarks.settings import Target
+from benchmarks.targets import Target
 
 
 class _Answers(Kind):
@@ -20,6 +19,7 @@ class _Answers(Kind):
 
     name = "answers"
     title = "Recorded answers"
+    block = AnswersBlock
     measures = MEASURES
     order = 15
     alone = False
@@ -37,9 +37,6 @@ class _Answers(Kind):
     def folder(self) -> str:
         """Its folder in a run."""
         return "answers"
-
-    def settings(self, data: Any) -> AnswersBlock:
-        return read_block(data)
 
     def prepare(self, block: AnswersBlock, seed: int) -> tuple[int, str]:
         return seed, check(block, seed)

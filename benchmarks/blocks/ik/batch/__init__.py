@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import polars as pl
 
@@ -11,9 +10,9 @@ from benchmarks.blocks._fresh import fresh
 from benchmarks.blocks._problems import check_set
 from benchmarks.blocks.base import Compared, Kind, Tell
 from benchmarks.blocks.ik.batch.measures import MEASURES, judge
-from benchmarks.blocks.ik.batch.settings import BatchBlock, read_block
+from benchmarks.blocks.ik.batch.settings import BatchBlock
 from benchmarks.records import slug
-from benchmarks.settings import Target
+from benchmarks.targets import Target
 from optik.arm.library import load
 from optik.ik import make_solver
 
@@ -23,6 +22,7 @@ class _Batch(Kind):
 
     name = "batch"
     title = "Batches"
+    block = BatchBlock
     measures = MEASURES
     order = 30
     compared = (Compared("time of a batch", "s", "less", "seconds"),)
@@ -30,9 +30,6 @@ class _Batch(Kind):
     def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """Repeats by number of threads."""
         return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
-
-    def settings(self, data: Any) -> BatchBlock:
-        return read_block(data)
 
     def prepare(self, block: BatchBlock, seed: int) -> None:
         check_set(block)

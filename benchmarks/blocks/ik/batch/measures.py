@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from benchmarks.settings import Target
-from benchmarks.targets import Measure, measure_named
+from benchmarks.targets import Measure, Target, measure_named
 
 
 def solved_rate(rows: pl.DataFrame) -> float:

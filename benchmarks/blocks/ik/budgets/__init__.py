@@ -11,7 +11,7 @@ from benchmarks.blocks.base import BlockRows, Compared, Kind, Part
 from benchmarks.blocks.ik.budgets.measures import MEASURES
 from benchmarks.blocks.ik.budgets.rows import BudgetRows
 from benchmarks.blocks.ik.budgets.run import Work, parts, prepare, solve_problems
-from benchmarks.blocks.ik.budgets.settings import BudgetBlock, read_block
+from benchmarks.blocks.ik.budgets.settings import BudgetBlock
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder
 from optik.arm.robot import Robot
@@ -22,6 +22,7 @@ class _Budgets(Kind):
 
     name = "budgets"
     title = "Methods"
+    block = BudgetBlock
     measures = MEASURES
     order = 10
     alone = False
@@ -40,9 +41,6 @@ class _Budgets(Kind):
         """Rows at the largest budget."""
         last = rows.filter(pl.col("budget") == block.budgets[-1])
         return last.with_columns(label="method", solved=pl.col("status") == "solved")
-
-    def settings(self, data: Any) -> BudgetBlock:
-        return read_block(data)
 
     def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
         return prepare(block, seed)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import polars as pl
 
 from benchmarks.blocks._contest import read_facts
@@ -15,9 +13,9 @@ from benchmarks.blocks.ik.calls.measures import MEASURES, judge
 from benchmarks.blocks.ik.calls.rounds import without_memory
 from benchmarks.blocks.ik.calls.rows import CallRows
 from benchmarks.blocks.ik.calls.run import facts_file, read_rows, run_calls
-from benchmarks.blocks.ik.calls.settings import CallBlock, read_block
+from benchmarks.blocks.ik.calls.settings import CallBlock
 from benchmarks.records import JOURNAL, Journal, RunFolder
-from benchmarks.settings import Target
+from benchmarks.targets import Target
 from optik.arm.library import load
 
 
@@ -26,6 +24,7 @@ class _Calls(Kind):
 
     name = "calls"
     title = "Speed of one call"
+    block = CallBlock
     measures = MEASURES
     order = 20
     compared = (
@@ -33,9 +32,6 @@ class _Calls(Kind):
         Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("least_ns", "most_ns")),
         Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("least_ns", "most_ns")),
     )
-
-    def settings(self, data: Any) -> CallBlock:
-        return read_block(data)
 
     def prepare(self, block: CallBlock, seed: int) -> None:
         check_set(block)

@@ -46,7 +46,9 @@ def ending_after(block: CallBlock, budget: int) -> CallBlock:
     def theirs(entry: Entry) -> Entry:
         return replace(entry, options=entry.options | {"iterations": budget})
 
-    return replace(block, methods=tuple(map(ours, block.methods)), peers=tuple(map(theirs, block.peers)))
+    return block.model_copy(
+        update={"methods": tuple(map(ours, block.methods)), "peers": tuple(map(theirs, block.peers))}
+    )
 
 
 def read_evaluations(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:

@@ -9,9 +9,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.ik.calls.judgement import JUDGED_AT, level_name, solved_at
-from benchmarks.settings import Target
 from benchmarks.statistics import shifted_geometric_mean
-from benchmarks.targets import Measure, measure_named
+from benchmarks.targets import Measure, Target, measure_named
 
 SHIFT_US = 10.0
 """Shift of the shifted geometric mean of times [µs]: differences far below it do not decide the mean."""

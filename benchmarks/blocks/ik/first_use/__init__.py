@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import polars as pl
 
@@ -11,34 +10,30 @@ from benchmarks.blocks.base import Block, Compared, Kind, Tell
 from benchmarks.blocks.ik.first_use.measures import MEASURES, median
 from benchmarks.blocks.ik.first_use.run import FILE, run_first_use
 from benchmarks.records import RunFolder
-from benchmarks.settings import Target, all_of, check_keys, check_known
-from benchmarks.targets import read_target
-from optik.check import check_count
+from benchmarks.settings import Count, RobotName, SolverName, key
+from benchmarks.targets import Measure, Target
 from optik.registry import short_name
 
 
-@dataclass(frozen=True, kw_only=True)
 class FirstUse(Block):
-    """What starting costs.
+    """What starting costs."""
 
-    Attributes
-    ----------
-    robot : str
-        Name of the arm.
-    solver : str
-        Name of the IK method.
-    repeats : int
-        Processes timed after the one that compiles.
-    """
+    noun = "first_use"
+    fixed = frozenset({"id", "title"})
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
 
-    robot: str
-    solver: str
-    repeats: int
+    id: str = "first-use"
+    title: str = "First use"
+    robot: RobotName = key("The arm.")
+    solver: SolverName = key("The IK method.")
+    repeats: Count = key("Processes timed after the one that compiles.", 3)
 
-    @property
-    def robots(self) -> tuple[str, ...]:
-        """The one arm."""
-        return (self.robot,)
+    @classmethod
+    def read(cls, data: Any) -> FirstUse:
+        """Check the table; the title names what is measured."""
+        block = super().read(data)
+        title = f"First use in a fresh process ({short_name(block.solver)}, {short_name(block.robot)})"
+        return block.model_copy(update={"title": title})
 
 
 class _FirstUse(Kind):
@@ -46,6 +41,7 @@ class _FirstUse(Kind):
 
     name = "first_use"
     title = "First use"
+    block = FirstUse
     measures = MEASURES
     single = True
     order = 50
@@ -54,21 +50,6 @@ class _FirstUse(Kind):
     def compared_rows(self, block: FirstUse, rows: pl.DataFrame) -> pl.DataFrame:
         """Processes by what they measured."""
         return rows.with_columns(label="measure", problem=pl.lit("a process"))
-
-    def settings(self, data: Any) -> FirstUse:
-        where = "first_use"
-        check_keys(data, {"robot", "solver", "repeats", "targets"}, where, need={"robot", "solver"})
-        robot = check_known(data["robot"], "optik.robots", "robot")
-        solver = check_known(data["solver"], "optik.ik", "IK method")
-        check_count(data.get("repeats", 3), f"{where}: repeats", 1)
-        return FirstUse(
-            id="first-use",
-            title=f"First use in a fresh process ({short_name(solver)}, {short_name(robot)})",
-            targets=all_of(data.get("targets"), f"{where}: targets", lambda t: read_target(t, where, MEASURES)),
-            robot=robot,
-            solver=solver,
-            repeats=data.get("repeats", 3),
-        )
 
     def run(self, block: FirstUse, seed: int, folder: RunFolder, tell: Tell) -> None:
         if not folder.has(FILE):

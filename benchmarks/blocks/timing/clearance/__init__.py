@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import polars as pl
 
 from benchmarks.blocks._scenes import scene_named
 from benchmarks.blocks.base import Compared, Kind, Tell
 from benchmarks.blocks.timing.clearance.measures import MEASURES
 from benchmarks.blocks.timing.clearance.run import measure
-from benchmarks.blocks.timing.clearance.settings import ClearanceBlock, read_block
+from benchmarks.blocks.timing.clearance.settings import ClearanceBlock
 from optik.arm.library import load
 
 
@@ -19,6 +17,7 @@ class _Clearance(Kind):
 
     name = "clearance"
     title = "Contact between samples"
+    block = ClearanceBlock
     measures = MEASURES
     order = 65
     compared = (
@@ -29,9 +28,6 @@ class _Clearance(Kind):
     def compared_rows(self, block: ClearanceBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """One problem is one motion."""
         return rows.rename({"method": "label", "motion": "problem"})
-
-    def settings(self, data: Any) -> ClearanceBlock:
-        return read_block(data)
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:
         scene_named(block.scene).pair_mask(load(block.robot))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import polars as pl
 
 from benchmarks.blocks._contest import read_facts
@@ -12,9 +10,9 @@ from benchmarks.blocks.timing.laws.lines import LINE_KINDS as LINE_KINDS
 from benchmarks.blocks.timing.laws.measures import MEASURES, judge
 from benchmarks.blocks.timing.laws.rows import LawRows, read_rows
 from benchmarks.blocks.timing.laws.run import check_laws, facts_file, run_laws
-from benchmarks.blocks.timing.laws.settings import LawBlock, read_block
+from benchmarks.blocks.timing.laws.settings import LawBlock
 from benchmarks.records import JOURNAL, Journal, RunFolder
-from benchmarks.settings import Target
+from benchmarks.targets import Target
 
 
 class _Laws(Kind):
@@ -22,6 +20,7 @@ class _Laws(Kind):
 
     name = "laws"
     title = "Time laws on many lines"
+    block = LawBlock
     measures = MEASURES
     order = 60
     compared = (
@@ -35,9 +34,6 @@ class _Laws(Kind):
         """One problem is one line within one set of limits."""
         problem = pl.concat_str("robot", "kind", "index", "limits", separator=" ").alias("problem")
         return rows.filter(pl.col("entry") != "reference").with_columns(problem, label="law")
-
-    def settings(self, data: Any) -> LawBlock:
-        return read_block(data)
 
     def prepare(self, block: LawBlock, seed: int) -> None:
         check_laws(block)

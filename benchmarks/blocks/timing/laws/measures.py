@@ -9,8 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.settings import Target
-from benchmarks.targets import Measure, measure_named
+from benchmarks.targets import Measure, Target, measure_named
 
 NANO = 1e-9
 """Deviations below a nanometre or nanoradian are round-off."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Annotated, Any
 
-from benchmarks.blocks._arms import arm_label, arm_with, read_payload
+from pydantic import Field, model_validator
+
+from benchmarks.blocks._arms import Payload, arm_label, arm_with
 from benchmarks.blocks.base import Entry
 from benchmarks.blocks.timing.laws.motions import MOTION_KINDS
-from benchmarks.settings import check_keys, check_known, check_table
+from benchmarks.settings import Count, RobotName, Settings, check_keys, key, one_of
 from optik.arm.robot import Robot
-from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
 from planners.limits import ALL_LIMITS, TOOL_SPEEDS, MotionLimits
@@ -20,30 +21,25 @@ OF_ROBOT = "robot"
 """Value of a limit in a suite that means the limit of each robot itself."""
 
 
-@dataclass(frozen=True)
-class LineSet:
-    """Motions of a kind on a robot: straight lines, arcs, seams, joint moves, or the one in a file.
+class LineSet(Settings):
+    """Motions of a kind on a robot, drawn at random, or the one in a file."""
 
-    Attributes
-    ----------
-    robot : str
-        The arm: a name, or the path of a file.
-    kind : str
-        ``regular`` or ``near_singular`` straight lines, ``arc``, ``seam`` (a polyline), ``joints`` (a straight move in joint
-        space), or ``file``.
-    count : int
-        How many, drawn at random.
-    path : str
-        For the kind ``file``: a CSV or NPZ file of waypoints, or a motion that `planners.save` wrote.
-    payload : float or pair of floats
-        Mass in the tool [kg], or [lightest, heaviest]; without it the payload that the robot's own file states.
-    """
+    robot: RobotName = key("The arm: a name, or the path of a file.")
+    kind: Annotated[str, one_of(*MOTION_KINDS)] = key(
+        "Straight lines (`regular`, `near_singular`), `arc`, `seam` (a polyline), `joints` (straight in joint space), `file`."
+    )
+    count: Count = key("Number of motions; not for the kind `file`.", 1)
+    path: str = key("For the kind `file`: a table of waypoints, or a motion that `planners.save` wrote.", "")
+    payload: Payload = key("Mass in the tool, or [lightest, heaviest]; by default that of the robot file.", None, "kg")
 
-    robot: str
-    kind: str
-    count: int
-    path: str = ""
-    payload: float | tuple[float, float] | None = None
+    @model_validator(mode="before")
+    @classmethod
+    def _count_or_path(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        given = "path" if data.get("kind") == "file" else "count"
+        check_keys(data, {"robot", "kind", "payload", given}, "", {"robot", "kind", given})
+        return data | {"path": resolve_data_file(data["path"], "path")} if given == "path" else data
 
     @property
     def label(self) -> str:
@@ -60,23 +56,41 @@ class LineSet:
         return arm_with(self.robot, self.payload)
 
 
-@dataclass(frozen=True)
-class LimitSet:
-    """Limits of a motion, and what reports call them.
+class LimitSet(Settings):
+    """Limits of a motion: numbers, one for each joint, or ``"robot"`` for the robot's own."""
 
-    Attributes
-    ----------
-    label : str
-        What reports call them.
-    limits : MotionLimits
-        Those that are numbers.
-    own : tuple of str
-        Names of those that are the robot's own.
-    """
+    velocity: Any = key("Velocity limit: a number, one per joint, or 'robot'.", None, "rad/s, m/s")
+    acceleration: Any = key("Acceleration limit.", None, "rad/s², m/s²")
+    jerk: Any = key("Jerk limit.", None, "rad/s³, m/s³")
+    torque: Any = key("Torque limit, for an arm with known masses.", None, "N·m, N")
+    torque_rate: Any = key("Torque rate limit.", None, "N·m/s, N/s")
+    tool_speed: Any = key("Limit on the speed of the tool point.", None, "m/s")
+    rotation_speed: Any = key("Limit on the angular speed of the tool.", None, "rad/s")
+    label: str = Field(default_factory=lambda given: _words(given), description="Name of these limits in reports.")
 
-    label: str
-    limits: MotionLimits
-    own: tuple[str, ...] = ()
+    @model_validator(mode="after")
+    def _of_motions(self) -> LimitSet:
+        if not self._given:
+            raise InvalidInput("", "none", f"some of {', '.join(ALL_LIMITS)}")
+        for field in self.own:
+            if field in TOOL_SPEEDS:
+                raise InvalidInput(field, repr(OF_ROBOT), "a number: robots have no limits of their own on the tool")
+        _ = self.limits
+        return self
+
+    @property
+    def _given(self) -> dict[str, Any]:
+        return {field: value for field in ALL_LIMITS if (value := getattr(self, field)) is not None}
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Names of those that are the robot's own."""
+        return tuple(field for field, value in self._given.items() if value == OF_ROBOT)
+
+    @property
+    def limits(self) -> MotionLimits:
+        """Those that are numbers."""
+        return MotionLimits(**{field: value for field, value in self._given.items() if value != OF_ROBOT})
 
     def of(self, robot: Robot) -> MotionLimits:
         """Return the limits on a robot."""
@@ -103,35 +117,8 @@ def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
     return limits.select(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
 
 
-def read_lines(data: Any, where: str) -> LineSet:
-    """Check a set of motions."""
-    at = f"{where}: lines"
-    kind = check_table(data, at).get("kind")
-    given = {"path"} if kind == "file" else {"count"}
-    check_keys(data, {"robot", "kind", "payload"} | given, at, need={"robot", "kind"} | given)
-    robot = check_known(data["robot"], "optik.robots", "robot")
-    if kind not in MOTION_KINDS:
-        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(MOTION_KINDS)}")
-    payload = read_payload(data.get("payload"), f"{at}: payload")
-    if kind == "file":
-        return LineSet(robot, kind, 1, resolve_data_file(data["path"], f"{at}: path"), payload)
-    check_count(data["count"], f"{at}: count", 1)
-    return LineSet(robot, str(kind), data["count"], payload=payload)
-
-
-def read_limits(data: Any, where: str) -> LimitSet:
-    """Check a set of limits."""
-    at = f"{where}: limits"
-    check_keys(data, {"label", *ALL_LIMITS}, at)
-    given = {field: data[field] for field in ALL_LIMITS if field in data}
-    if not given:
-        raise InvalidInput(at, "none", f"some of {', '.join(ALL_LIMITS)}")
-    own = tuple(field for field, value in given.items() if value == OF_ROBOT)
-    for field in own:
-        if field in TOOL_SPEEDS:
-            raise InvalidInput(
-                f"{at}: {field}", repr(OF_ROBOT), "a number: robots have no limits of their own on the tool"
-            )
-    numbers = {field: value for field, value in given.items() if field not in own}
-    words = ", ".join(f"own {field}" if field in own else str(value) for field, value in given.items())
-    return LimitSet(str(data.get("label", words)), MotionLimits(**numbers), own)
+def _words(given: dict[str, Any]) -> str:
+    """Limits in words, in the order of the file."""
+    return ", ".join(
+        f"own {field}" if value == OF_ROBOT else str(value) for field, value in given.items() if value is not None
+    )

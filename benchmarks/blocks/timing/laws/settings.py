@@ -2,89 +2,115 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
-from benchmarks.blocks._arms import read_payload
-from benchmarks.blocks._entries import check_labels, read_law, read_peers
-from benchmarks.blocks._problems import named
+from pydantic import AfterValidator, Field, model_validator
+
+from benchmarks.blocks._arms import Payload
+from benchmarks.blocks._entries import Law, LawPeer
 from benchmarks.blocks.base import Block, Entry
 from benchmarks.blocks.timing.laws.measures import MEASURES
 from benchmarks.blocks.timing.laws.motions import MOTION_KINDS
-from benchmarks.blocks.timing.laws.sets import LimitSet, LineSet, read_limits, read_lines
-from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.settings import all_of, check_different, check_keys, check_known
-from benchmarks.targets import read_target
-from optik.check import check_count
+from benchmarks.blocks.timing.laws.sets import LimitSet, LineSet
+from benchmarks.settings import (
+    LISTED,
+    Count,
+    Entries,
+    RobotName,
+    Settings,
+    SolverName,
+    check_different,
+    check_labels,
+    counted,
+    key,
+)
+from benchmarks.targets import Measure, Target
 from optik.errors import InvalidInput
 
 
-@dataclass(frozen=True)
-class Example:
-    """The motion of which the report has a detailed view.
+class Example(Settings):
+    """The motion of which the report has a detailed view."""
 
-    Attributes
-    ----------
-    robot : str
-        The arm: a name, or the path of a file.
-    kind : str
-        Kind of motions, or the name of a file.
-    index : int
-        Which one of its kind, from 0.
-    limits : str
-        Label of the limits.
-    path : str
-        The file, for the kind ``file``.
-    payload : float or pair of floats
-        Mass in the tool [kg], or [lightest, heaviest]; by default that of the first such set.
-    """
+    fixed = frozenset({"path"})
 
-    robot: str
-    kind: str
-    index: int
-    limits: str
+    robot: RobotName = key("The arm: a name, or the path of a file.", "")
+    kind: str = key("Kind of motions, or the name of a file.", "")
+    index: Annotated[int, counted(0)] = key("Number of the motion in its set, from 0.", 0)
+    limits: str = key("Label of the limits.", "")
+    payload: Payload = key("Mass in the tool; by default that of the first such set.", None, "kg")
     path: str = ""
-    payload: float | tuple[float, float] | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
+class LawTarget(Target):
+    """A bound on a law or a peer."""
+
+    method: str = key("Label of the law that the bound applies to.", alias="law")
+
+
+def _different_sets(lines: tuple[LineSet, ...]) -> tuple[LineSet, ...]:
+    check_different([f"{part.label} of {part.arm}" for part in lines], "", "set")
+    return lines
+
+
+def _different_limits(limits: tuple[LimitSet, ...]) -> tuple[LimitSet, ...]:
+    check_labels(limits)
+    return limits
+
+
 class LawBlock(Block):
-    """Lines × limits × laws.
+    """Lines × limits × laws."""
 
-    Attributes
-    ----------
-    lines : tuple of LineSet
-        Sets of motions: straight lines and others.
-    limits : tuple of LimitSet
-        Limits of the joints and of the tool; each motion is timed within each.
-    laws : tuple of Entry
-        Time laws of ours.
-    peers : tuple of Entry
-        Outside time laws.
-    reference : Entry or None
-        The law whose duration is taken as the optimum T*, unless another motion that keeps every limit is shorter.
-    plan : str
-        Label of the law with which whole plans are timed, the first where none is named.
-    solver : str
-        The IK method that follows the paths.
-    samples : int
-        Samples of each path at which the IK method solves.
-    rounds : int
-        Timed calls of each law on each motion, after one that is not counted.
-    example : Example
-        The motion of the detailed view.
-    """
+    noun = "timing block"
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
 
-    lines: tuple[LineSet, ...]
-    limits: tuple[LimitSet, ...]
-    laws: tuple[Entry, ...]
-    peers: tuple[Entry, ...]
-    reference: Entry | None
-    plan: str
-    solver: str
-    samples: int
-    rounds: int
-    example: Example
+    lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions.")
+    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(_different_limits)] = key(
+        "Limits of the joints and of the tool; each motion is timed within each."
+    )
+    laws: Annotated[tuple[Entry, ...], Entries(Law)] = key("Time laws of ours.")
+    peers: Annotated[tuple[Entry, ...], Entries(LawPeer)] = key("Time laws of other packages.", ())
+    reference: Annotated[Entry | None, Entries(Law, single=True, role="reference")] = key(
+        "Law whose duration is the optimum T* unless a shorter motion is within all limits.", None
+    )
+    plan: str = Field(
+        default_factory=lambda given: given["laws"][0].label,
+        description="Label of the law with which whole plans are timed; by default the first.",
+    )
+    solver: SolverName = key("IK method that follows the paths.", "lm")
+    samples: Annotated[int, counted(2)] = key("Samples of each path.", 151)
+    rounds: Count = key("Timed calls of each law on each motion, after one that is not counted.", 3)
+    example: Example = key("The motion of the detailed view; by default the first near-singular line.", Example())
+    targets: Annotated[tuple[LawTarget, ...], LISTED] = key("Bounds that the report checks.", ())
+
+    @model_validator(mode="after")
+    def _fits(self) -> LawBlock:
+        if self.plan not in [law.label for law in self.laws]:
+            raise InvalidInput("plan", repr(self.plan), f"a label of its laws: {', '.join(x.label for x in self.laws)}")
+        return self
+
+    @classmethod
+    def read(cls, data: Any) -> LawBlock:
+        """Check the table, and complete the example."""
+        block = super().read(data)
+        return block.model_copy(update={"example": block._chosen(f"{cls.noun} {block.id!r}: example")})
+
+    def _chosen(self, where: str) -> Example:
+        """The example with all that it leaves out."""
+        given, kinds = self.example, [part.label for part in self.lines]
+        chosen = next((part for part in self.lines if part.kind == "near_singular"), self.lines[0])
+        robot, kind = given.robot or chosen.robot, given.kind or chosen.label
+        if kind not in MOTION_KINDS and kind not in kinds:
+            raise InvalidInput(where, f"kind {kind!r}", f"one of {', '.join(dict.fromkeys(kinds))}")
+        path = next((part.path for part in self.lines if part.label == kind), "")
+        payload = given.payload
+        if payload is None:
+            payload = next((part.payload for part in self.lines if (part.robot, part.label) == (robot, kind)), None)
+        labels = [part.label for part in self.limits]
+        limits = given.limits or labels[0]
+        if limits not in labels:
+            raise InvalidInput(where, f"limits {limits!r}", f"a label of its limits: {', '.join(labels)}")
+        update = {"robot": robot, "kind": "file" if path else kind, "limits": limits, "path": path, "payload": payload}
+        return given.model_copy(update=update)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -106,64 +132,7 @@ class LawBlock(Block):
         """Kinds of motions as reports call them, in their order."""
         return tuple(dict.fromkeys(part.label for part in self.lines))
 
-
-def read_block(data: Any) -> LawBlock:
-    """Check the settings of a block of timed lines and return it."""
-    where = named(data, "timing block")
-    keys = {
-        "id", "title", "lines", "limits", "laws", "peers", "reference", "plan", "solver", "samples", "rounds", "example",
-        "targets",
-    }  # fmt: skip
-    check_keys(data, keys, where, need={"id", "lines", "limits", "laws"})
-    lines = all_of(data["lines"], f"{where}: lines", lambda part: read_lines(part, where))
-    check_different([f"{part.label} of {part.arm}" for part in lines], f"{where}: lines", "set")
-    limits = all_of(data["limits"], f"{where}: limits", lambda part: read_limits(part, where))
-    check_different([part.label for part in limits], f"{where}: limits", "label")
-    laws = all_of(data["laws"], f"{where}: laws", lambda law: read_law(law, f"{where}: laws"))
-    peers = read_peers(data.get("peers"), where, TIMING_PEERS, word="peer of timing", most="max_lines")
-    labels = check_labels((*laws, *peers), f"{where}: laws")
-    plan = data.get("plan", laws[0].label)
-    if plan not in [law.label for law in laws]:
-        raise InvalidInput(f"{where}: plan", repr(plan), f"a label of its laws: {', '.join(x.label for x in laws)}")
-    method = check_known(data.get("solver", "lm"), "optik.ik", "IK method")
-    check_count(data.get("samples", 151), f"{where}: samples", 2)
-    check_count(data.get("rounds", 3), f"{where}: rounds", 1)
-    groups = [*dict.fromkeys([x.label for x in lines] + [x.arm for x in lines] + [x.label for x in limits])]
-
-    def target(one: Any) -> Any:
-        return read_target(one, where, MEASURES, labels=labels, groups=groups, key="law", required=True)
-
-    return LawBlock(
-        id=str(data["id"]),
-        title=str(data.get("title", data["id"])),
-        lines=lines,
-        limits=limits,
-        laws=laws,
-        peers=peers,
-        reference=read_law(data["reference"], f"{where}: reference", "reference") if "reference" in data else None,
-        plan=plan,
-        solver=method,
-        samples=data.get("samples", 151),
-        rounds=data.get("rounds", 3),
-        example=_example(data.get("example", {}), where, lines, limits),
-        targets=all_of(data.get("targets"), f"{where}: targets", target),
-    )
-
-
-def _example(data: Any, where: str, lines: tuple[LineSet, ...], limits: tuple[LimitSet, ...]) -> Example:
-    at = f"{where}: example"
-    check_keys(data, {"robot", "kind", "index", "limits", "payload"}, at)
-    chosen = next((part for part in lines if part.kind == "near_singular"), lines[0])
-    robot = check_known(data.get("robot", chosen.robot), "optik.robots", "robot")
-    kind = data.get("kind", chosen.label)
-    if kind not in MOTION_KINDS and kind not in [part.label for part in lines]:
-        raise InvalidInput(at, f"kind {kind!r}", f"one of {', '.join(dict.fromkeys(part.label for part in lines))}")
-    path = next((part.path for part in lines if part.label == kind), "")
-    payload = read_payload(data.get("payload"), f"{at}: payload")
-    if payload is None:
-        payload = next((part.payload for part in lines if (part.robot, part.label) == (robot, kind)), None)
-    check_count(data.get("index", 0), f"{at}: index", 0)
-    label = data.get("limits", limits[0].label)
-    if label not in [part.label for part in limits]:
-        raise InvalidInput(at, f"limits {label!r}", f"a label of its limits: {', '.join(x.label for x in limits)}")
-    return Example(robot, "file" if path else kind, data.get("index", 0), label, path, payload)
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Kinds of motions, arms and limits, which a target may name."""
+        return tuple(dict.fromkeys((*self.kinds, *self.arms, *(part.label for part in self.limits))))

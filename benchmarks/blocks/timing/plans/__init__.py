@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows, Compared, Kind, Tell
 from benchmarks.blocks.timing.plans.rows import LinePlans, compared_plans
 from benchmarks.blocks.timing.plans.run import PLANS, check_line, plan_once, run_line
-from benchmarks.blocks.timing.plans.settings import LineTask, read_task
+from benchmarks.blocks.timing.plans.settings import LineTask
 from benchmarks.records import RunFolder
 from optik.registry import short_name as short_name
 
@@ -19,6 +17,7 @@ class _Plans(Kind):
 
     name = "plans"
     title = "The line"
+    block = LineTask
     single = True
     order = 40
     on_paper = True
@@ -33,9 +32,6 @@ class _Plans(Kind):
         """Each plan by itself; times of all plans together, as each was made once."""
         plans = folder.read_json(PLANS)
         return compared_plans(plans) if plans else None
-
-    def settings(self, data: Any) -> LineTask:
-        return read_task(data)
 
     def prepare(self, block: LineTask, seed: int) -> None:
         check_line(block)
