@@ -14,7 +14,7 @@ from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, plan
 from planners.replan import replan
-from planners.ros.export import from_ros, to_ros
+from planners.ros.export import to_ros
 from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 
@@ -33,7 +33,6 @@ __all__ = [
     "Trajectory",
     "certify",
     "follow",
-    "from_ros",
     "laws",
     "load_motion",
     "load_trajectory",

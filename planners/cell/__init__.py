@@ -13,8 +13,9 @@ from planners.cell.drives.ros import RosDrive
 from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
-from planners.cell.laser import PanTiltLaser, Plane, Sighting, SightStatus, Spot
+from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
+from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
 from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
 from planners.ros.rosbridge import RosbridgeTransport

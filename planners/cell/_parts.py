@@ -69,10 +69,19 @@ class CellParts:
         return self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
 
     def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
-        """Return the true point of a reading, and whether it is known; if not, the reading is taken as exact."""
+        """Return the true point of a reading, and whether it is known.
+
+        If it is not known, the reading is taken as exact: the mean of its points, without the limits of the unit.
+        """
         if isinstance(spot, SimulatedSpot) and spot.true_point is not None:
             return spot.true_point, True
-        return find_beam_point(self.unit, spot, plane), False
+        if plane is None:
+            return np.atleast_2d(self.unit.point(*spot)).mean(axis=0), False
+        seen = locate_spot(self.unit, spot, plane)
+        if seen.point is None:
+            wanted = "a beam of the true unit that meets the plane"
+            raise InvalidInput("spot", f"a reading off the plane: {seen.reason}", wanted)
+        return seen.point, False
 
     def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
         """Return the spot as the calibrated unit locates it: the mean of its readings."""
@@ -80,7 +89,9 @@ class CellParts:
 
     def noise(self, spot: Spot, plane: Plane | None = None) -> float:
         """Return the variance of a measured point by the noise of its readings alone, summed over the three axes."""
-        return reading_variance(self.laser, spot, plane)
+        rows = _rows(spot, plane)
+        covariance = _locate_reading(self.laser.with_pose(self.laser.pose), rows[0].tolist(), plane).covariance
+        return 0.0 if covariance is None else float(np.trace(covariance)) / len(rows)
 
     def read_tool(self, tool: Array, readings: int, look: Look | None) -> Spot | Sighting:
         """Return a reading of the tool, or the failed sighting if the true unit cannot see it."""
@@ -127,23 +138,3 @@ def _locate_reading(unit: PanTiltLaser, row: list[float], plane: Plane | None) -
     """Return the spot as a unit locates it by one reading."""
     pan, tilt, distance = row
     return unit.angles(unit.point(pan, tilt, distance)) if plane is None else unit.intersect_plane(pan, tilt, plane)
-
-
-def reading_variance(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> float:
-    """Return the variance of a measured point by the noise of its readings alone, summed over the three axes."""
-    rows = _rows(spot, plane)
-    covariance = _locate_reading(unit.with_pose(unit.pose), rows[0].tolist(), plane).covariance
-    return 0.0 if covariance is None else float(np.trace(covariance)) / len(rows)
-
-
-def find_beam_point(unit: PanTiltLaser, spot: Spot, plane: Plane | None) -> Array:
-    """Return the point of a reading without noise, or the mean of several; the limits of the unit are not checked."""
-    if plane is None:
-        points: Array = np.atleast_2d(unit.point(*spot)).mean(axis=0)
-        return points
-    seen = locate_spot(unit, spot, plane)
-    if seen.point is None:
-        raise InvalidInput(
-            "spot", f"a reading off the plane: {seen.reason}", "a beam of the true unit that meets the plane"
-        )
-    return seen.point

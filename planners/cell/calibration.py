@@ -45,21 +45,11 @@ MOST_HALVINGS = 20
 
 
 class Readings(NamedTuple):
-    """Readings of known points with their weights.
+    """Readings of known points with their weights, (m, 3) each."""
 
-    Attributes
-    ----------
-    spots : (m, 3) array
-        Pan, tilt [rad] and range [m] of each pair.
-    points : (m, 3) array
-        The known points in the arm's base frame [m].
-    weights : (m, 3) array
-        One over the standard deviation [1/rad, 1/rad, 1/m]; 0 for a pan or tilt that is not used.
-    """
-
-    spots: Array
-    points: Array
-    weights: Array
+    spots: Array  # pan, tilt [rad] and range [m]
+    points: Array  # in the arm's base frame [m]
+    weights: Array  # one over the standard deviation [1/rad, 1/rad, 1/m]; 0 for a pan or tilt that is not used
 
     @property
     def m(self) -> int:

@@ -22,7 +22,7 @@ from planners.cell._parts import MOST_READINGS, CellParts
 from planners.cell._task import Task, make_settings
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
-from planners.cell.gripper import Gripper, HeldObject
+from planners.cell.gripper import Gripper, HeldObject, check_width
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
 from planners.cell.sighting import Follow, Look, Plane, Spot, check_vectors
@@ -249,7 +249,7 @@ class Cell(CellParts):
         """
 
         def act(gripper: Gripper) -> str:
-            wide = gripper.check_width(gripper.opening if width is None else width)
+            wide = check_width(gripper, gripper.opening if width is None else width)
             if wide < (self.width or 0.0):
                 raise InvalidInput("width", f"{wide:g} m", f"at least {self.width:g} m, the present width")
             self._grip(gripper, None, wide)
@@ -274,7 +274,7 @@ class Cell(CellParts):
         """
 
         def act(gripper: Gripper) -> str:
-            narrow = gripper.check_width(width)
+            narrow = check_width(gripper, width)
             if held is not None and not isinstance(held, HeldObject):
                 raise InvalidInput("held", format_value(held), "a planners.cell.HeldObject(mass)")
             if self.width is not None and narrow > self.width:

@@ -105,29 +105,6 @@ class Gripper:
         assert isinstance(self.grasp, np.ndarray)
         return self.grasp
 
-    def check_width(self, width: float) -> float:
-        """Return a checked distance of the fingers.
-
-        Parameters
-        ----------
-        width : float
-            Distance of the fingers [m].
-
-        Returns
-        -------
-        float
-            The distance [m].
-
-        Raises
-        ------
-        InvalidInput
-            Not within 0 and the opening.
-        """
-        expected = f"a distance of the fingers from 0 to {self.opening:g} m, the gripper's opening"
-        if check_number(width, "width", expected, least=0.0) > self.opening:
-            raise InvalidInput("width", f"{width:g} m", expected)
-        return float(width)
-
     def mount(self, robot: Robot, held: HeldObject | None = None) -> Robot:
         """Return an arm with the gripper: its tool is the grasp point, and masses and shapes include gripper and object.
 
@@ -179,6 +156,14 @@ class Gripper:
                 )
             shapes = shapes.with_part(name, robot.n, objects, T)
         return shapes
+
+
+def check_width(gripper: Gripper, width: float) -> float:
+    """Return a distance of the fingers [m], checked to be at most the opening."""
+    expected = f"a distance of the fingers from 0 to {gripper.opening:g} m, the gripper's opening"
+    if check_number(width, "width", expected, least=0.0) > gripper.opening:
+        raise InvalidInput("width", f"{width:g} m", expected)
+    return float(width)
 
 
 def _body(mass: float, com: ArrayLike, inertia: ArrayLike | None, where: str) -> Body:

@@ -26,8 +26,6 @@ from planners.cell.sighting import (
     freeze,
 )
 
-__all__ = ["PanTiltLaser", "Plane", "SightStatus", "Sighting", "Spot"]
-
 ANGLE_SLACK = 1e-9
 """Tolerance on the pan and tilt limits [rad], for rounding of a spot at a limit."""
 
@@ -56,7 +54,8 @@ class PanTiltLaser:
 
     The noise of a reading is normal and independent: ``angle_noise`` in pan and in tilt, ``range_noise`` in range. The
     calibration error is a small twist (v, ω) of the pose, along and about the axes of the base frame: the true origin is
-    p + v, the true rotation Exp(ω) R.
+    p + v, the true rotation Exp(ω) R. Methods raise InvalidInput for NaN, infinity, a negative range, a matrix that is no pose,
+    and shapes that do not fit.
 
     Parameters
     ----------
@@ -118,11 +117,6 @@ class PanTiltLaser:
         -------
         (3,) or (..., 3) array
             Vectors of length 1 [1].
-
-        Raises
-        ------
-        InvalidInput
-            NaN, infinity, or shapes that do not broadcast.
         """
         pan, tilt, _ = check_readings(pan, tilt, 0.0)
         return np.asarray(_beam_directions(pan, tilt) @ self.pose[:3, :3].T)
@@ -141,11 +135,6 @@ class PanTiltLaser:
         -------
         (3,) or (..., 3) array
             Points in the arm's base frame [m].
-
-        Raises
-        ------
-        InvalidInput
-            NaN, infinity, a negative range, or shapes that do not broadcast.
         """
         pan, tilt, range = check_readings(pan, tilt, range)
         return np.asarray(self.pose[:3, 3] + range[..., None] * (_beam_directions(pan, tilt) @ self.pose[:3, :3].T))
@@ -162,11 +151,6 @@ class PanTiltLaser:
         -------
         Spot
             Pan in (−π, π], tilt in [−π/2, π/2] [rad], range [m]. On the pan axis the pan is not determined; it is 0.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity.
         """
         points = check_vectors(points, "points")
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
@@ -190,11 +174,6 @@ class PanTiltLaser:
             Columns pan, tilt [m/rad] and range [1].
         by_pose : (3, 6) or (..., 3, 6) array
             Columns v [1] and ω [m/rad], along and about the axes of the base frame, at the unit's origin.
-
-        Raises
-        ------
-        InvalidInput
-            NaN, infinity, a negative range, or shapes that do not broadcast.
         """
         pan, tilt, range = check_readings(pan, tilt, range)
         beam, across = _beam_directions(pan, tilt), range * np.cos(tilt)
@@ -222,11 +201,6 @@ class PanTiltLaser:
         -------
         (3, 3) or (..., 3, 3) array
             Covariances in the axes of the base frame [m²].
-
-        Raises
-        ------
-        InvalidInput
-            NaN, infinity, a negative range, or shapes that do not broadcast.
         """
         by_reading, by_pose = self.jacobians(pan, tilt, range)
         scaled = by_reading * (self.angle_noise, self.angle_noise, self.range_noise)
@@ -249,11 +223,6 @@ class PanTiltLaser:
         -------
         PanTiltLaser
             The unit at that pose.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose, or not a covariance.
         """
         checked = None if covariance is None else check_covariance(covariance)
         return replace(self, pose=check_pose(pose, "pose"), pose_covariance=checked)
@@ -272,11 +241,6 @@ class PanTiltLaser:
         -------
         Spot
             Pan and tilt [rad], range [m], with this unit's noise; a range is not below 0.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity.
         """
         exact = np.stack(self.reading(point), axis=-1)
         noisy = rng.normal(exact, (self.angle_noise, self.angle_noise, self.range_noise))
@@ -295,11 +259,6 @@ class PanTiltLaser:
         Sighting
             FOUND, OUTSIDE_ANGLES, BEHIND (outside the pan limits and behind the unit), OUT_OF_RANGE or AT_UNIT. On the
             pan axis the pan is not determined; it is the one inside the limits that is nearest to 0.
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity.
         """
         point = check_vector(point, "point")
         spot = Spot(*(float(x) for x in self.reading(point)))

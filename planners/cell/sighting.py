@@ -160,6 +160,8 @@ class Sighting:
 class Plane:
     """A plane in the arm's base frame, such as the graph paper; it is assumed exact.
 
+    Methods raise InvalidInput for invalid arrays.
+
     Parameters
     ----------
     point : (3,) array
@@ -205,11 +207,6 @@ class Plane:
         -------
         Plane
             The plane in frame a.
-
-        Raises
-        ------
-        InvalidInput
-            Not a pose.
         """
         T = check_pose(T, "T")
         return Plane(T[:3, :3] @ self.point + T[:3, 3], T[:3, :3] @ self.normal)
@@ -226,10 +223,5 @@ class Plane:
         -------
         scalar or (...,) array
             Distances [m].
-
-        Raises
-        ------
-        InvalidInput
-            Wrong shape, NaN or infinity.
         """
         return np.asarray((check_vectors(points, "points") - self.point) @ self.normal)

@@ -71,8 +71,9 @@ def load_trajectory(
     if interpolation is not None and interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     names = _check_names(robot, joint_names)
-    text = decode_text(read_bytes(FilePath(file)))
+    content = read_bytes(FilePath(file))
     try:
+        text = decode_text(content)
         if suffix == ".csv":
             return _build_trajectory(*_read_table(text, names), interpolation)
         data = _unwrap(from_text(text, suffix))

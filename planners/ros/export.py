@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,14 +14,14 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
-from optik.file_io import check_suffix, decode_text, read_bytes, write_atomically
+from optik.file_io import check_suffix, write_atomically
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.checks import JUMP
 from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, get_motion
-from planners.ros.message import LONGEST_DURATION, Form, from_text, quoted, reconstruct, to_text
+from planners.ros.message import LONGEST_DURATION, Form, quoted, to_text
 from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
 
@@ -143,40 +142,6 @@ def ros_message(
     certificate = replace(motion, trajectory=executed).certify(analysis=analysis)
     _check_executed(certificate, find_judged_limits(required, form), form, allow)
     return message, _report(motion, executed, len(message["points"]), certificate)
-
-
-def from_ros(file: str | os.PathLike[str], robot: Robot, *, joint_names: JointNames = None) -> Trajectory:
-    """Read a ``trajectory_msgs/JointTrajectory`` as the motion after interpolation by ROS 2's joint_trajectory_controller.
-
-    Parameters
-    ----------
-    file : str or path
-        ``.yaml`` or ``.yml`` (needs PyYAML), or ``.json``.
-    robot : Robot
-        The arm.
-    joint_names : mapping, optional
-        From the robot's joint names to the file's, as for `to_ros`; the order is the file's.
-
-    Returns
-    -------
-    Trajectory
-        In the robot's joint order.
-
-    Raises
-    ------
-    InvalidInput
-        No such file, or no such message: what is wrong is named.
-    MissingDependency
-        YAML without PyYAML.
-    """
-    suffix = check_suffix(file, MESSAGE_SUFFIXES)
-    if not isinstance(robot, Robot):
-        raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    form = Form("quintic", find_columns(robot, joint_names))
-    try:
-        return reconstruct(from_text(decode_text(read_bytes(FilePath(file))), suffix), form.names)
-    except InvalidInput as error:
-        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
 
 
 # ---------------------------------------------------------------- checks

@@ -14,60 +14,31 @@ from planners.ros.replies import Feedback, GoalState, Result, read_feedback, rea
 
 
 class Reading(NamedTuple):
-    """The latest state of one joint.
+    """The latest state of one joint: position [rad, m] and velocity [rad/s, m/s], NaN if the driver sent none.
 
-    Attributes
-    ----------
-    position : float
-        Position [rad, m]; NaN if the driver sent none.
-    velocity : float
-        Velocity [rad/s, m/s]; NaN if the driver sent none.
-    stamp : int
-        Time of the measurement by the robot's clock [ns]; 0 without a stamp.
-    at : float
-        Arrival by this machine's clock, as `time.monotonic` [s].
-    fresh : bool
-        Whether it is known to be new: its stamp is later than that of the previous reading, or it has no stamp. The first
-        reading is not fresh, because it may be a repeated message.
+    It is fresh if its stamp is later than that of the previous reading, or if it has no stamp. The first reading is not fresh,
+    because it may be a repeated message.
     """
 
     position: float
     velocity: float
-    stamp: int
-    at: float
+    stamp: int  # time of the measurement by the robot's clock [ns]; 0 without a stamp
+    at: float  # arrival by this machine's clock, as `time.monotonic` [s]
     fresh: bool
 
 
 class Goal:
-    """A sent goal: whether it was accepted, its latest feedback, and its result. A transport updates it.
-
-    Attributes
-    ----------
-    id : str
-        Unique identifier of the goal.
-    accepted : bool
-        Whether the controller is known to have accepted it.
-    refused : str
-        Why it was not accepted; empty if that is not known.
-    feedback : Feedback or None
-        The latest feedback.
-    first : Feedback or None
-        The first feedback.
-    heard : float
-        Arrival of the latest feedback, as `time.monotonic` [s].
-    result : Result or None
-        The result, once the goal has ended.
-    odd : str
-        Error of the latest message about it that could not be read.
-    """
+    """A sent goal: whether it was accepted, its latest feedback, and its result. A transport updates it."""
 
     def __init__(self) -> None:
         self.id = f"optik-{uuid.uuid4()}"
-        self.accepted, self.refused, self.odd = False, "", ""
-        self.feedback: Feedback | None = None
+        self.accepted = False  # whether the controller is known to have accepted it
+        self.refused = ""  # why it was not accepted; empty if that is not known
+        self.odd = ""  # error of the latest message about it that could not be read
+        self.feedback: Feedback | None = None  # the latest one
         self.first: Feedback | None = None
-        self.result: Result | None = None
-        self.heard = 0.0
+        self.result: Result | None = None  # once the goal has ended
+        self.heard = 0.0  # arrival of the latest feedback, as `time.monotonic` [s]
         self._changed = threading.Condition()
 
     @property
@@ -76,20 +47,7 @@ class Goal:
         return bool(self.refused) or self.result is not None
 
     def wait(self, until: Callable[[], bool], seconds: float) -> bool:
-        """Wait for a change of this goal.
-
-        Parameters
-        ----------
-        until : callable
-            Condition, checked after every change.
-        seconds : float
-            Longest wait [s].
-
-        Returns
-        -------
-        bool
-            The last value of the condition.
-        """
+        """Wait until a condition, checked after every change of this goal, is true, or for some seconds; return its value."""
         with self._changed:
             return self._changed.wait_for(until, max(seconds, 0.0))
 
@@ -98,13 +56,7 @@ class Goal:
         self._set(accepted=True)
 
     def tell_refused(self, reason: str) -> None:
-        """Record that the controller did not accept the goal; an accepted goal then ends as UNKNOWN.
-
-        Parameters
-        ----------
-        reason : str
-            Why.
-        """
+        """Record why the controller did not accept the goal; an accepted goal then ends as UNKNOWN."""
         said = " ".join(reason.split())[:300] or "no reason was given"
         if self.accepted:
             self._set(result=Result(GoalState.UNKNOWN, 0, f"no result: {said}"))
@@ -112,13 +64,7 @@ class Goal:
             self._set(refused=said)
 
     def tell_feedback(self, values: Any) -> None:
-        """Record feedback; it shows that the goal was accepted.
-
-        Parameters
-        ----------
-        values : dict
-            As plain data.
-        """
+        """Record feedback, given as plain data; it shows that the goal was accepted."""
         try:
             feedback = read_feedback(values)
             self._set(accepted=True, first=self.first or feedback, feedback=feedback, heard=time.monotonic())
@@ -126,14 +72,9 @@ class Goal:
             self._set(accepted=True, odd=str(error))
 
     def tell_result(self, state: Any, values: Any) -> None:
-        """Record the result; it is UNKNOWN if it cannot be read, because the goal has ended in any case.
+        """Record the state of ``action_msgs/GoalStatus`` and the result as plain data.
 
-        Parameters
-        ----------
-        state : int
-            Of ``action_msgs/GoalStatus``.
-        values : dict
-            As plain data.
+        The result is UNKNOWN if it cannot be read, because the goal has ended in any case.
         """
         try:
             self._set(accepted=True, result=read_result(state, values))

@@ -85,7 +85,7 @@ def _lines(case: int, file: Path) -> str:
         planners.to_ros(plan, file, rate=20.0, interpolation="linear")
     except InvalidMotion:
         return "refused"
-    sent = planners.from_ros(file, panda())
+    sent = planners.load_trajectory(file, panda())
     centre, radius = plan.scene.spheres[0]
     t = np.linspace(0.0, sent.end, SAMPLES)
     return "free" if to_point(panda(), sent(t), np.asarray(centre)).min() > radius else "touching"

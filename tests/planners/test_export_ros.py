@@ -22,8 +22,9 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
+from planners.files._setpoints import load_trajectory
 from planners.motion import Motion, get_motion
-from planners.ros.export import from_ros, to_ros
+from planners.ros.export import to_ros
 from planners.ros.message import LONGEST_DURATION, _to_yaml
 from planners.ros.pace import NEAR_KNOT
 from planners.ros.replies import NANOSECONDS
@@ -140,7 +141,7 @@ def test_the_message_is_one_and_what_a_controller_makes_of_it_is_what_was_certif
         for order in range(4):
             expected = interpolated(message, t, order)
             np.testing.assert_allclose(sent.trajectory(t, order), expected, rtol=0, atol=2e-6 * 10.0**order)
-    back = from_ros(file, motion.robot)
+    back = load_trajectory(file, motion.robot)
     assert back.coefficients.tobytes() == sent.trajectory.coefficients.tobytes()
     assert back.knots.tobytes() == sent.trajectory.knots.tobytes()
     assert replace(motion, trajectory=back).certify().to_dict() == sent.certificate.to_dict()
@@ -283,16 +284,16 @@ def test_the_longest_time_of_ros_is_a_time_and_equal_times_are_named(tmp_path: P
     file = tmp_path / "other.json"
     last["time_from_start"] = {"sec": LONGEST_DURATION, "nanosec": 0}
     file.write_text(json.dumps(message))
-    assert from_ros(file, paper6r()).end == float(LONGEST_DURATION)
+    assert load_trajectory(file, paper6r()).end == float(LONGEST_DURATION)
     last["time_from_start"] = {"sec": LONGEST_DURATION + 1, "nanosec": 0}
     file.write_text(json.dumps(message))
     with pytest.raises(InvalidInput, match="time_from_start"):
-        from_ros(file, paper6r())
+        load_trajectory(file, paper6r())
     last["time_from_start"] = {"sec": 1, "nanosec": 0}
     message["points"] += [last | {"time_from_start": {"sec": 2, "nanosec": 0}}] * 2
     file.write_text(json.dumps(message))
     with pytest.raises(InvalidInput, match=r"points\[3\]\.time_from_start.* got 2000000000 ns after 2000000000 ns"):
-        from_ros(file, paper6r())
+        load_trajectory(file, paper6r())
 
 
 def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_path: Path) -> None:
@@ -379,7 +380,7 @@ def test_another_order_and_other_names_are_written_and_read_back(suffix: str, tm
     assert message["joint_names"] == order
     assert message["points"][0]["positions"] == [START[i] for i in (5, 0, 3, 1, 4, 2)]
     assert sent.trajectory.coefficients.tobytes() == straight.trajectory.coefficients.tobytes()
-    assert from_ros(file, motion.robot)(0.3).tobytes() == sent.trajectory(0.3).tobytes()
+    assert load_trajectory(file, motion.robot)(0.3).tobytes() == sent.trajectory(0.3).tobytes()
 
     mapping = {name: f"arm: {name!r} \\ ä #{i}" for i, name in enumerate(order)}
     sent = to_ros(motion, file, rate=50.0, joint_names=mapping, frame_id='base "1"')
@@ -387,9 +388,9 @@ def test_another_order_and_other_names_are_written_and_read_back(suffix: str, tm
     assert message["joint_names"] == list(mapping.values())
     assert message["header"]["frame_id"] == 'base "1"'
     assert message["points"][0]["positions"] == [START[i] for i in (5, 0, 3, 1, 4, 2)]
-    assert from_ros(file, motion.robot, joint_names=mapping)(0.3).tobytes() == sent.trajectory(0.3).tobytes()
+    assert load_trajectory(file, motion.robot, joint_names=mapping)(0.3).tobytes() == sent.trajectory(0.3).tobytes()
     with pytest.raises(InvalidInput, match="joint_names"):
-        from_ros(file, motion.robot)
+        load_trajectory(file, motion.robot)
 
 
 @pytest.mark.parametrize(
@@ -469,12 +470,12 @@ def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
     for file in ("motion.txt", "motion", 3):
         with pytest.raises(InvalidInput, match=r"\.yaml, \.yml, \.json"):
             to_ros(hop(), file)  # type: ignore[arg-type]
-        with pytest.raises(InvalidInput, match=r"\.yaml, \.yml, \.json"):
-            from_ros(file, paper6r())  # type: ignore[arg-type]
+        with pytest.raises(InvalidInput, match=r"\.csv, \.json, \.yaml, \.yml"):
+            load_trajectory(file, paper6r())  # type: ignore[arg-type]
     with pytest.raises(OutputError):
         to_ros(hop(), tmp_path / "none" / "motion.json")
     with pytest.raises(InvalidInput, match="readable file"):
-        from_ros(tmp_path / "motion.json", paper6r())
+        load_trajectory(tmp_path / "motion.json", paper6r())
     start = paper6r().fk(START)
     with pytest.raises(NoSolution):
         to_ros(plan(paper6r(), Line(start, moved(start, 5.0 * MOVE)), START), tmp_path / "motion.json")
@@ -499,7 +500,7 @@ def test_yaml_without_pyyaml_says_how_to_get_it(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setitem(__import__("sys").modules, "yaml", None)
     to_ros(hop(), tmp_path / "motion.yaml")
     with pytest.raises(MissingDependency, match=r"optik-toolkit\[ros\]"):
-        from_ros(tmp_path / "motion.yaml", paper6r())
+        load_trajectory(tmp_path / "motion.yaml", paper6r())
 
 
 # ---------------------------------------------------------------- reading what others wrote
@@ -510,7 +511,7 @@ def test_a_message_as_ros_prints_it_is_read(tmp_path: Path) -> None:
     point = "- positions: [0, 0.1, 0.2, 0.3, 0.4, {}]\n  time_from_start: {{sec: {}, nanosec: 0}}\n"
     file.write_text("joint_names: [joint1, joint3, joint2, joint4, joint5, joint6]\npoints:\n")
     file.write_text(file.read_text() + point.format(0.5, 0) + point.format(0.7, 2) + "---\n")
-    motion = from_ros(file, paper6r())
+    motion = load_trajectory(file, paper6r())
     np.testing.assert_allclose(motion(1.0), [0.0, 0.2, 0.1, 0.3, 0.4, 0.6], atol=1e-15)
     np.testing.assert_allclose(motion(1.0, 1), [0, 0, 0, 0, 0, 0.1], atol=1e-15)
 
@@ -560,7 +561,7 @@ def test_a_file_that_holds_no_message_is_refused_by_name(
     change(message)
     file.write_text(json.dumps(message) if suffix == ".json" else yaml.safe_dump(message))
     with pytest.raises(InvalidInput, match=named) as caught:
-        from_ros(file, paper6r())
+        load_trajectory(file, paper6r())
     assert str(file) in str(caught.value)
 
 
@@ -573,7 +574,7 @@ def test_a_file_that_holds_no_message_is_refused_by_name(
 def test_junk_is_refused(suffix: str, junk: bytes, tmp_path: Path) -> None:
     (tmp_path / f"motion{suffix}").write_bytes(junk)
     with pytest.raises(InvalidInput, match=re.escape(f"motion{suffix}")):
-        from_ros(tmp_path / f"motion{suffix}", paper6r())
+        load_trajectory(tmp_path / f"motion{suffix}", paper6r())
 
 
 def test_a_message_in_json_that_is_cut_off_is_refused(tmp_path: Path) -> None:
@@ -583,4 +584,4 @@ def test_a_message_in_json_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     for size in range(0, len(whole) - 1, 37):
         file.write_bytes(whole[:size])
         with pytest.raises(InvalidInput):
-            from_ros(file, paper6r())
+            load_trajectory(file, paper6r())

@@ -109,38 +109,17 @@ real-time scheduling."""
 
 
 class Options(NamedTuple):
-    """The options of a simulated drive: its set-points, encoders and tolerances.
+    """The options of a simulated drive; arrays (n,) are by joint [rad, m]."""
 
-    Attributes
-    ----------
-    period : float
-        Servo period [s].
-    ahead : int
-        Number of set-points that the drive has beyond the present one.
-    hold : bool
-        Whether set-points are held for a period instead of interpolated.
-    resolution : (n,) array
-        Resolution of the encoders [rad, m]; 0 for an exact one.
-    noise : float
-        Standard deviation of the readings [rad, m].
-    following, start, end : (n,) arrays
-        Largest difference of set-point and reading during the motion, of reading and a plan's start, and of set-point and
-        reading at rest [rad, m].
-    pace : float or None
-        Seconds of the motion per second of real time [1]; None for as fast as possible.
-    disturbances : tuple
-        The simulated faults with their times.
-    """
-
-    period: float
-    ahead: int
-    hold: bool
-    resolution: Array
-    noise: float
-    following: Array
-    start: Array
-    end: Array
-    pace: float | None
+    period: float  # of the servo [s]
+    ahead: int  # number of set-points that the drive has beyond the present one
+    hold: bool  # whether set-points are held for a period instead of interpolated
+    resolution: Array  # of the encoders; 0 for an exact one
+    noise: float  # standard deviation of the readings [rad, m]
+    following: Array  # largest difference of set-point and reading during the motion
+    start: Array  # largest difference of reading and a plan's start
+    end: Array  # largest difference of set-point and reading at rest
+    pace: float | None  # seconds of the motion per second of real time [1]; None for as fast as possible
     disturbances: tuple[Disturbance, ...]
 
 
@@ -178,17 +157,21 @@ def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float
     """Return one number above 0 for each joint [rad, m]."""
     if value is None:
         return np.where(robot.prismatic, default[1], default[0])
-    array = real_array(value, argument, f"a number above 0, or {robot.n}")
+    return np.broadcast_to(check_positive(robot, value, argument, "a number above 0"), (robot.n,)).copy()
+
+
+def check_positive(robot: Robot, value: ArrayLike, argument: str, wanted: str) -> Array:
+    """Return a number above 0, or one for each joint, as an array () or (n,)."""
+    wanted = f"{wanted}, or {robot.n} of them"
+    array = real_array(value, argument, wanted)
     if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
-        raise InvalidInput(argument, repr(value)[:60], f"a number above 0, or {robot.n}")
-    return np.broadcast_to(array, (robot.n,)).copy()
+        raise InvalidInput(argument, repr(value)[:60], wanted)
+    return array
 
 
 def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
     """Return the resolution of each encoder [rad, m]."""
-    array = real_array(encoder, "encoder", f"counts per turn, or {robot.n} numbers")
-    if array.shape not in ((), (robot.n,)) or not (array > 0.0).all():
-        raise InvalidInput("encoder", repr(encoder)[:60], f"counts per turn above 0, or {robot.n} numbers above 0")
+    array = check_positive(robot, encoder, "encoder", "a number of counts per turn above 0")
     turn = 2.0 * pi / array
     if array.shape == ():
         return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)

@@ -33,21 +33,11 @@ times of points are whole nanoseconds, and this rounding makes a motion at its l
 
 
 class TimedStop(NamedTuple):
-    """A stop from an instant of a motion.
-
-    Attributes
-    ----------
-    t : float
-        The instant [s].
-    plan : Plan
-        The stop with its certified motion after controller interpolation.
-    message : dict
-        A ``trajectory_msgs/JointTrajectory`` as plain data; its first point is the state at t.
-    """
+    """A stop from an instant of a motion [s]; its plan has the certified motion after controller interpolation."""
 
     t: float
     plan: Plan
-    message: dict[str, Any]
+    message: dict[str, Any]  # its first point is the state at t
 
 
 class Stops(NamedTuple):

@@ -1,27 +1,29 @@
-"""The goal of a RosDrive while it runs: its joint states, its end, and the certified stop that replaces it."""
+"""The arm of a RosDrive, measured by joint states, and its goal while it runs: its end, and the stop that replaces it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
-from planners.cell.drives._ros_arm import RosArm
 from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
 from planners.cell.drives._setpoints import Setpoints
-from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
 from planners.controller import sample_states
 from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
-from planners.ros.transport import Goal
+from planners.ros.transport import Goal, Transport
 from planners.trajectory import cut_after, join
 
+REST_SPEED = 0.02
+"""Largest velocity of a joint at rest [rad/s, m/s]: measured velocities are noisy."""
 POLL = 0.01
 """Polling interval of a running goal [s]: half the usual interval of joint states."""
 CONFIRMED = 0.3
@@ -32,27 +34,100 @@ TOLERANCES = {-4: "its path tolerance was violated", -5: "its goal tolerance was
 """Error codes of ``FollowJointTrajectory`` for a joint that does not follow, in words."""
 
 
-@dataclass
-class Run:
-    """The state of a running execution.
+class Timing(NamedTuple):
+    """The waiting times of a drive and the largest age of a joint state, as of `RosDrive` [s]."""
 
-    Attributes
-    ----------
-    drive : RosArm
-        The arm with its transport.
-    plan : Plan
-        The plan with the motion after controller interpolation.
-    goal : Goal
-        The running goal, of the plan or of its stop.
-    stops : Stops
-        Stops that can replace it.
-    notes : tuple of str
-        Remarks for the reader.
+    state_age: float
+    patience: float
+    grace: float
+    latency: float
+    stops_every: float
+
+
+class Measurement(NamedTuple):
+    """The states of all joints: positions (n,) [rad, m], velocities (n,) [rad/s, m/s], and two times.
+
+    ``stamp`` is the robot's time of the oldest joint state [ns]; ``at`` is the time of its arrival by `time.monotonic` [s].
     """
 
+    q: Array
+    dq: Array
+    stamp: int
+    at: float
+
+
+class RosArm(Drive):
+    """The base of `RosDrive`: an arm whose joints are measured by the joint states of a transport."""
+
+    transport: Transport
+    columns: dict[str, int]  # index of the joint of each name of the controller
+    start_tolerance: float
+    timing: Timing
+
+    def measure(self) -> Array:
+        """Return the positions of the latest joint states (n,) [rad, m]; NaN for a joint without a fresh state."""
+        return self.read_states().q
+
+    def read_states(self) -> Measurement:
+        """Return the latest joint states; NaN for a joint without a fresh state."""
+        q, dq = np.full((2, self.robot.n), np.nan)
+        stamp, at = 0, time.monotonic()
+        oldest, readings = at - self.timing.state_age, self.transport.readings
+        for name, i in self.columns.items():
+            reading = readings.get(name)
+            if reading is not None and reading.fresh and reading.at >= oldest:
+                q[i], dq[i] = reading.position, reading.velocity
+                stamp, at = (reading.stamp, reading.at) if reading.at <= at else (stamp, at)
+        return Measurement(q, dq, stamp, at)
+
+    def wait_for_rest(self) -> tuple[str, str]:
+        """Return reason and advice if the joint states do not show the arm at rest in time; empty strings otherwise."""
+        until = time.monotonic() + self.timing.patience
+        while time.monotonic() < until and not self.transport.lost:
+            q, dq = self.read_states()[:2]
+            if np.isfinite(q).all() and (np.abs(dq) <= REST_SPEED).all():
+                return "", ""
+            time.sleep(0.01)
+        if self.transport.lost:
+            return self.transport.lost, "make sure that the other side runs, and connect again"
+        q, dq = self.read_states()[:2]
+        if np.isfinite(q).all():
+            mute = [name for name, unknown in zip(self.robot.joint_names, ~np.isfinite(dq), strict=True) if unknown]
+            if mute:
+                what = f"the joint states have no velocity of {', '.join(mute)}: it is not known whether the arm is at rest"
+                return what, "use a joint state broadcaster that sends velocities"
+            i = int(np.nanargmax(np.abs(dq)))
+            what = (
+                f"{self.robot.joint_names[i]} moves at {dq[i]:.3g} {joint_unit(self.robot, i)}/s; a plan begins at rest"
+            )
+            return what, "wait until the arm is at rest"
+        return self.explain_unknown(q, self.timing.patience)
+
+    def explain_unknown(self, q: Array, seconds: float) -> tuple[str, str]:
+        """Return the reason why joints of q (n,) [rad, m] are NaN after a wait [s], and advice."""
+        readings, waited = self.transport.readings, f"within {seconds:g} s"
+        odd = f"; the latest message that could not be read: {self.transport.odd}" if self.transport.odd else ""
+        if not readings:
+            return f"no joint states arrived {waited}{odd}", "check that the joint state broadcaster runs"
+        names = [name for name, i in self.columns.items() if not np.isfinite(q[i])]
+        absent = [name for name in names if name not in readings]
+        if absent:
+            what = f"the joint states have no {', '.join(absent)}; they have {', '.join(readings)}"
+            return what[:300], "pass joint_names, a mapping from the robot's joint names to the controller's"
+        empty = [name for name in names if not np.isfinite(readings[name].position)]
+        if empty:
+            return f"the position of {', '.join(empty)} is NaN or infinite", "repair the encoder or its driver"
+        what = f"the joint states of {', '.join(names)} are stale: none with a new stamp arrived {waited}{odd}"
+        return what, "check that the joint state broadcaster and the robot's clock run"
+
+
+@dataclass
+class Run:
+    """The state of a running execution."""
+
     drive: RosArm
-    plan: Plan
-    goal: Goal
+    plan: Plan  # with the motion after controller interpolation
+    goal: Goal  # of the plan, or of its stop
     stops: Stops
     notes: tuple[str, ...]
     stop: Plan | None = None
@@ -64,18 +139,13 @@ class Run:
     def __post_init__(self) -> None:
         self.sent = time.monotonic()
         self.motion = self.plan.trajectory
-        self.ended = 0.0
-        """Time of the motion at which the goal ended or was given up [s]."""
-        self.begun: float | None = None
-        """Start of the motion on this machine's clock [s]; None before the first feedback."""
-        self.stamp: int | None = None
-        """Start of the motion on the controller's clock [ns]; None while it is unknown."""
-        self._stop_stamp = 0
-        """Instant of the stop on the controller's clock [ns]."""
+        self.ended = 0.0  # time of the motion at which the goal ended or was given up [s]
+        self.begun: float | None = None  # start of the motion by this machine's clock [s]; None before feedback
+        self.stamp: int | None = None  # start of the motion on the controller's clock [ns]; None while it is unknown
+        self._stop_stamp = 0  # instant of the stop on the controller's clock [ns]
         self._located: Feedback | None = None
         self._fastest = self._give_up = 0.0
-        self._trips = (np.inf, 0.0)
-        """Shortest and longest total travel time of the goal and a feedback message [s]."""
+        self._trips = (np.inf, 0.0)  # shortest and longest total travel time of the goal and a feedback message [s]
         self._encoders = EncoderMonitor()
 
     # ------------------------------------------------------------ the loop

@@ -38,36 +38,20 @@ class EncoderMonitor:
 
 
 class Commands(NamedTuple):
-    """The commands to the servo at the plant's steps of one period, including its start and its end.
+    """The commands to the servo at the plant's steps of one period, including its start and its end: m + 1 rows."""
 
-    Attributes
-    ----------
-    t : (m + 1,) array
-        Times from 0 to the period [s].
-    q, dq, ddq : (m + 1, n) arrays
-        Commanded positions [rad, m], velocities [rad/s, m/s] and accelerations [rad/s², m/s²].
-    """
-
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
+    t: Array  # (m + 1,) from 0 to the period [s]
+    q: Array  # (m + 1, n) [rad, m]
+    dq: Array  # (m + 1, n) [rad/s, m/s]
+    ddq: Array  # (m + 1, n) [rad/s², m/s²]
 
 
 class Steps(NamedTuple):
-    """The state of the arm in one period, after each of the plant's steps.
+    """The state of the arm in one period, after each of the plant's m steps."""
 
-    Attributes
-    ----------
-    q, dq : (m, n) arrays
-        Positions [rad, m] and velocities [rad/s, m/s].
-    torque : (m, n) array or None
-        Torques of the motors [N·m, N]; None if the plant has no torques.
-    """
-
-    q: Array
-    dq: Array
-    torque: Array | None = None
+    q: Array  # (m, n) [rad, m]
+    dq: Array  # (m, n) [rad/s, m/s]
+    torque: Array | None = None  # (m, n) of the motors [N·m, N]; None if the plant has no torques
 
 
 def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
@@ -91,48 +75,20 @@ def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
 
 @dataclass
 class Run:
-    """The state of a running execution.
-
-    Attributes
-    ----------
-    plan : Plan
-        The plan that is executed.
-    motion : Trajectory
-        The motion that is sent: the plan's, or after a stop request the plan's up to the stop and then the stop.
-    stream : Setpoints
-        Set-points of that motion.
-    stop : Plan or None
-        The stop; it is certified, except for some stops after a fault.
-    stopping : bool
-        Whether a stop was started, or was searched without result.
-    requested : bool
-        Whether the stop was requested.
-    fault : Fault or None
-        The first fault.
-    stuck : int or None
-        Index of the joint that did not follow.
-    late : int
-        Number of late ticks.
-    notes : list of str
-        Remarks for the reader.
-    encoders : EncoderMonitor
-        Monitor of frozen encoders.
-    allow : tuple of str
-        Permitted violations of the plan and of its stop.
-    """
+    """The state of a running execution."""
 
     plan: Plan
-    motion: Trajectory
-    stream: Setpoints
-    stop: Plan | None = None
-    stopping: bool = False
-    requested: bool = False
-    fault: Fault | None = None
-    stuck: int | None = None
-    late: int = 0
+    motion: Trajectory  # the motion that is sent: the plan's, or the plan's up to a stop and then the stop
+    stream: Setpoints  # of that motion
+    stop: Plan | None = None  # certified, except for some stops after a fault
+    stopping: bool = False  # whether a stop was started, or was searched without result
+    requested: bool = False  # whether the stop was requested
+    fault: Fault | None = None  # the first one
+    stuck: int | None = None  # index of the joint that did not follow
+    late: int = 0  # number of late ticks
     notes: list[str] = field(default_factory=list)
     encoders: EncoderMonitor = field(default_factory=EncoderMonitor)
-    allow: tuple[str, ...] = ()
+    allow: tuple[str, ...] = ()  # permitted violations of the plan and of its stop
     t: list[Array] = field(default_factory=list)
     q: list[Array] = field(default_factory=list)
     dq: list[Array] = field(default_factory=list)

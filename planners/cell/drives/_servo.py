@@ -37,21 +37,11 @@ FULL_TURN = pi
 
 
 class Gains(NamedTuple):
-    """The gains of the servos by joint: accelerations per error; the mass matrix times these accelerations is the torque.
+    """The gains (n,) of the servos: accelerations per error; the mass matrix times these accelerations is the torque."""
 
-    Attributes
-    ----------
-    frequency : (n,) array
-        Natural frequency ω [rad/s]; its square is the position gain [1/s²].
-    damping : (n,) array
-        Velocity gain 2 ζ ω [1/s].
-    filter : (n,) array
-        Time constant of the velocity filter [s].
-    """
-
-    frequency: Array
-    damping: Array
-    filter: Array
+    frequency: Array  # natural frequency ω [rad/s]; its square is the position gain [1/s²]
+    damping: Array  # velocity gain 2 ζ ω [1/s]
+    filter: Array  # time constant of the velocity filter [s]
 
 
 def compute_gains(robot: Robot, bandwidth: ArrayLike, damping: ArrayLike) -> Gains:

@@ -11,9 +11,8 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
-from planners.cell.drives._ros_arm import RosArm, Timing
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
-from planners.cell.drives._ros_run import Run
+from planners.cell.drives._ros_run import RosArm, Run, Timing
 from planners.cell.drives._setpoints import PERIOD
 from planners.cell.drives._stop import check_stopped, refuse, relax
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
