@@ -87,20 +87,20 @@ class ConstantSpeed(AnalysingLaw):
         shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
         if self.speed is not None:
-            motion = self._quickest(joint_path, limits, distance, self.speed, shortest)
+            motion = self._quickest(distance, self.speed, shortest)
             if motion is not None:
                 return motion
         # widest ramps, scaled in time: the greatest speed of all, as a uniform scaling changes speeds alike
         widest = _find_widest(distance.table, self.ramp, shortest)
-        built = _build(joint_path, limits, distance, widest)
+        built = _build(distance, widest)
         fastest = fit(MotionAnalysis(joint_path.robot, built, joint_path.path), limits, self.list_enforced(limits))
         greatest = widest[0].v1 * built.duration / fastest.trajectory.duration
         if self.speed is None:
-            _check_crawl(joint_path, limits, distance, widest, greatest)
-            motion = self._quickest(joint_path, limits, distance, greatest, shortest)
+            _check_crawl(distance, widest, greatest)
+            motion = self._quickest(distance, greatest, shortest)
             return fastest if motion is None or motion.trajectory.duration > fastest.trajectory.duration else motion
         if self.speed > greatest:
-            found, in_ramp = _find_worst(joint_path, limits, distance, widest, self.speed)
+            found, in_ramp = _find_worst(distance, widest, self.speed)
             turns = "rotation" if distance.turning else "tool"
             longer = "a longer ramp= (at most 0.5); " if in_ramp and self.ramp < 0.5 else ""
             raise NoSolution(
@@ -112,16 +112,15 @@ class ConstantSpeed(AnalysingLaw):
             )  # fmt: skip
         return fastest.slowed(greatest / self.speed)
 
-    def _quickest(
-        self, joint_path: JointPath, limits: MotionLimits, distance: _Distance, speed: float, shortest: float
-    ) -> MotionAnalysis | None:
+    def _quickest(self, distance: _Distance, speed: float, shortest: float) -> MotionAnalysis | None:
         """Return the motion with the shortest ramps to a speed; None if none of the tried ramps respects the limits."""
+        joint_path, limits = distance.joint_path, distance.limits
         enforced, room = self.list_enforced(limits), FIRST_ROOM
         for _ in range(ROOMS):
             ramps = _find_shortest(distance.table, speed, self.ramp, room, shortest)
             if ramps is None:
                 return None
-            motion = MotionAnalysis(joint_path.robot, _build(joint_path, limits, distance, ramps), joint_path.path)
+            motion = MotionAnalysis(joint_path.robot, _build(distance, ramps), joint_path.path)
             excess = stretch_factor(motion, limits, enforced)
             if excess <= 1.0:
                 return motion
@@ -131,14 +130,12 @@ class ConstantSpeed(AnalysingLaw):
         return None
 
 
-def _check_crawl(
-    joint_path: JointPath, limits: MotionLimits, distance: _Distance, widest: list[Ramp], greatest: float
-) -> None:
+def _check_crawl(distance: _Distance, widest: list[Ramp], greatest: float) -> None:
     """Raise NoSolution if the motion at the greatest speed takes a thousand times as long as one that slows at corners."""
-    quick, slow = float(sweep(joint_path, limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
+    quick, slow = float(sweep(distance.joint_path, distance.limits)[1][0, -1]), float(distance.table.s[-1]) / greatest
     if slow <= CRAWL * quick:
         return
-    found, _ = _find_worst(joint_path, limits, distance, widest, 2.0 * greatest)
+    found, _ = _find_worst(distance, widest, 2.0 * greatest)
     raise NoSolution(
         f"a constant speed would be {greatest:.3g} at most: {found.joint or 'the tool'} is at its limit on {found.limit} at "
         f"s = {found.s:.6g}; the motion would take {slow:.3g} s, one that slows at corners only about {quick:.3g} s",
@@ -148,11 +145,13 @@ def _check_crawl(
 
 
 class _Distance(NamedTuple):
-    """The path as a function of the distance x that the tool travels, or turns.
+    """A joint path with its limits as a function of the distance x that the tool travels, or turns.
 
     At the table's points: s (m,), its derivatives over x (3, m), and which (m,) are knots of s(x). Elsewhere s(x) is linear.
     """
 
+    joint_path: JointPath
+    limits: MotionLimits
     s: Array
     rates: Array
     knots: Flags
@@ -192,7 +191,8 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     q, *orders = derivatives(joint_path, s)
     along = limit_rows(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
     x = np.concatenate([[0.0], np.cumsum(cells)])
-    return _Distance(s, rates, bent & knots, Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along), turning)
+    table = Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along)
+    return _Distance(joint_path, limits, s, rates, bent & knots, table, turning)
 
 
 def _make_grid(breaks: Array, end: float) -> tuple[Array, Flags]:
@@ -325,34 +325,32 @@ def _law(distance: _Distance, ramps: list[Ramp]) -> scipy.interpolate.PPoly:
     return scipy.interpolate.PPoly(quintic_through(t, s, velocity, acceleration).c[..., 0], t, extrapolate=True)
 
 
-def _build(joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp]) -> Trajectory:
-    return refit(joint_path, _law(distance, ramps), limits.arrays(joint_path.robot.n)["jerk"])
+def _build(distance: _Distance, ramps: list[Ramp]) -> Trajectory:
+    joint_path = distance.joint_path
+    return refit(joint_path, _law(distance, ramps), distance.limits.arrays(joint_path.robot.n)["jerk"])
 
 
-def _find_worst(
-    joint_path: JointPath, limits: MotionLimits, distance: _Distance, ramps: list[Ramp], speed: float
-) -> tuple[Worst, bool]:
+def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[Worst, bool]:
     """Return the most exceeded limit of the motion with these ramps at this speed, and whether it is in a ramp."""
     what, (first, second) = distance.table, ramps
     k = np.array([_cruising(what, first.s1, second.s0)[0]])
-    found = _judge(joint_path, limits, distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
+    found = _judge(distance, k, [np.array([y]) for y in (speed, 0.0, 0.0)])
     in_ramp = False
     for ramp in (first._replace(v1=speed), second._replace(v0=speed)):
         law = law_of([ramp], [phases_of(ramp)])
         near = np.arange(np.searchsorted(what.s, ramp.s0), np.searchsorted(what.s, ramp.s1))
         t = find_times(law, what.s[near], float(law.x[-1]))
         rates = [law(t, order) for order in (1, 2, 3)]
-        other = _judge(joint_path, limits, distance, near, rates)
+        other = _judge(distance, near, rates)
         if other.factor > found.factor:
             found, in_ramp = other, True
     return found, in_ramp
 
 
-def _judge(
-    joint_path: JointPath, limits: MotionLimits, distance: _Distance, at: Indices, rates: Sequence[Array]
-) -> Worst:
+def _judge(distance: _Distance, at: Indices, rates: Sequence[Array]) -> Worst:
     """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
-    return find_worst(joint_path, limits, distance.s[at], *apply_chain_rule(list(distance.rates[:, at]), list(rates)))
+    along_path = apply_chain_rule(list(distance.rates[:, at]), list(rates))
+    return find_worst(distance.joint_path, distance.limits, distance.s[at], *along_path)
 
 
 def _round_down(x: float) -> float:

@@ -100,7 +100,7 @@ class Optimal(AnalysingLaw):
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals):
             loaded = problem.rows.loaded
-            found = _solve(joint_path, problem, inside, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
+            found = _solve(problem, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
             if found is None:
                 continue
             motion = MotionAnalysis(joint_path.robot, found.motion, joint_path.path)
@@ -109,7 +109,7 @@ class Optimal(AnalysingLaw):
                 if is_within(slowed, limits, enforced):
                     return slowed
             return fit(motion, limits, enforced)
-        limit, joint, place, ratio = _find_worst_violation(joint_path, start(joint_path, limits, self.intervals))
+        limit, joint, place, ratio = _find_worst_violation(start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
             f"s = {place:.6g}",
@@ -121,7 +121,7 @@ class Optimal(AnalysingLaw):
         self.need(limits, joint_path.robot)
         at_rest = state.speed == 0.0 and state.acceleration == 0.0
         problem = moving_programme(joint_path, limits, self.intervals, state, joint_path.end)
-        found = None if problem is None else _solve(joint_path, problem, limits, SLOWDOWN_LOADED if at_rest else 0.0)
+        found = None if problem is None else _solve(problem, SLOWDOWN_LOADED if at_rest else 0.0)
         if found is not None and at_rest:
             return fit_to_limits(joint_path.robot, found.motion, limits, self.list_enforced(limits), joint_path.path)
         if found is not None:
@@ -153,7 +153,7 @@ class Optimal(AnalysingLaw):
         """
         try:
             problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
-            found = None if problem is None else _solve(joint_path, problem, limits, 0.0, most=STOP_ITERATIONS)
+            found = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)
         except NoSolution:
             return None
         return None if found is None else found.motion
@@ -167,14 +167,14 @@ def _unloaded(limits: MotionLimits) -> bool:
 def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
     """Yield programmes with initial guesses and barrier weights, the most promising first."""
     for weight, more in START_ATTEMPTS:
-        yield _refine(joint_path, limits, start(joint_path, limits, intervals, more)), weight
+        yield _refine(start(joint_path, limits, intervals, more)), weight
     for weight in GENTLE:
         yield quintic_programme(joint_path, limits, intervals), weight
 
 
-def _find_worst_violation(joint_path: JointPath, given: Programme) -> tuple[str, str, float, float]:
+def _find_worst_violation(given: Programme) -> tuple[str, str, float, float]:
     """Return limit, joint, path parameter and ratio of the largest violation of a guess, a likely reason of failure."""
-    K, n, joints = given.problem.ds.size, joint_path.robot.n, joint_path.robot.joint_names
+    K, n, joints = given.problem.ds.size, given.joint_path.robot.n, given.joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, given.start)
     k, i = np.unravel_index(int(np.abs(c).argmax()), c.shape)
     accelerations = given.rows.node.shape[1] - given.rows.static.shape[1]
@@ -203,13 +203,10 @@ class _Solution(NamedTuple):
     slower: float
 
 
-def _solve(
-    joint_path: JointPath, given: Programme, limits: MotionLimits, close: float, weight: float = 1.0,
-    most: int = MOST_ITERATIONS,
-) -> _Solution | None:  # fmt: skip
+def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
     """Return the motion whose exact extrema exceed the limits by the fraction `close`, or by more if stretched later."""
     z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.9, SLOWER)
-    brief = briefest(limits.arrays(joint_path.robot.n)["jerk"])
+    brief = briefest(given.limits.arrays(given.joint_path.robot.n)["jerk"])
     weight, halvings, again = weight * FIRST_BARRIER, 0, 0
     found: _Solution | None = None
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
@@ -217,21 +214,21 @@ def _solve(
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
         if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS) < 0:
             break
-        motion = _motion(joint_path, given, z)
-        coarse = _find_departures(joint_path, given, z) & (halvings < 4 * INTERVAL_HALVINGS)
+        motion = _motion(given, z)
+        coarse = _find_departures(given, z) & (halvings < 4 * INTERVAL_HALVINGS)
         if given.moving is not None and given.moving.joints is not None:
-            motion = match_start(motion, given.moving.joints, limits)
-        excess = _excess(joint_path, given, motion, limits, z)
+            motion = match_start(motion, given.moving.joints, given.limits)
+        excess = _excess(given, motion, z)
         # Where nothing is slowed afterwards.
         often = 2 * INTERVAL_HALVINGS if given.moving is not None else INTERVAL_HALVINGS
         coarse |= (excess.worst > (COARSE if 2 * halvings < often else WORSE)) & (halvings < often)
         coarse &= z[:-1, 2] * given.units[1] > 2.0 * brief
         if coarse.any() and K < FINEST_INTERVALS:
-            given, halvings = halve_intervals(joint_path, limits, given, z, coarse), halvings + 1
+            given, halvings = halve_intervals(given, z, coarse), halvings + 1
             z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.98)
             weight, found = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
-        tool = _tool_ratios(joint_path, given.s, motion, limits) * (1.0 if close else BETWEEN_SAMPLES)
+        tool = _tool_ratios(given, motion) * (1.0 if close else BETWEEN_SAMPLES)
         found, again = _Solution(motion, excess.slower(tool)), again + 1
         if found.slower <= 1.0 + max(close, LIMIT_ROUNDING):
             return found
@@ -242,22 +239,23 @@ def _solve(
     return found if close else None
 
 
-def _refine(joint_path: JointPath, limits: MotionLimits, given: Programme) -> Programme:
+def _refine(given: Programme) -> Programme:
     """Return the programme with those intervals halved in which its initial guess leaves the joint path."""
     for _ in range(INTERVAL_HALVINGS):
         z = given.start
-        coarse = _find_departures(joint_path, given, z)
-        coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(limits.arrays(joint_path.robot.n)["jerk"])
+        coarse = _find_departures(given, z)
+        coarse &= z[:-1, 2] * given.units[1] > 2.0 * briefest(given.limits.arrays(given.joint_path.robot.n)["jerk"])
         if not coarse.any():
             break
-        given = halve_intervals(joint_path, limits, given, z, coarse)
+        given = halve_intervals(given, z, coarse)
     return given
 
 
-def _find_departures(joint_path: JointPath, given: Programme, z: Array) -> NDArray[np.bool_]:
+def _find_departures(given: Programme, z: Array) -> NDArray[np.bool_]:
     """Return the intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH`."""
     state, tau = _states(given, z)
-    return distances(joint_path, given.s, state, tau, derivatives(joint_path, given.s)[:3]) > OFF_JOINT_PATH
+    ends = derivatives(given.joint_path, given.s)[:3]
+    return distances(given.joint_path, given.s, state, tau, ends) > OFF_JOINT_PATH
 
 
 def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -> Array:
@@ -281,12 +279,12 @@ def _states(given: Programme, z: Array) -> tuple[Array, Array]:
     return state * np.array([length / time, length / time**2]), z[:-1, 2] * time
 
 
-def _motion(joint_path: JointPath, given: Programme, z: Array) -> Trajectory:
+def _motion(given: Programme, z: Array) -> Trajectory:
     """Return the quintic Hermite trajectory through exact q, q̇, q̈ at the grid points."""
     state, tau = _states(given, z)
     v, a = state[:, :1], state[:, 1:]
     t = np.concatenate([[0.0], np.cumsum(tau)])
-    q, q1, q2, _ = derivatives(joint_path, given.s)
+    q, q1, q2, _ = derivatives(given.joint_path, given.s)
     return Trajectory(quintic_through(t, q, *apply_chain_rule((q1, q2), (v, a))), given.s)
 
 
@@ -323,29 +321,28 @@ class _Excess(NamedTuple):
         return float(max(self.speed.max(), node, edge, tool.max()))
 
 
-def _excess(joint_path: JointPath, given: Programme, motion: Trajectory, limits: MotionLimits, z: Array) -> _Excess:
+def _excess(given: Programme, motion: Trajectory, z: Array) -> _Excess:
     """Return the factors by which a motion exceeds the limits in the intervals."""
-    bounds, analysis = limits.bounds(joint_path.robot.n), MotionAnalysis(joint_path.robot, motion)
+    robot, limits = given.joint_path.robot, given.limits
+    bounds, analysis = limits.bounds(robot.n), MotionAnalysis(robot, motion)
     speed, acceleration, jerk = (kind_of(field).piece_ratios(analysis, bounds[field]) for field in DERIVATIVES)
     if not given.rows.loaded:
         return _Excess(speed, acceleration[:, : given.rows.node.shape[1]], jerk)
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, z)
-    torque, rate = torque_excess(joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
+    torque, rate = torque_excess(given.joint_path, limits, given.rows, motion, (c[:, :m], c[:, m:]))
     if not np.isfinite(bounds["acceleration"]).any():
         acceleration = np.empty((torque.shape[0], 0))
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
 
 
-def _tool_ratios(joint_path: JointPath, s: Array, trajectory: Trajectory, limits: MotionLimits) -> Array:
+def _tool_ratios(given: Programme, trajectory: Trajectory) -> Array:
     """Return the largest ratios (K,) of sampled tool speeds to their limits on every piece; 0 without a limit."""
-    t = trajectory.knots
+    t, limits, path = trajectory.knots, given.limits, given.joint_path.path
     if not np.isfinite(limits.tool).any():
         return np.zeros(t.size - 1)
     at = (t[:-1, None] + np.diff(t)[:, None] * np.array([0.2, 0.4, 0.6, 0.8])).ravel()
-    twist = np.einsum("kij,kj->ki", joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
-    norms = (
-        np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / tool_limits_between(limits, joint_path.path, s)[:, None]
-    )
+    twist = np.einsum("kij,kj->ki", given.joint_path.robot.jacobian(trajectory(at)), trajectory(at, 1))
+    norms = np.linalg.norm(twist.reshape(-1, 4, 2, 3), axis=3) / tool_limits_between(limits, path, given.s)[:, None]
     return np.asarray(norms.max(axis=(1, 2)))
 
 

@@ -44,11 +44,13 @@ TORQUE_SPARE = 0.998
 
 
 class Programme(NamedTuple):
-    """A nonlinear programme: its data, path parameters s (K + 1,), initial guess (K + 1, 4), and units of length and time.
+    """A nonlinear programme: its joint path, limits and data, path parameters s (K + 1,), and initial guess (K + 1, 4).
 
-    ``moving`` is the state at the start, None for rest.
+    ``units`` are those of length and time, ``moving`` is the state at the start, None for rest.
     """
 
+    joint_path: JointPath
+    limits: MotionLimits
     problem: Problem
     s: Array
     start: Array
@@ -123,9 +125,7 @@ def interpolate(given: Programme, z: Array, u: float) -> Array:
     return np.stack([given.s[:-1] + given.units[0] * s, v, a])
 
 
-def halve_intervals(
-    joint_path: JointPath, limits: MotionLimits, given: Programme, z: Array, which: NDArray[np.bool_]
-) -> Programme:
+def halve_intervals(given: Programme, z: Array, which: NDArray[np.bool_]) -> Programme:
     """Return the programme with some intervals halved in time; its initial guess is a motion of the given programme."""
     length, time = given.units
     i = np.flatnonzero(which)
@@ -134,9 +134,8 @@ def halve_intervals(
     middle[1] = np.maximum(middle[1], 0.0)  # a start: it need not agree
     s, v, a = np.insert(np.stack([given.s, z[:, 0], z[:, 1]]), i + 1, middle, axis=1)
     tau = np.insert(np.where(which, 0.5 * z[:-1, 2], z[:-1, 2]), i + 1, 0.5 * z[i, 2])
-    return build_programme(
-        joint_path, limits, s, v * length / time, a * length / time**2, tau * time, given.units, given.moving
-    )
+    v, a = v * length / time, a * length / time**2
+    return build_programme(given.joint_path, given.limits, s, v, a, tau * time, given.units, given.moving)
 
 
 def _count(joint_path: JointPath, intervals: int | None) -> int:
@@ -203,7 +202,7 @@ def build_programme(
     moving: PathState | None,
 ) -> Programme:  # fmt: skip
     """Return the programme at nodes s, with a motion as its initial guess."""
-    length, time = units
+    (length, time), given_limits = units, limits
     K = len(tau)
     beside = min(1e-9 * (s[-1] - s[0]), 1e-3 * float(np.diff(s).min()))  # q''' may jump at a node of the path
     found, v1 = derivatives(joint_path, s), length / time
@@ -223,7 +222,7 @@ def build_programme(
         node = np.concatenate([node, _peaks(tau, top)], axis=1)
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
-    return Programme(problem, s, start, units, moving, given)
+    return Programme(joint_path, given_limits, problem, s, start, units, moving, given)
 
 
 Indices = NDArray[np.int64]
