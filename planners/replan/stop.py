@@ -12,7 +12,7 @@ from planners.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at
-from planners.timing._brake import brake, stop_time
+from planners.timing._brake import Brake, Course
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
@@ -60,9 +60,10 @@ def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> P
 def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
     plan, rest, rate = start.plan, start.rest, start.clock[0]
-    running, scales = plan.trajectory, compute_limit_scales(request, plan)
+    running = plan.trajectory
+    brake = Brake(Course(plan.robot, running), request.limits, compute_limit_scales(request, plan))
     for fraction in LIMIT_FRACTIONS:
-        braking = brake(plan.robot, running, request.limits, start.t, start.clock, scales, fraction)
+        braking = brake.run(start.t, start.clock, fraction)
         if braking.end > running.end:
             return
         if braking.motion is not None:
@@ -70,12 +71,12 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
             yield certify_motion(request, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
     if rest is None:
         return
-    usual = stop_time(plan.robot, running, request.limits, start.t, start.clock, scales)
+    usual = brake.stop_time(start.t, start.clock)
     for delay in usual * np.array(DELAYS):
         t = start.t + delay * rate
         if t >= running.end:
             return
-        braking = brake(plan.robot, running, request.limits, t, (rate, 0.0), scales, LIMIT_FRACTIONS[0])
+        braking = brake.run(t, (rate, 0.0), LIMIT_FRACTIONS[0])
         if braking.end > running.end:
             return
         if braking.motion is not None:

@@ -1,5 +1,6 @@
 """Brake a running motion as hard as its limits allow."""
 
-from planners.timing._brake.brake import BrakingMotion, brake, stop_time
+from planners.timing._brake.brake import Brake
+from planners.timing._brake.rows import Course
 
-__all__ = ["BrakingMotion", "brake", "stop_time"]
+__all__ = ["Brake", "Course"]

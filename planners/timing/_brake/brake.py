@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
@@ -253,98 +252,82 @@ NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0), BrakingMotion(None, np.inf)
 """No braking was found, or the running motion ends before it."""
 
 
-def brake(
-    robot: Robot, running: Trajectory, limits: MotionLimits, t: float, clock: tuple[float, float],
-    scales: dict[str, float], share: float, goal: float = 0.0,
-) -> BrakingMotion:  # fmt: skip
-    """Return the braking motion from time t on: the clock slows from `clock`, its rate and acceleration, to the rate `goal`.
+class Brake(NamedTuple):
+    """A running motion, and the limits with which it brakes, each multiplied by its scale."""
 
-    It uses the fraction `share` of the limits in `scales`, each multiplied by its scale, or as much as the running motion uses.
-    """
-    left, (w, b) = running.end - t, clock
-    if w <= goal or left <= 0.0:
-        return NONE_FOUND
-    jerk, length = _rough(Course(robot, running), limits, t, clock, scales)
-    kinds = [
-        k
-        for k in limits.kinds
-        if k.order > 1 and k.name in scales and np.isfinite(limits.bounds(robot.n)[k.name]).any()
-    ]
-    cells, rounds = cells_of(Course(robot, running), limits, t, min(length, left), scales), 0
-    out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
-    while rounds < ROUNDS:
-        least = np.zeros((cells.x.size, CLOCK_RATES + 1))
-        end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
-        if end == TOO_SHORT and length < left:
-            length, before = 2.0 * length, cells
-            cells = cells_of(Course(robot, running), limits, t, min(length, left), scales)
-            cells.take(before)
-            continue
-        if end != AT_GOAL:
-            return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
-        motion, stopped = _braking(running, t, out[:, : count + 1])
-        rounds += 1
-        if not _tighten(cells, robot, motion, limits, kinds, scales, out[0, : count + 1], rounds):
-            return BrakingMotion(motion, stopped)
-    return NONE_FOUND
+    course: Course
+    limits: MotionLimits
+    scales: dict[str, float]
 
+    @property
+    def _kinds(self) -> list[Limit]:
+        """The limits of second and third order."""
+        bounds = self.limits.bounds(self.course.robot.n)
+        chosen = (kind for kind in self.limits.kinds if kind.order > 1 and kind.name in self.scales)
+        return [kind for kind in chosen if np.isfinite(bounds[kind.name]).any()]
 
-def stop_time(
-    robot: Robot,
-    running: Trajectory,
-    limits: MotionLimits,
-    t: float,
-    clock: tuple[float, float],
-    scales: dict[str, float],
-) -> float:
-    """Return the approximate duration [s] of a stop from time t, with the limits that hold at t."""
-    return min(_rough(Course(robot, running), limits, t, clock, scales)[1], running.end - t)
+    def run(self, t: float, clock: tuple[float, float], share: float, goal: float = 0.0) -> BrakingMotion:
+        """Return the braking motion from time t on: the clock slows from its rate and acceleration `clock` to the rate `goal`.
 
-
-def _tighten(
-    cells: Cells,
-    robot: Robot,
-    motion: Trajectory,
-    limits: MotionLimits,
-    kinds: list[Limit],
-    scales: dict[str, float],
-    x: Array,
-    rounds: int,
-) -> bool:
-    """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
-    more = TIGHTER * rounds
-    analysis, bounds, done = MotionAnalysis(robot, motion), limits.bounds(robot.n), False
-    first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
-    last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
-    for loaded in (False, True):
-        if done:
-            break
-        for kind in kinds:
-            if isinstance(kind, LoadedLimit) is not loaded:
+        It uses the fraction `share` of the limits, or as much as the running motion uses.
+        """
+        left, (w, b) = self.course.end - t, clock
+        if w <= goal or left <= 0.0:
+            return NONE_FOUND
+        jerk, length = self._rough(t, clock)
+        cells, rounds = cells_of(self.course, self.limits, t, min(length, left), self.scales), 0
+        out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
+        while rounds < ROUNDS:
+            least = np.zeros((cells.x.size, CLOCK_RATES + 1))
+            end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
+            if end == TOO_SHORT and length < left:
+                length, before = 2.0 * length, cells
+                cells = cells_of(self.course, self.limits, t, min(length, left), self.scales)
+                cells.take(before)
                 continue
-            ratios = kind.piece_ratios(analysis, bounds[kind.name]).max(axis=1) / scales[kind.name]
-            for piece in np.flatnonzero(ratios > 1.0):
-                cells.tighten(
-                    kind.order, slice(first[piece], last[piece] + 1), 1.0 + 1.2 * (ratios[piece] - 1.0) + more
-                )
-                done = True
-    return done
+            if end != AT_GOAL:
+                return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
+            motion, stopped = _braking(self.course.trajectory, t, out[:, : count + 1])
+            rounds += 1
+            if not self._tighten(cells, motion, out[0, : count + 1], rounds):
+                return BrakingMotion(motion, stopped)
+        return NONE_FOUND
 
+    def stop_time(self, t: float, clock: tuple[float, float]) -> float:
+        """Return the approximate duration [s] of a stop from time t, with the limits that hold at t."""
+        return min(self._rough(t, clock)[1], self.course.end - t)
 
-def _rough(
-    course: Course, limits: MotionLimits, t: float, clock: tuple[float, float], scales: dict[str, float]
-) -> tuple[float, float]:
-    """Return the greatest |j|, and the part of the motion [s] that a stop needs, with the limits that hold at its start."""
-    left, (w, b) = course.end - t, clock
-    cells = cells_of(course, limits, t, 1e-3 * left, scales, 1)
-    with np.errstate(divide="ignore"):
-        most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
-        jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
-    most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
-    quickest = most * most / (QUICK_RAMP * w)
-    jerk = min(jerk, quickest)
-    ramp = min((most + abs(b)) / jerk, 2.0 * np.sqrt(w / jerk) + 2.0 * abs(b) / jerk)
-    return 4.0 * jerk, STOP_AHEAD * w * (ramp + 0.5 * w / most)
+    def _tighten(self, cells: Cells, motion: Trajectory, x: Array, rounds: int) -> bool:
+        """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
+        robot, more, done = self.course.robot, TIGHTER * rounds, False
+        analysis, bounds = MotionAnalysis(robot, motion), self.limits.bounds(robot.n)
+        first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
+        last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
+        for loaded in (False, True):
+            if done:
+                break
+            for kind in self._kinds:
+                if isinstance(kind, LoadedLimit) is not loaded:
+                    continue
+                ratios = kind.piece_ratios(analysis, bounds[kind.name]).max(axis=1) / self.scales[kind.name]
+                for piece in np.flatnonzero(ratios > 1.0):
+                    factor = 1.0 + 1.2 * (ratios[piece] - 1.0) + more
+                    cells.tighten(kind.order, slice(first[piece], last[piece] + 1), factor)
+                    done = True
+        return done
+
+    def _rough(self, t: float, clock: tuple[float, float]) -> tuple[float, float]:
+        """Return the greatest |j|, and the part of the motion [s] that a stop needs, with the limits that hold at its start."""
+        left, (w, b) = self.course.end - t, clock
+        cells = cells_of(self.course, self.limits, t, 1e-3 * left, self.scales, 1)
+        with np.errstate(divide="ignore"):
+            most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
+            jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
+        most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
+        quickest = most * most / (QUICK_RAMP * w)
+        jerk = min(jerk, quickest)
+        ramp = min((most + abs(b)) / jerk, 2.0 * np.sqrt(w / jerk) + 2.0 * abs(b) / jerk)
+        return 4.0 * jerk, STOP_AHEAD * w * (ramp + 0.5 * w / most)
 
 
 def _braking(running: Trajectory, start: float, swept: Array) -> tuple[Trajectory, float]:
