@@ -48,9 +48,10 @@ wheel: kernels
 	@rm -f dist/*.whl
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
-# The drawings of docs/cell.md, from the objects that they show; a test compares them.
+# The drawings of docs/cell.md and the tables of docs/suites.md, from the objects that they show; tests compare them.
 drawings: $(VENV)/.core
 	$(BIN)/python -m docs.drawings.cell
+	$(BIN)/python -m docs.suite_keys
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -27,6 +27,7 @@ from benchmarks.cli.runs import warn_of_cluster
 from benchmarks.problems.base import SETS
 from benchmarks.records import RunFolder
 from benchmarks.suite import SUITES, load_suite
+from docs import suite_keys
 from optik.errors import InvalidInput, OutputError, UnknownName
 from optik.plugins.options import defaults
 from optik.registry import load_method, own_names
@@ -232,6 +233,11 @@ def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, li
     for name in sorted(own_names(SETS)):
         row = next(line for line in section("Problem sets").splitlines() if line.startswith(f"| `{name}`"))
         assert set(re.findall(r"`(\w+)`", row.split("|")[3])) == set(defaults(load_method(SETS, name, "set")))
+
+
+def test_the_tables_of_keys_are_those_of_the_models() -> None:
+    assert set(re.findall(r"<!-- keys: ([\w ]+) -->", PAGE)) == set(suite_keys.TABLES)
+    assert suite_keys.fill(PAGE) == PAGE, "make drawings"
 
 
 def test_an_address_without_a_port_gets_one_line_the_error(capsys: pytest.CaptureFixture[str]) -> None:

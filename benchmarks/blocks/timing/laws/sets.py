@@ -28,7 +28,7 @@ class LineSet(Settings):
     kind: Annotated[str, one_of(*MOTION_KINDS)] = key(
         "Straight lines (`regular`, `near_singular`), `arc`, `seam` (a polyline), `joints` (straight in joint space), `file`."
     )
-    count: Count = key("Number of motions; not for the kind `file`.", 1)
+    count: Count = key("Number of motions; required, but for the kind `file`.", 1)
     path: str = key("For the kind `file`: a table of waypoints, or a motion that `planners.save` wrote.", "")
     payload: Payload = key("Mass in the tool, or [lightest, heaviest]; by default that of the robot file.", None, "kg")
 
@@ -59,7 +59,7 @@ class LineSet(Settings):
 class LimitSet(Settings):
     """Limits of a motion: numbers, one for each joint, or ``"robot"`` for the robot's own."""
 
-    velocity: Any = key("Velocity limit: a number, one per joint, or 'robot'.", None, "rad/s, m/s")
+    velocity: Any = key('Velocity limit: a number, one for each joint, or `"robot"`.', None, "rad/s, m/s")
     acceleration: Any = key("Acceleration limit.", None, "rad/s², m/s²")
     jerk: Any = key("Jerk limit.", None, "rad/s³, m/s³")
     torque: Any = key("Torque limit, for an arm with known masses.", None, "N·m, N")

@@ -1,0 +1,73 @@
+"""The tables of keys in suites.md, from the models that read a suite: ``python -m docs.suite_keys`` writes them anew."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import PydanticUndefined
+
+from benchmarks.blocks._entries import IKPeer, Law, LawPeer, Method
+from benchmarks.blocks.base import KINDS, load_kind
+from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
+from benchmarks.blocks.timing.laws.sets import LimitSet, LineSet
+from benchmarks.blocks.timing.laws.settings import Example
+from benchmarks.settings import Settings
+from benchmarks.targets import Target
+
+PAGE = Path(__file__).with_name("suites.md")
+"""The page."""
+
+OF_EVERY_BLOCK = {"id", "title", "targets"}
+"""Keys that the page explains once."""
+
+TABLES: dict[str, type[Settings]] = {
+    **{name: load_kind(name).block for name in KINDS if name != "cell"},
+    "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
+    "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of timing": LawPeer,
+    "lines": LineSet, "limits of timing": LimitSet, "example": Example, "target": Target,
+}  # fmt: skip
+"""Models by the name in the marks of the page."""
+
+
+def draw_table(name: str) -> str:
+    """The table of a model; keys of a base that has a table of its own are left out."""
+    model = TABLES[name]
+    above = set(CellBlock.model_fields) if name.startswith("cell ") and issubclass(model, CellBlock) else set()
+    rows = [
+        f"| `{key}` | {_default(field)} | {_meaning(field)} |"
+        for key, field in model.keys().items()
+        if key not in OF_EVERY_BLOCK | above
+    ]
+    return "\n".join(["| key | default | meaning |", "|---|---|---|", *rows])
+
+
+def _default(field: Any) -> str:
+    if field.is_required():
+        return "required"
+    value = field.default
+    if value is PydanticUndefined or value is None or value in ((), "", {}) or isinstance(value, Settings):
+        return ""
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
+
+
+def _meaning(field: Any) -> str:
+    unit = (field.json_schema_extra or {}).get("unit", "")
+    words = (field.description or "").removesuffix(".")
+    return f"{words} [{unit}]" if unit else words
+
+
+def fill(text: str) -> str:
+    """The page with its tables written anew, each between its marks."""
+    return re.sub(
+        r"(<!-- keys: ([\w ]+) -->\n).*?(\n<!-- end -->)",
+        lambda mark: mark[1] + draw_table(mark[2]) + mark[3],
+        text,
+        flags=re.DOTALL,
+    )
+
+
+if __name__ == "__main__":
+    PAGE.write_text(fill(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
