@@ -14,6 +14,9 @@ from benchmarks.statistics import is_too_few
 if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
+QUESTION = Path(__file__).parent / "templates" / "question.html.j2"
+"""The template of a section that answers a question: an answer, plots, tables, then prose."""
+
 Cell = str | float | int | None | tuple[float, float, float]
 """A value of a table: text, a number, None where there is none, or a value with the ends of its interval."""
 
@@ -153,7 +156,7 @@ class Section:
     title: str
     anchor: str
     build: Callable[[Run], dict[str, Any] | None]
-    template: Path
+    template: Path = QUESTION
     order: int = 95
     place: str = "section"
 

@@ -44,6 +44,11 @@ class Control:
         """A choice among values that are their own names."""
         return Control(key, label, tuple((v, v) for v in values), initial)
 
+    @staticmethod
+    def of_blocks(blocks: Sequence[Any]) -> Control:
+        """A choice among blocks with their rows."""
+        return Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks))
+
 
 @dataclass(frozen=True)
 class Key:
@@ -134,13 +139,14 @@ class Plot:
 
 @dataclass(frozen=True)
 class Board:
-    """Plots that share controls, a legend and a caption."""
+    """Plots that share controls, a legend and a caption, with a heading of their own where a section has several."""
 
     id: str
     plots: tuple[Plot, ...]
     controls: tuple[Control, ...] = ()
     legend: tuple[Key, ...] = ()
     caption: str = ""
+    heading: str = ""
 
     @property
     def shown(self) -> tuple[Control, ...]:

@@ -1,11 +1,14 @@
-"""Who can be ranked: a winner is decided on problems that all who are ranked were given."""
+"""Who can be ranked, and who solves most: a winner is decided on problems that all who are ranked were given."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from benchmarks.report.base import Winner
 from benchmarks.report.words import quoted
+from benchmarks.statistics import mcnemar, not_told_apart, percentage
+from optik.types import Flags
 
 RANKED_PROBLEMS = 1000
 """Problems that are enough to be ranked on: Wilson's interval of a share is then 6 points wide, 0.4 beside 100 %."""
@@ -38,3 +41,14 @@ def ranked(given: Mapping[str, int]) -> Ranked:
     labels = many if len(many) > 1 else asked
     out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
     return Ranked(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
+
+
+def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:
+    """Who solved most of the same problems, and from whom McNemar's test does not tell it."""
+    entries = sorted(((label, *percentage(int(x.sum()), len(x))) for label, x in solved.items()), key=lambda e: -e[1])
+    best = entries[0][0]
+    p_values = {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best}
+    return Winner(
+        question, "%", "more", tuple(entries), anchor, note, "Wilson 95 % intervals; differences by McNemar's test",
+        not_told_apart(best, p_values), len(solved[best]),
+    )  # fmt: skip

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.base import BlockRows, load_kind
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import ARMS, RunFolder
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Table, load_report
 from benchmarks.report.board import Key, When
 from benchmarks.report.figures import method_colour, method_dash, method_symbol
 from benchmarks.suite import Suite, suite_of
@@ -75,6 +75,16 @@ class Run:
     def of(self, kind: str) -> list[Any]:
         """Blocks of a kind that have rows."""
         return self._read.get(kind, [])
+
+    @cached_property
+    def _tables(self) -> dict[str, list[Table]]:
+        return {}
+
+    def tables_of(self, kind: str) -> list[Table]:
+        """Tables of a kind, computed once."""
+        if kind not in self._tables:
+            self._tables[kind] = list(load_report(load_kind(kind)).tables(self))
+        return self._tables[kind]
 
     @cached_property
     def begun(self) -> list[BlockRows]:

@@ -1,4 +1,4 @@
-"""Cells and tables that several sections share: shares with their intervals, targets, rows by measures."""
+"""Cells that several sections share: values of measures, and targets with their outcomes."""
 
 from __future__ import annotations
 
@@ -7,28 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.report.numbers import number, percent
-from benchmarks.statistics import wilson
 from benchmarks.targets import Measure, Outcome
 
 VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not measured", "none")}
 """Words and look of an outcome."""
-
-PRECISE_FROM = 10_000
-"""Trials from which a share is shown with three decimals in place of one: fewer do not determine them."""
-
-
-def share(solved: int, count: int) -> tuple[str, str]:
-    """Share of successes and its interval, with as many digits as the count deserves."""
-    digits = 1 if count < PRECISE_FROM else 3
-    rounded = 100.0 * solved / count
-    if solved < count:
-        step = 10.0**-digits
-        rounded = min(math.floor(rounded / step + 1e-9) * step, 100.0 - step)
-    low, high = wilson(solved, count)
-    return (
-        f"{rounded:.{digits}f} %" if solved < count else "100 %",
-        f"[{100 * low:.{digits}f}, {100 * high:.{digits}f}]",
-    )
 
 
 def cells(measure: Measure, values: Sequence[float]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from benchmarks.report.base import Cell, Column, Table, load_report
+from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.failures import failure_table
 from benchmarks.report.run import Run
 from benchmarks.report.winners import winners_table
@@ -28,7 +28,7 @@ def all_tables(run: Run) -> list[Table]:
     """Every table, each id once."""
     found = [winners_table(run)]
     for kind in run.suite.kinds:
-        found += load_report(kind).tables(run)
+        found += run.tables_of(kind.name)
         found.append(failure_table(kind, run))
     found.append(asked_table(run))
     return list({table.id: table for table in found if table is not None}.values())

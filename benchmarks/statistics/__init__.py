@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.statistics.intervals import median_interval, ratio_interval, wilson
+from benchmarks.statistics.intervals import median_interval, percentage, ratio_interval, wilson
 from benchmarks.statistics.paired import (
     SIGNIFICANT,
     McNemar,
@@ -20,6 +20,6 @@ from benchmarks.statistics.summaries import binned, quantiles, shifted_geometric
 
 __all__ = [
     "SIGNIFICANT", "McNemar", "binned", "holm", "is_too_few", "mcnemar", "mcnemar_p", "median_interval", "not_beaten",
-    "not_longer", "not_told_apart", "performance_profile", "quantiles", "ratio_interval", "shifted_geometric_mean",
-    "signed_rank", "wilson",
+    "not_longer", "not_told_apart", "percentage", "performance_profile", "quantiles", "ratio_interval",
+    "shifted_geometric_mean", "signed_rank", "wilson",
 ]  # fmt: skip

@@ -40,6 +40,12 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float
     return (0.0 if successes == 0 else low), (1.0 if successes == trials else high)
 
 
+def percentage(successes: int, trials: int) -> tuple[float, float, float]:
+    """Proportion and its Wilson 95 % interval [%]; NaN without trials."""
+    low, high = wilson(successes, trials)
+    return (100.0 * successes / trials if trials else float("nan")), 100.0 * low, 100.0 * high
+
+
 def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
     """Median and its percentile bootstrap interval."""
     x = np.minimum(np.asarray(values, dtype=float), STANDS_FOR_INFINITY)

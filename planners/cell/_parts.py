@@ -68,7 +68,7 @@ class CellParts:
     def _read(self, true: Array, readings: int) -> Spot:
         return self.unit.read(true if readings == 1 else np.tile(true, (readings, 1)), self._rng)
 
-    def find_true_point(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
+    def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
         """Return the true point of a reading, and whether it is known.
 
         If it is not known, the reading is taken as exact: the mean of its points, without the limits of the unit.
@@ -83,11 +83,11 @@ class CellParts:
             raise InvalidInput("spot", f"a reading off the plane: {seen.reason}", wanted)
         return seen.point, False
 
-    def locate(self, spot: Spot, plane: Plane | None = None) -> Sighting:
+    def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
         """Return the spot as the calibrated unit locates it: the mean of its readings."""
         return locate_spot(self.laser, spot, plane)
 
-    def compute_variance(self, spot: Spot, plane: Plane | None = None) -> float:
+    def noise(self, spot: Spot, plane: Plane | None = None) -> float:
         """Return the variance of a measured point by the noise of its readings alone, summed over the three axes."""
         rows = _rows(spot, plane)
         covariance = _locate_reading(self.laser.with_pose(self.laser.pose), rows[0].tolist(), plane).covariance

@@ -162,17 +162,17 @@ class Task:
     def _locate(self, reading: Spot) -> None:
         """Run the step "laser": compute the point of a reading."""
         since = perf_counter()
-        given, plane = self.settings.true_spot, self.settings.plane
+        given = self.settings.true_spot
         try:
-            seen = self.cell.locate(reading, plane)
+            seen = self.cell.sighting(reading, self.settings.plane)
             if not seen:
                 raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-            self.true_spot, known = self.cell.find_true_point(reading, plane) if given is None else (given, True)
+            self.true_spot, known = self.cell.truth(reading, self.settings.plane) if given is None else (given, True)
         except InvalidInput as error:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not known:
             self.notes.append(TAKEN_AS_EXACT)
-        self.spot, self.variance = seen.point, self.cell.compute_variance(reading, plane)
+        self.spot, self.variance = seen.point, self.cell.noise(reading, self.settings.plane)
         off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
@@ -312,7 +312,7 @@ class Task:
         """
         try:
             read = self.cell.read_tool(tool, self.settings.readings, self.settings.look)
-            seen = read if isinstance(read, Sighting) else self.cell.locate(read, self.settings.plane)
+            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.settings.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
@@ -329,7 +329,7 @@ class Task:
             advice = "check what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         # the variance of the readings of spot and tool remains after a correction
-        self.floor = float(np.sqrt(self.variance + self.cell.compute_variance(read, self.settings.plane)))
+        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.settings.plane)))
         return self.spot - seen.point
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
@@ -382,7 +382,7 @@ class Task:
     def _has_moved(self, follow: Follow, t: float) -> bool:
         """Return whether the spot has left the target or can no longer be seen; called while the arm moves."""
         try:
-            return self._is_away(self.cell.locate(follow(t), self.settings.plane).point)
+            return self._is_away(self.cell.sighting(follow(t), self.settings.plane).point)
         except Exception:  # after any failed reading the arm must come to rest first; then the spot is read again
             return True
 

@@ -68,8 +68,8 @@ def weight_readings(spots: Array, points: Array, angle_noise: float, range_noise
 def compute_residuals(readings: Readings, T: Array) -> Array:
     """Return the readings minus the predicted readings of the known points, at one pose or at several.
 
-    Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read. This tilt is
-    smooth across the pan axis, where the tilt itself has a corner.
+    Where the pan is not used, the tilt is that of the point in the vertical plane of the pan that was read: it goes on
+    smoothly across the pan axis, where the tilt itself has a corner.
     """
     y = (readings.points - T[..., None, :3, 3]) @ T[..., :3, :3]
     flat = _along(readings, y)[0]

@@ -153,7 +153,7 @@ class Cell(CellParts):
             Plane of the spot. Ranges are then not used: spot and tool are the intersections of beam and plane, and
             corrections are along the plane.
         true_spot : (3,) array, optional
-            True position of the spot in a simulation [m]; by default the one that its reading carries.
+            True position of the spot in a simulation [m]; by default that of `truth`.
         follow : callable, optional
             Returns a reading of the spot; called at every tick with the time for which the arm has been moving [s]. If the
             spot has moved, the motion stops on its path, and a new line is planned to the spot.

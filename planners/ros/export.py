@@ -21,8 +21,8 @@ from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, get_motion
-from planners.ros.message import LONGEST_DURATION, Form, quote, to_text
-from planners.ros.pace import ADVICE, WHOLE_PERIOD, find_judged_limits, find_rest, fit_pace
+from planners.ros.message import LONGEST_DURATION, Form, quoted, to_text
+from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
 
 JointNames = Mapping[str, str] | Sequence[str] | None
@@ -109,8 +109,8 @@ def to_ros(
     """
     suffix, motion = check_suffix(file, MESSAGE_SUFFIXES), get_motion(motion)
     options: dict[str, Any] = {"joint_names": joint_names, "frame_id": frame_id, "interpolation": interpolation}
-    _make_form(motion, **options)
-    _check_rate(motion, rate, strict, keep_speed)
+    _form(motion, **options)
+    _checked_rate(motion, rate, strict, keep_speed)
     motion.check_valid(allow)
     message, sent = ros_message(motion, rate=rate, strict=strict, keep_speed=keep_speed, allow=allow, **options)
     _check_start(motion, start, tolerance, find_columns(motion.robot, joint_names))
@@ -135,7 +135,7 @@ def ros_message(
     The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.
     """
     motion = get_motion(motion)
-    form, rate = _make_form(motion, interpolation, joint_names, frame_id), _check_rate(motion, rate, strict, keep_speed)
+    form, rate = _form(motion, interpolation, joint_names, frame_id), _checked_rate(motion, rate, strict, keep_speed)
     required = replace(motion, enforced=required_limits(motion.enforced, allow))
     message, analysis = fit_pace(required if keep_speed else replace(required, speed=None), form, rate, strict)
     executed = analysis.trajectory
@@ -147,13 +147,13 @@ def ros_message(
 # ---------------------------------------------------------------- checks
 
 
-def _make_form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
+def _form(motion: Motion, interpolation: str, joint_names: JointNames, frame_id: str) -> Form:
     if not isinstance(frame_id, str) or not frame_id.isprintable():
         raise InvalidInput("frame_id", repr(frame_id)[:60], "a name")
     return Form(interpolation, find_columns(motion.robot, joint_names), frame_id)
 
 
-def _check_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
+def _checked_rate(motion: Motion, rate: float | None, strict: bool, keep_speed: bool) -> float | None:
     """Return the rate, checked for this motion."""
     for argument, flag in (("strict", strict), ("keep_speed", keep_speed)):
         if not isinstance(flag, bool):
@@ -188,7 +188,7 @@ def _check_ends(trajectory: Trajectory, rate: float | None) -> None:
         raise InvalidInput("rate", f"{rate:.9g}", f"periods of at most {LONGEST_DURATION} s")
     if trajectory.duration > LONGEST_DURATION:
         raise InvalidInput("motion", f"{trajectory.duration:.3g} s", f"at most {LONGEST_DURATION} s")
-    start, end = find_rest(trajectory)
+    start, end = at_rest(trajectory)
     if not end:
         speed = np.abs(trajectory(trajectory.end, 1)).max()
         raise InvalidInput("motion", f"a speed of {speed:.3g} at its end", "a motion that ends at rest")
@@ -239,7 +239,7 @@ def _remarks(motion: Motion, rate: float | None, sent: RosExport) -> list[str]:
     at = f"at {rate:.9g} per second" if rate is not None else "at the knots of the motion"
     worst = {f: sent.certificate.worst(f)[0] for f in DERIVATIVES}
     remarks = [
-        f"{quote(motion.robot.name)}, law {quote(motion.law)}: {sent.points} points {at}",
+        f"{quoted(motion.robot.name)}, law {quoted(motion.law)}: {sent.points} points {at}",
         f"{sent.trajectory.duration:.9f} s: {sent.factor:.9g} times the {motion.trajectory.duration!r} s of the motion",
         "peak / limit after controller interpolation: " + ", ".join(f"{f} {r:.9g}" for f, r in worst.items()),
     ]

@@ -37,7 +37,7 @@ class Form(NamedTuple):
         return sorted(self.columns, key=lambda name: self.columns[name])
 
 
-def build_message(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
+def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
     """Return the message with a trajectory's exact states at some times."""
     t, order = times / NANOSECONDS, list(form.columns.values())
     values: list[Any] = [
@@ -131,8 +131,8 @@ def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
     """Return block YAML with one line per list."""
     header = message["header"]
     lines = [f"# {remark}" for remark in remarks]
-    lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quote(header['frame_id'])}"]
-    lines += ["joint_names:", *(f"- {quote(name)}" for name in message["joint_names"]), "points:"]
+    lines += ["header:", f"  stamp: {_yaml_time(header['stamp'])}", f"  frame_id: {quoted(header['frame_id'])}"]
+    lines += ["joint_names:", *(f"- {quoted(name)}" for name in message["joint_names"]), "points:"]
     for point in message["points"]:
         rows = [f"{field}: [{', '.join(map(_yaml_float, point[field]))}]" for field in (*POINT_FIELDS, "effort")]
         lines.append("- " + "\n  ".join([*rows, f"time_from_start: {_yaml_time(point['time_from_start'])}"]))
@@ -149,7 +149,7 @@ def _yaml_float(value: float) -> str:
     return f"{digits}.0e{power}" if e and "." not in digits else f"{digits}{e}{power}"
 
 
-def quote(name: str) -> str:
+def quoted(name: str) -> str:
     """Return a name in double quotes, as YAML and JSON escape it."""
     return json.dumps(name, ensure_ascii=False)
 

@@ -15,7 +15,7 @@ from planners.controller import POINTS, count_derivatives
 from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
-from planners.ros.message import Form, Times, build_message, reconstruct
+from planners.ros.message import Form, Times, message_of, reconstruct
 from planners.ros.replies import NANOSECONDS
 from planners.trajectory import Trajectory, append_rest
 
@@ -37,7 +37,7 @@ def fit_pace(motion: Motion, form: Form, rate: float | None, strict: bool) -> tu
         source, between = _hold_to_period(source, rate), source.knots
     factor, margin = 1.0, 1e-12
     for _ in range(SLOWINGS):
-        message = build_message(*_set_pace(source, rate, factor, between), form)
+        message = message_of(*_set_pace(source, rate, factor, between), form)
         executed = reconstruct(message, form.names)
         analysis = MotionAnalysis(motion.robot, executed, motion.path)
         needed = stretch_factor(analysis, motion.limits, judged)
@@ -55,7 +55,7 @@ def find_judged_limits(motion: Motion, form: Form) -> tuple[str, ...]:
     return tuple(field for field in motion.enforced if field in possible)
 
 
-def find_rest(trajectory: Trajectory) -> tuple[bool, bool]:
+def at_rest(trajectory: Trajectory) -> tuple[bool, bool]:
     """Return whether a motion starts at rest, and whether it ends at rest."""
     slow = 1e-9 * float(trajectory.extrema(1).worst.max())
     start, end = (bool((np.abs(trajectory(t, 1)) <= slow).all()) for t in (0.0, trajectory.end))
@@ -80,7 +80,7 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
             f"{reason}, with a tool speed of {motion.speed / needed:.6g} {unit} instead of {motion.speed:.6g} {unit}",
             advice="use quintic interpolation, or pass keep_speed=False, which slows it",
         )
-    if not find_rest(motion.trajectory)[0]:
+    if not at_rest(motion.trajectory)[0]:
         raise NoSolution(f"{reason}, but it starts in motion and cannot be slowed", advice=ADVICE)
 
 

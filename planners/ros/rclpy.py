@@ -42,12 +42,12 @@ class RclpyTransport(Transport):
         self.address = check_name(action, "action")
         states = check_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
-        self._ros = _import_packages()
+        self._ros = _packages()
         self._context = self._ros["rclpy"].Context()
         self._ros["rclpy"].init(context=self._context)
         self._node = self._ros["rclpy"].create_node(NODE, context=self._context)
         quality = self._ros["qos"].qos_profile_sensor_data
-        self._node.create_subscription(self._ros["JointState"], states, self._receive_states, quality)
+        self._node.create_subscription(self._ros["JointState"], states, self._states_came, quality)
         self._client = self._ros["action"].ActionClient(self._node, self._ros["FollowJointTrajectory"], action)
         self._executor = self._ros["executors"].SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -63,8 +63,8 @@ class RclpyTransport(Transport):
         except Exception as error:  # the context was shut down, by us or by a signal
             self.lost = self.lost or f"rclpy stopped: {type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
-    def _receive_states(self, message: Any) -> None:
-        data = {"header": _read_header(message), "name": list(message.name), "position": list(message.position)}
+    def _states_came(self, message: Any) -> None:
+        data = {"header": _header(message), "name": list(message.name), "position": list(message.position)}
         self.tell_states(data | {"velocity": list(message.velocity)})
 
     def send(self, trajectory: dict[str, Any]) -> Goal:
@@ -75,13 +75,11 @@ class RclpyTransport(Transport):
             return goal
         message = self._ros["FollowJointTrajectory"].Goal()
         message.trajectory = self._trajectory(trajectory)
-        sending = self._client.send_goal_async(
-            message, feedback_callback=lambda told: _record_feedback(goal, told.feedback)
-        )
-        sending.add_done_callback(lambda future: self._record_answer(goal, future))
+        sending = self._client.send_goal_async(message, feedback_callback=lambda told: _feedback(goal, told.feedback))
+        sending.add_done_callback(lambda future: self._answered(goal, future))
         return goal
 
-    def _record_answer(self, goal: Goal, future: Any) -> None:
+    def _answered(self, goal: Goal, future: Any) -> None:
         """Record whether the controller accepted the goal."""
         try:
             handle = future.result()
@@ -93,7 +91,7 @@ class RclpyTransport(Transport):
             return
         self._handles[goal.id] = handle
         goal.tell_accepted()
-        handle.get_result_async().add_done_callback(lambda done: _record_end(goal, done))
+        handle.get_result_async().add_done_callback(lambda done: _ended(goal, done))
         if goal.id in self._cancelled:  # cancelled before it was accepted
             handle.cancel_goal_async()
 
@@ -130,20 +128,20 @@ def _set_time(message: Any, time: dict[str, int]) -> None:
     message.sec, message.nanosec = time["sec"], time["nanosec"]
 
 
-def _read_header(message: Any) -> dict[str, Any]:
+def _header(message: Any) -> dict[str, Any]:
     stamp = message.header.stamp
     return {"stamp": {"sec": int(stamp.sec), "nanosec": int(stamp.nanosec)}}
 
 
-def _record_feedback(goal: Goal, told: Any) -> None:
+def _feedback(goal: Goal, told: Any) -> None:
     desired = {
         field: [float(value) for value in getattr(told.desired, field)]
         for field in ("positions", "velocities", "accelerations")
     }
-    goal.tell_feedback({"header": _read_header(told), "joint_names": list(told.joint_names), "desired": desired})
+    goal.tell_feedback({"header": _header(told), "joint_names": list(told.joint_names), "desired": desired})
 
 
-def _record_end(goal: Goal, future: Any) -> None:
+def _ended(goal: Goal, future: Any) -> None:
     try:
         answer = future.result()
     except Exception as error:  # whatever the middleware raises
@@ -153,7 +151,7 @@ def _record_end(goal: Goal, future: Any) -> None:
     goal.tell_result(int(answer.status), {"error_code": int(result.error_code), "error_string": result.error_string})
 
 
-def _import_packages() -> dict[str, Any]:
+def _packages() -> dict[str, Any]:
     """Return the packages of a sourced ROS 2."""
     try:
         import rclpy

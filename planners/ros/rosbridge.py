@@ -57,7 +57,7 @@ class RosbridgeTransport(Transport):
         self._topic = check_name(states, "states")
         timeout = check_number(timeout, "timeout", "seconds above 0", above=0.0)
         throttle = check_number(throttle, "throttle", "seconds, at least 0", least=0.0)
-        self._ros = _import_roslibpy()
+        self._ros = _roslibpy()
         self._goals: dict[str, Goal] = {}
         self._closing, self._sent = False, 0
         self._lines: list[Any] = []
@@ -82,7 +82,7 @@ class RosbridgeTransport(Transport):
             return
         line.factory.maxRetries = 0  # a goal that waits for a connection would be sent unexpectedly
         line.factory.on_ready(self._guard)
-        line.on("close", lambda _: self._record_loss())
+        line.on("close", lambda _: self._gone())
         self._lines.append(line)
         try:
             line.run(timeout)
@@ -99,7 +99,7 @@ class RosbridgeTransport(Transport):
             try:
                 message = json.loads(payload.decode("utf8"))
                 if message.get("op") == "fragment":
-                    whole = fragments.join(message)
+                    whole = fragments.joined(message)
                     if whole is not None:
                         guarded(whole)
                 elif message.get("op") == "status":
@@ -107,12 +107,12 @@ class RosbridgeTransport(Transport):
                 else:
                     read(payload)
             except Exception as error:  # whatever the other side sends must not end the connection's thread
-                self._record_unreadable(message, payload, error)
+                self._not_read(message, payload, error)
 
         protocol.on_message = guarded
         return protocol
 
-    def _record_unreadable(self, message: Any, payload: bytes, error: Exception) -> None:
+    def _not_read(self, message: Any, payload: bytes, error: Exception) -> None:
         """Record a message that could not be read; a result ends its goal nevertheless."""
         self.odd = f"a message that cannot be read ({type(error).__name__}): {payload[:80]!r}"
         if isinstance(message, dict) and message.get("op") == "action_result":
@@ -120,7 +120,7 @@ class RosbridgeTransport(Transport):
             if goal is not None and not goal.ended:
                 goal.tell_result(None, message.get("values"))
 
-    def _record_loss(self) -> None:
+    def _gone(self) -> None:
         if not self._closing and not self.lost:
             self.lost = f"the connection to {self.address} was closed by the other side"
 
@@ -175,7 +175,7 @@ class Fragments:
     def __init__(self) -> None:
         self._parts: dict[Any, dict[int, str]] = {}
 
-    def join(self, message: dict[str, Any]) -> bytes | None:
+    def joined(self, message: dict[str, Any]) -> bytes | None:
         """Return the message whose last part arrived; None while parts are missing."""
         num, total, data = message.get("num"), message.get("total"), message.get("data")
         if not (
@@ -211,7 +211,7 @@ def check_url(url: str) -> str:
     return url
 
 
-def _import_roslibpy() -> Any:
+def _roslibpy() -> Any:
     try:
         import roslibpy
     except ModuleNotFoundError:

@@ -5,30 +5,27 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
-from benchmarks.report.base import Column, Section, Table, Winner, load_report
+from benchmarks.report.base import QUESTION, Column, Section, Table, Winner
 from benchmarks.report.figures import METHOD_COLOURS, method_dash
+from benchmarks.report.ik import budgets
 from tests.benchmarks.browser import CHROMIUM, Browser
 
 EVIL = "<script>alert('x')</script> & <b>a|b</b>"
 PLAYS = "document.querySelector('[data-play]')?.getAttribute('aria-pressed') === 'true'"
 ALL_DRAWN = "performance.getEntriesByName('all plots').length"
 
-QUESTION = Path(load_kind.__code__.co_filename).parents[1] / "report" / "templates" / "question.html.j2"
-
 
 def shown(run: Any) -> dict[str, Any]:
-    from benchmarks.report.ik.budgets.methods import methods
-
-    found = methods(run)
+    found = budgets.methods(run)
     assert found is not None
     return {"lead": "An answer.", "boards": [], "tables": tables(run), "prose": ["How."]}
 
@@ -68,12 +65,10 @@ def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path
         rows = folder.read(f"ik/{file.name}")
         assert rows is not None
         folder.write(f"ik/{file.name}", rows.with_columns(method=pl.lit(EVIL)))
-    kind = type(load_kind("budgets"))
+    question = Section("A question", "question", shown, QUESTION, 5)
+    changed = replace(budgets.REPORT, winners=winners, tables=tables, sections=(*budgets.REPORT.sections, question))
     with pytest.MonkeyPatch.context() as patch:
-        own = tuple(load_report(load_kind("budgets")).sections)
-        patch.setattr(kind, "winners", lambda self, run: winners(run))
-        patch.setattr(kind, "tables", lambda self, run: tables(run))
-        patch.setattr(kind, "sections", lambda self: (*own, Section("A question", "question", shown, QUESTION, 5)))
+        patch.setattr(budgets, "REPORT", changed)
         return write_report(folder)
 
 

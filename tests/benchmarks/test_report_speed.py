@@ -16,11 +16,12 @@ from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik.calls.run import read_rows
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
-from benchmarks.report.ik.budgets.damping import choose
-from benchmarks.report.ik.calls.success import _conspicuous
+from benchmarks.report.ik.accuracy import choose
+from benchmarks.report.ik.calls import conspicuous
 from benchmarks.report.run import Run
-from benchmarks.report.tables import share
+from benchmarks.report.shown import written
 from benchmarks.run import run_suite
+from benchmarks.statistics import percentage
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM
 from tests.benchmarks.conftest import hide, small
@@ -100,12 +101,15 @@ def test_failures_are_listed_by_kind(page: Page) -> None:
 
 
 def test_only_all_of_them_are_a_hundred_percent() -> None:
-    assert share(100_000, 100_000) == ("100 %", "[99.996, 100.000]")
-    assert share(99_999, 100_000)[0] == "99.999 %"
-    assert share(999_999, 1_000_000)[0] == "99.999 %"
-    assert share(999, 1000)[0] == "99.9 %"
-    assert share(9999, 10_001)[0] == "99.980 %"
-    assert share(0, 10)[0] == "0.0 %"
+    def share(solved: int, count: int) -> tuple[str, str]:
+        return written("share", *percentage(solved, count))
+
+    assert share(100_000, 100_000) == ("100", "99.996 to 100.000")
+    assert share(99_999, 100_000)[0] == "99.999"
+    assert share(999_999, 1_000_000)[0] == "99.999"
+    assert share(999, 1000)[0] == "99.9"
+    assert share(9999, 10_001)[0] == "99.98"
+    assert share(0, 10)[0] == "0.0"
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
@@ -172,7 +176,7 @@ def test_a_run_without_a_damping_block_has_no_such_section() -> None:
 
 def test_a_method_that_raises_is_named_with_its_first_reason() -> None:
     rows = {"outcome": ["answered", "raised"], "error": [None, "ValueError: singular\nmatrix"], "solved": [True, False]}
-    assert list(_conspicuous(pl.DataFrame(rows), "")) == ["raised in 1 of 2 calls, first: ValueError: singular matrix"]
+    assert list(conspicuous(pl.DataFrame(rows), "")) == ["raised in 1 of 2 calls, first: ValueError: singular matrix"]
 
 
 def test_a_method_from_a_file_is_not_called_one_of_ours() -> None:

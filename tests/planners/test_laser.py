@@ -205,9 +205,9 @@ def test_a_reading_of_a_cell_carries_its_true_point() -> None:
     points = UNIT.point(*np.random.default_rng(2).uniform((-1.0, -0.8, 0.5), (1.0, 0.8, 3.0), (5, 3)).T)
     spots = [cell.read(point) for point in points]
     for spot, point in zip(spots, points, strict=True):
-        assert cell.find_true_point(spot)[1] and cell.find_true_point(pickle.loads(pickle.dumps(spot)))[1]
-        np.testing.assert_array_equal(cell.find_true_point(spot)[0], point)
-        where, known = cell.find_true_point(Spot(*spot))
+        assert cell.truth(spot)[1] and cell.truth(pickle.loads(pickle.dumps(spot)))[1]
+        np.testing.assert_array_equal(cell.truth(spot)[0], point)
+        where, known = cell.truth(Spot(*spot))
         assert not known and 0.0 < np.abs(where - point).max() < 0.05
     assert np.shape(cell.read(points[0], 2).pan) == (2,)
     with pytest.raises(InvalidInput, match="readings"):

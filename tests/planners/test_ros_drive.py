@@ -221,12 +221,12 @@ def test_messages_in_parts_are_put_together(port):
     text = json.dumps({"op": "status", "msg": "words " * 20})
     cut = [text[:50], text[50:100], text[100:]]
     rows = [{"op": "fragment", "id": 7, "data": each, "num": i, "total": 3} for i, each in enumerate(cut)]
-    assert [parts.join(rows[i]) for i in (2, 0, 1)] == [None, None, text.encode()]
+    assert [parts.joined(rows[i]) for i in (2, 0, 1)] == [None, None, text.encode()]
     nested = json.dumps(rows[0])
     for odd in ({"num": -1, "total": 3, "data": ""}, {"num": 0, "total": 10**9, "data": ""}, {"num": 0, "total": 1, "data": 7},
                 {"num": 0, "total": 1, "data": nested}, {"num": "0", "total": 1, "data": ""}, {}):  # fmt: skip
         with pytest.raises(InvalidInput, match="fragment"):
-            parts.join(odd)
+            parts.joined(odd)
 
 
 @pytest.mark.parametrize(

@@ -1,89 +1,105 @@
-"""Section on recorded answers: success at three tolerances, and the distribution of the errors."""
+"""Section on recorded answers: success at three tolerances, the distribution of the errors, and who solves most."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.report.base import KindReport, Section
+from benchmarks.blocks.ik.answers.measures import TOLERANCE_LABELS, solved_by_all
+from benchmarks.records import slug
+from benchmarks.report.base import Column, KindReport, Section, Table, Winner
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
-from benchmarks.report.ik.answers_tables import tables, winners
-from benchmarks.report.numbers import number
+from benchmarks.report.ranked import most_solved, ranked
 from benchmarks.report.run import Run
-from benchmarks.report.tables import share
+from benchmarks.statistics import percentage
 from optik.registry import short_name
 
+ANSWER_COLUMNS = (
+    Column("label", "method", show="text"),
+    Column("count", "problems", show="count"),
+    *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in TOLERANCE_LABELS),
+    Column("position median", "median position error", "mm", "less"),
+    Column("position p99", "p99 position error", "mm", "less"),
+    Column("rotation median", "median rotation error", "rad", "less"),
+    Column("rotation p99", "p99 rotation error", "rad", "less"),
+    Column("iterations", "mean iterations", aside=True),
+    Column("restarts", "mean restarts", aside=True),
+    Column("rate", "solved per second and core", "1/s", "more"),
+    Column("crashed", "crashed", show="count", aside=True),
+)
+"""Columns of the table of a block."""
 
-def answers(run: Run) -> dict[str, Any] | None:
-    """A table for each block, and one plot."""
+
+def _answers(run: Run) -> dict[str, Any] | None:
+    """Show one plot, and a table of each block."""
     found = run.of("answers")
-    if not found:
-        return None
-    return {
-        "tables": [_table(run, b) for b in found],
-        "board": _board(run, found),
-    }
+    return {"boards": [_board(run, found)], "tables": run.tables_of("answers")} if found else None
 
 
-def _table(run: Run, b: BlockRows) -> dict[str, Any]:
-    rows = []
-    for row in b.rows.iter_rows(named=True):
-        count = row["count"]
-        rows.append(
-            {
-                "label": row["method"], "colour": run.colour(row["method"]), "count": f"{count:,}",
-                "success": [share(row[f"at {name}"], count) for name in ("1e-3", "1e-6", "1e-9")],
-                "position": [number(1e3 * row[f"position {name}"]) for name in ("median", "p99")],
-                "rotation": [number(row[f"rotation {name}"]) for name in ("median", "p99")],
-                "iterations": number(row["iterations"]), "restarts": number(row["restarts"]),
-                "rate": number(row["at 1e-6"] / max(row["seconds"], 1e-9)), "crashed": f"{row['crashed']:,}",
-            }
-        )  # fmt: skip
-    block = b.block
-    return {"title": block.title, "robot": short_name(block.robot), "set": short_name(block.set), "rows": rows}
+def _tables(run: Run) -> list[Table]:
+    """Return a table for each block."""
+    found = []
+    for b in run.of("answers"):
+        rows = tuple(map(_cells, b.rows.iter_rows(named=True)))
+        note = (
+            f"{short_name(b.block.robot)}, {short_name(b.block.set).replace('_', ' ')}. An answer succeeds at a tolerance if "
+            "both its errors, by optik's forward kinematics, are within it and every joint is inside its limits. The errors "
+            "include those of failed answers. Solved: within 1e-6 m and rad. Intervals: Wilson, 95 %."
+        )
+        found.append(Table(f"answers-{slug(b.block.id)}", b.block.title, ANSWER_COLUMNS, rows, note))
+    return found
+
+
+def _cells(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of one method."""
+    rates = {f"at {name}": percentage(row[f"at {name}"], row["count"]) for name in TOLERANCE_LABELS}
+    millimetres = {f"position {name}": 1e3 * row[f"position {name}"] for name in ("median", "p99")}
+    solved_a_second = row["at 1e-6"] / max(row["seconds"], 1e-9)
+    return row | rates | millimetres | {"label": row["method"], "rate": solved_a_second}
+
+
+def _winners(run: Run) -> list[Winner]:
+    """Return who solves the most problems of each block, of those that all methods were given."""
+    found = []
+    for b in run.of("answers"):
+        who = ranked(dict(b.rows.select("method", "count").iter_rows()))
+        solved = solved_by_all(b.facts["answers"], who.labels)
+        note = f"the same {len(solved[who.labels[0]]):,} problems for all{who.left_out}"
+        found.append(
+            most_solved(f"Highest success rate within 1e−6 m and rad: {b.block.title}", "answers", solved, note)
+        )
+    return found
 
 
 def _board(run: Run, found: list[BlockRows]) -> Board:
-    """Share of the problems whose answer is inside the limits and nearer than a distance."""
+    """Plot the percentage of the problems whose answer is inside the limits and nearer than a distance."""
     layout = {
         "xaxis": log_axis("position error [m]", range=[-16, 1], dtick=3),
         "yaxis": axis("problems [%]", range=[0, 101]),
     }
     plot = Plot("answers-errors", "Problems with at most this position error", layout)
+    shown: dict[str, list[str]] = {}
     for b in found:
-        spread = b.facts["distribution"]
-        for row in b.rows.iter_rows(named=True):
-            label = row["method"]
-            part = spread.filter(pl.col("method") == label)
-            shares = 100.0 * np.cumsum(part["count"].to_numpy()) / row["count"]
+        for label, count in b.rows.select("method", "count").iter_rows():
+            part = b.facts["distribution"].filter(pl.col("method") == label)
             trace = line(
-                x=lean(part["upper"].to_list()), y=lean(shares.tolist(), 5), name=label,
-                line={"color": run.colour(label), "shape": "hv"},
+                x=lean(part["upper"].to_list()), y=lean((100.0 * np.cumsum(part["count"].to_numpy()) / count).tolist(), 5),
+                name=label, line={"color": run.colour(label), "shape": "hv"},
                 hovertemplate=f"{label}<br>within %{{x:.2g}} m: %{{y:.3f}} %{HOVER}",
             )  # fmt: skip
             plot.add(trace, {"block": [b.block.id]})
-    labels = dict.fromkeys(label for b in found for label in b.rows["method"])
-    legend = tuple(
-        Key(label, run.colour(label), when={"block": [b.block.id for b in found if label in set(b.rows["method"])]})
-        for label in labels
-    )  # fmt: skip
-    blocks = Control("block", "Problems", tuple((b.block.id, b.block.title) for b in found))
-    return Board("answers", (plot,), (blocks,), legend)
+            shown.setdefault(label, []).append(b.block.id)
+    legend = tuple(Key(label, run.colour(label), when={"block": blocks}) for label, blocks in shown.items())
+    return Board("answers", (plot,), (Control.of_blocks(found),), legend)
 
-
-SECTIONS = (
-    Section("Recorded answers", "answers", answers, Path(__file__).with_name("answers.html.j2"), 65),
-)  # fmt: skip
-"""After the iteration budgets, before the line."""
 
 REPORT = KindReport(
-    SECTIONS,
+    (Section("Recorded answers", "answers", _answers, order=65),),
     lambda blocks: ("inverse kinematics",),
-    winners=winners,
-    tables=tables,
+    winners=_winners,
+    tables=_tables,
 )

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.ik.batch.measures import extra_memory, solved_rate
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner
-from benchmarks.report.ik.speed import SPEED
+from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
-from benchmarks.statistics import wilson
+from benchmarks.statistics import percentage
 from optik.registry import short_name
-
-if TYPE_CHECKING:
-    from benchmarks.report.base import Cell
 
 BATCH_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -36,14 +31,13 @@ BATCH_COLUMNS = (
 """Columns of the table."""
 
 
-def batches(run: Run) -> dict[str, Any] | None:
-    """The table of all batches."""
-    found = tables(run)
+def _batches(run: Run) -> dict[str, Any] | None:
+    found = _tables(run)
     return {"tables": found} if found else None
 
 
-def tables(run: Run) -> Sequence[Table]:
-    """One row for each batch and number of threads."""
+def _tables(run: Run) -> list[Table]:
+    """Return one row for each batch and number of threads."""
     rows = [row for b in run.of("batch") for row in _rows(b)]
     note = (
         "One call for all targets, in a separate process; medians and ranges over the repeats. The success rate is the lowest "
@@ -53,19 +47,15 @@ def tables(run: Run) -> Sequence[Table]:
     return [Table("speed-batches", "Batches", BATCH_COLUMNS, tuple(rows), note)] if rows else []
 
 
-def _rows(b: BlockRows) -> list[Mapping[str, Cell]]:
-    found: list[Mapping[str, Cell]] = []
+def _rows(b: BlockRows) -> list[dict[str, Any]]:
+    found = []
     for (threads,), part in b.rows.group_by("threads", maintain_order=True):
-        count, least = int(part["count"][0]), int(part["solved"].to_numpy().min())
-        low, high = wilson(least, count)
-        rates = 1e-6 * part["solved"].to_numpy() / part["seconds"].to_numpy()
-        seconds = part["seconds"].to_numpy()
-        extra = extra_memory(part)
+        count, solved, seconds = int(part["count"][0]), part["solved"].to_numpy(), part["seconds"].to_numpy()
+        rates, extra = 1e-6 * solved / seconds, extra_memory(part)
         found.append(
             {
                 "label": short_name(b.block.solver), "batch": b.block.title, "robot": short_name(b.block.robot),
-                "threads": int(str(threads)), "count": count, "repeats": len(part),
-                "solved": (100.0 * least / count, 100.0 * low, 100.0 * high),
+                "threads": threads, "count": count, "repeats": len(part), "solved": percentage(int(solved.min()), count),
                 "seconds": (float(np.median(seconds)), float(seconds.min()), float(seconds.max())),
                 "rate": (solved_rate(part), float(rates.min()), float(rates.max())),
                 "iterations": float(part["iterations"].to_numpy().mean()),
@@ -76,8 +66,8 @@ def _rows(b: BlockRows) -> list[Mapping[str, Cell]]:
     return found
 
 
-def winners(run: Run) -> Sequence[Winner]:
-    """Which method solves most a second, where batches of the same problems by several methods are in the suite."""
+def _winners(run: Run) -> list[Winner]:
+    """Return who solves most a second, where batches of the same problems by several methods are in the suite."""
     groups: dict[str, list[BlockRows]] = {}
     for b in run.of("batch"):
         groups.setdefault(repr((b.block.robot, b.block.set, sorted(b.block.options.items()))), []).append(b)
@@ -86,35 +76,18 @@ def winners(run: Run) -> Sequence[Winner]:
         if len({b.block.solver for b in blocks}) < 2:
             continue
         best: dict[str, tuple[float, float, float]] = {}
-        for b in blocks:
-            for row in _rows(b):
-                label, rate = str(row["label"]), row["rate"]
-                assert isinstance(rate, tuple)
-                best[label] = max(rate, best.get(label, rate))
+        for row in (row for b in blocks for row in _rows(b)):
+            best[row["label"]] = max(row["rate"], best.get(row["label"], row["rate"]))
         entries = tuple(sorted(((label, *rate) for label, rate in best.items()), key=lambda entry: -entry[1]))
+        question = f"Most problems solved per second in a batch: {blocks[0].block.title}"
         note = "with each method's best number of threads; median and range of the repeats"
-        found.append(
-            Winner(
-                f"Most problems solved per second in a batch: {blocks[0].block.title}",
-                "million/s",
-                "more",
-                entries,
-                "speed",
-                note,
-            )
-        )
+        found.append(Winner(question, "million/s", "more", entries, "speed", note))
     return found
 
 
-SECTIONS = (
-    SPEED,
-    Section("Batches", "speed", batches, Path(__file__).with_name("batch.html.j2"), 12),
-)
-"""A table, after what it shares with single calls and first use."""
-
 REPORT = KindReport(
-    SECTIONS,
+    (SPEED, Section("Batches", "speed", _batches, order=12)),
     lambda blocks: ("inverse kinematics, call by call",),
-    winners=winners,
-    tables=tables,
+    winners=_winners,
+    tables=_tables,
 )

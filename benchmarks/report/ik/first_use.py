@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from benchmarks.blocks.ik.first_use.measures import MEASURES
-from benchmarks.report.base import Column, KindReport, Section, Table
-from benchmarks.report.ik.speed import SPEED
+from benchmarks.report.base import Cell, Column, KindReport, Section, Table
+from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
 from benchmarks.targets import measure_named
-
-if TYPE_CHECKING:
-    from benchmarks.report.base import Cell
 
 FIRST_USE_COLUMNS = (
     Column("label", "Step", show="text"),
@@ -25,15 +20,14 @@ FIRST_USE_COLUMNS = (
 """Columns of the table."""
 
 
-def first_use(run: Run) -> dict[str, Any] | None:
-    """The table of first use."""
-    found = tables(run)
+def _first_use(run: Run) -> dict[str, Any] | None:
+    found = _tables(run)
     return {"tables": found} if found else None
 
 
-def tables(run: Run) -> Sequence[Table]:
-    """Seconds by measure: the median of all processes with their range."""
-    rows: list[Mapping[str, Cell]] = []
+def _tables(run: Run) -> list[Table]:
+    """Return the seconds by measure: the median of all processes with their range."""
+    rows: list[dict[str, Cell]] = []
     for b in run.of("first_use"):
         for (measure,), part in b.rows.group_by("measure", maintain_order=True):
             seconds = part["seconds"].to_numpy()
@@ -41,19 +35,12 @@ def tables(run: Run) -> Sequence[Table]:
             what = measure_named(MEASURES, str(measure), "measure").title
             rows.append({"label": what, "seconds": spread, "count": len(part)})
     note = "Every value is from a separate process; the range is that of all processes."
-    return (
-        [Table("speed-first-use", "First use in fresh processes", FIRST_USE_COLUMNS, tuple(rows), note)] if rows else []
-    )
+    title = "First use in fresh processes"
+    return [Table("speed-first-use", title, FIRST_USE_COLUMNS, tuple(rows), note)] if rows else []
 
-
-SECTIONS = (
-    SPEED,
-    Section("First use", "speed", first_use, Path(__file__).with_name("first_use.html.j2"), 13),
-)
-"""A table, after what it shares with single calls and batches."""
 
 REPORT = KindReport(
-    SECTIONS,
+    (SPEED, Section("First use", "speed", _first_use, order=13)),
     lambda blocks: (),
-    tables=tables,
+    tables=_tables,
 )

@@ -141,7 +141,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
     lost = np.flatnonzero(np.isnan(read))
     if lost.size:
         joint = names[lost[0]]
-        what = f"the encoder of {joint} is lost; the joint followed its set-points until it was at rest"
+        what = f"the encoder of {joint} is lost; the joint went on by its set-points until it was at rest"
         run.fail(Fault(FaultKind.ENCODER, t, joint, what, ENCODER_ADVICE), k + options.ahead)
         return
     behind = np.abs(read - run.stream.q[min(k, run.last)])

@@ -53,12 +53,12 @@ def make_message(plan: Plan, joint_names: JointNames, allow: Allow = ()) -> tupl
 
     Raises InvalidMotion, NoSolution or InvalidInput as `planners.to_ros` does.
     """
-    message, sent = ros_message(add_motor_limits(plan), joint_names=joint_names, allow=allow)
+    message, sent = ros_message(motor_motion(plan), joint_names=joint_names, allow=allow)
     slowed = plan.slowed * sent.factor
     return replace(plan, _trajectory=sent.trajectory, _certificate=sent.certificate, slowed=slowed), message
 
 
-def add_motor_limits(plan: Plan) -> Motion:
+def motor_motion(plan: Plan) -> Motion:
     """Return the motion of a plan; it must also respect the limits on velocity, acceleration and torque."""
     motion = plan.motion
     return replace(motion, enforced=tuple(n for n in motion.limits.names if n in MOTORS or n in motion.enforced))

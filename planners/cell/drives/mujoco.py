@@ -56,7 +56,7 @@ class MujocoDrive(SimulatedDrive):
     ----------
     robot : Robot
         The arm of the plans; τ_ff and the gains are computed from it. An arm without masses gets assumed ones and no torque
-        limits. If the payload's mass is an interval, its middle is used.
+        limits. Of a payload whose mass is an interval, the middle is used.
     q : (n,) array, optional
         Initial configuration [rad, m]; by default the start of the first plan.
     plant : Robot, optional

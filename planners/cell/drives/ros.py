@@ -11,14 +11,7 @@ from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
-from planners.cell.drives._ros_goals import (
-    Stops,
-    add_motor_limits,
-    add_room,
-    describe_exceeded,
-    make_message,
-    make_stops,
-)
+from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
 from planners.cell.drives._ros_run import RosArm, Run, Timing
 from planners.cell.drives._setpoints import PERIOD
 from planners.cell.drives._stop import check_stopped, refuse, relax
@@ -115,7 +108,7 @@ class RosDrive(RosArm):
         """Check a plan and the arm; with ``execute=True`` send it and follow it to the end; see `Drive.execute`."""
         check_plan(plan, self.robot)
         stop_test = make_stop_test(stop)
-        refusal = find_violation(plan, allow) or find_violation(plan, allow, add_motor_limits(plan).certify())
+        refusal = find_violation(plan, allow) or find_violation(plan, allow, motor_motion(plan).certify())
         if refusal is not None:
             return self._record_unsent(plan, ExecutionStatus.REFUSED, *refusal)
         try:

@@ -14,7 +14,7 @@ from planners.limits import ALL_LIMITS
 from planners.motion import Motion
 
 
-def describe_motion(motion: Motion) -> tuple[tuple[str, str], ...]:
+def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     """Return the arm, law, path and scene of a motion as rows."""
     robot, path = motion.robot, motion.path
     shapes = (
@@ -27,7 +27,7 @@ def describe_motion(motion: Motion) -> tuple[tuple[str, str], ...]:
         ("Path", f"{path.name}, {way}"),
         ("Law", motion.law or "not stated"),
         ("Duration", f"{motion.trajectory.duration:.4f} s"),
-        *describe_payload(robot),
+        *payload_facts(robot),
     ]
     if motion.speed is not None:
         unit = "rad/s" if path.turns_only else "m/s"
@@ -37,7 +37,7 @@ def describe_motion(motion: Motion) -> tuple[tuple[str, str], ...]:
     return tuple(rows)
 
 
-def describe_payload(robot: Robot) -> tuple[tuple[str, str], ...]:
+def payload_facts(robot: Robot) -> tuple[tuple[str, str], ...]:
     """Return the payload of an arm as rows."""
     if robot.payload is None:
         return ()
@@ -45,7 +45,7 @@ def describe_payload(robot: Robot) -> tuple[tuple[str, str], ...]:
     return (("Payload", f"{robot.payload}, centre of mass at ({centre}) mm in the tool's frame"),)
 
 
-def describe_certificate(proof: Certificate) -> tuple[tuple[str, str], ...]:
+def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
     """Return the certificate of a motion as rows."""
     rows = [("Certificate", "valid" if proof.is_valid else f"NOT valid: {'; '.join(proof.reasons)}")]
     for name in ALL_LIMITS:
@@ -58,26 +58,26 @@ def describe_certificate(proof: Certificate) -> tuple[tuple[str, str], ...]:
     return tuple(rows)
 
 
-def describe_execution(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
+def execution_facts(execution: Execution, unread: int) -> tuple[tuple[str, str], ...]:
     """Return the end of an execution as rows."""
-    rows = [("Drive", describe_drive(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
+    rows = [("Drive", drive_words(execution.drive)), ("Execution", str(execution.status).replace("_", " "))]
     if execution.reason:
         rows.append(("Reason", execution.reason))
     if execution.advice:
         rows.append(("Advice", execution.advice))
     if execution.late:
         rows.append(("Late set-points", str(execution.late)))
-    rows += [*describe_unread(unread), *(("Note", note) for note in execution.notes)]
+    rows += [*unread_facts(unread), *(("Note", note) for note in execution.notes)]
     return tuple(rows)
 
 
-def describe_drive(name: str) -> str:
+def drive_words(name: str) -> str:
     """Return the name of a drive, marked if it is simulated."""
     kind = load_method("planners.cell.drives", name, "drive") if name in drives() else None
     return f"{name} (simulated)" if getattr(kind, "simulated", False) else name
 
 
-def describe_outcome(outcome: Outcome) -> tuple[tuple[str, str], ...]:
+def outcome_facts(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     """Return a task of the cell as rows: status, error and its parts, rounds, steps and notes."""
     rows = [("Task", str(outcome.status).replace("_", " "))]
     if outcome.failed is not None:
@@ -90,8 +90,8 @@ def describe_outcome(outcome: Outcome) -> tuple[tuple[str, str], ...]:
         what = f"Correction {k}" if k else "First motion"
         rows.append((what, f"{_millimetres(float(np.linalg.norm(each.error)))} from the spot"))
     if outcome.executions:
-        rows.append(("Drive", describe_drive(outcome.executions[0].drive)))
-    rows += describe_payload(outcome.robot)
+        rows.append(("Drive", drive_words(outcome.executions[0].drive)))
+    rows += payload_facts(outcome.robot)
     rows.append(("Steps", ", ".join(f"{step.name} {'done' if step.ok else 'failed'}" for step in outcome.steps)))
     return (*rows, *(("Note", note) for note in outcome.notes))
 
@@ -101,7 +101,7 @@ def _millimetres(length: float) -> str:
     return f"{1e3 * length:.3g} mm" if length >= 1e-9 else "below 1 nm"
 
 
-def describe_unread(unread: int) -> tuple[tuple[str, str], ...]:
+def unread_facts(unread: int) -> tuple[tuple[str, str], ...]:
     """Return the number of instants that are not drawn as rows."""
     words = f"{unread} instants without an encoder reading of every joint"
     return (("Not drawn", words),) if unread else ()

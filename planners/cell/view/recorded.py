@@ -13,7 +13,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
-from planners.cell.view._facts import describe_certificate, describe_drive, describe_motion, describe_unread
+from planners.cell.view._facts import certificate_facts, drive_words, motion_facts, unread_facts
 from planners.cell.view.show import Show, Track, sample_path, sample_track, thin_execution
 from planners.files.base import from_plain
 from planners.paths import path_of
@@ -86,12 +86,12 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
     executed, unread = thin_execution(done, did, speed, torque)
     drive = read_word(data.get("drive", ""), "drive")
     status = read_word(data.get("status", ""), "status").replace("_", " ")
-    rows = [("Drive", describe_drive(drive)), ("Execution", status)]
+    rows = [("Drive", drive_words(drive)), ("Execution", status)]
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     return Show(
-        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {describe_drive(drive)}", planned,
+        motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", planned,
         sample_path(motion.path), executed, motion.scene, motion.limits,
-        facts=(*describe_motion(motion), *describe_certificate(motion.certify()), *rows, *describe_unread(unread)),
+        facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
     )  # fmt: skip
 
 

@@ -15,12 +15,12 @@ from optik.types import Array
 from planners.cell.drives.base import Execution
 from planners.cell.outcome import Outcome
 from planners.cell.view._facts import (
-    describe_certificate,
-    describe_drive,
-    describe_execution,
-    describe_motion,
-    describe_outcome,
-    describe_unread,
+    certificate_facts,
+    drive_words,
+    execution_facts,
+    motion_facts,
+    outcome_facts,
+    unread_facts,
 )
 from planners.certificate.certificate import Certificate
 from planners.following.follow import JointPath
@@ -160,7 +160,7 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     return Show(
         found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
         sample_path(found.path), scene=found.scene, limits=found.limits,
-        facts=(*describe_motion(found), *describe_certificate(proof)),
+        facts=(*motion_facts(found), *certificate_facts(proof)),
     )  # fmt: skip
 
 
@@ -187,9 +187,8 @@ def show_execution(execution: Execution) -> Show:
     if execution.motion is not None:
         planned = execution.motion
         executed, unread = thin_execution(execution.t, execution.q, execution.dq, execution.torque)
-    title = f"{execution.robot.name}: {plan.law} on the drive {describe_drive(execution.drive)}"
-    planned_facts = (*describe_motion(plan.motion), *describe_certificate(plan.certificate))
-    facts = (*planned_facts, *describe_execution(execution, unread))
+    title = f"{execution.robot.name}: {plan.law} on the drive {drive_words(execution.drive)}"
+    facts = (*motion_facts(plan.motion), *certificate_facts(plan.certificate), *execution_facts(execution, unread))
     return Show(
         execution.robot, title, sample_track(planned), sample_path(plan.path), executed, plan.scene, plan.limits, facts=facts
     )  # fmt: skip
@@ -220,9 +219,9 @@ def show_outcome(outcome: Outcome) -> Show:
         planned = [(0.0, track) for track in _find_unexecuted(outcome)]
     gaps = [part for points in paths for part in (np.full((1, 3), np.nan), points)][1:]
     beam = None if outcome.beam is None else Beam(*outcome.beam)
-    motions = [*describe_certificate(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
+    motions = [*certificate_facts(outcome.rounds[0].plan.certificate)] if outcome.rounds else []
     limits = outcome.executions[0].plan.limits if outcome.executions else None
-    facts = (*describe_outcome(outcome), *describe_unread(unread), *motions)
+    facts = (*outcome_facts(outcome), *unread_facts(unread), *motions)
     return Show(
         outcome.robot, f"{outcome.robot.name}: to the spot, {str(outcome.status).replace('_', ' ')}", _join(planned),
         np.vstack(gaps), _join(executed) if executed else None, outcome.scene, limits, beam, facts,

@@ -1,4 +1,4 @@
-"""A block of single calls as the report reads it: rows by method, and its tables, each computed once."""
+"""A block of single calls as the report reads it: rows by method."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.ik.calls.evaluations import read_evaluations
-from benchmarks.report.base import Table
 
 
 @dataclass(frozen=True)
@@ -31,13 +30,6 @@ class CallRows(BlockRows):
     def evaluations(self) -> pl.DataFrame | None:
         """Answers at equal numbers of iterations; None where none were asked for, or they were not run yet."""
         return read_evaluations(self.folder, self.block)
-
-    @cached_property
-    def tables(self) -> tuple[Table, ...]:
-        """Tables of the block, in the order of the page."""
-        from benchmarks.report.ik.calls.tables import block_tables
-
-        return block_tables(self)
 
     def why_not(self, label: str) -> tuple[str, str]:
         """Why an entry has no rows."""

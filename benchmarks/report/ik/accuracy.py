@@ -1,0 +1,332 @@
+"""Sections on the error of each axis against distance and budget, and on the damping against the distance to a singularity."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import polars as pl
+
+from benchmarks.blocks.ik.budgets.measures import success
+from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.report.base import Cell, Column, Table
+from benchmarks.report.board import Board, Control, Json, Key, Plot
+from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
+from benchmarks.report.ik.default import budget_axis, comparisons
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.run import Run
+from benchmarks.report.words import listed
+from benchmarks.statistics import binned, quantiles
+
+ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
+"""Columns of the errors, and the axes of the base frame that they belong to."""
+
+FLOOR_MM = 1e-9
+"""Errors up to this, 10⁻¹² m, are rounding: they are drawn here, as no smaller ones are results."""
+
+MOST_LINES = 5
+"""Budgets that one plot shows: more lines cannot be told apart."""
+
+DECADES = (-9.4, 3.4)
+"""Range of all error axes, as powers of ten: the same for every axis, method and set of problems."""
+
+DRAWN_QUANTILES = {"median": (0.5, "solid"), "95th percentile": (0.95, "dot")}
+"""Quantiles of the errors that are drawn, with their dashes."""
+
+TWO_MM_LINE = {
+    "type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 2, "y1": 2, "line": {"color": "var(--alarm)", "width": 1},
+}  # fmt: skip
+"""The paper's bound on the error of each axis, as a shape of a plot."""
+
+DAMPING_BLOCK = "damping"
+"""Id of the block that the section on damping is about."""
+
+
+def chosen(budgets: tuple[int, ...], count: int = MOST_LINES) -> list[int]:
+    """Return a limited number of budgets, spread evenly through the list, with the first and the last."""
+    if len(budgets) <= count:
+        return list(budgets)
+    return [budgets[round(i * (len(budgets) - 1) / (count - 1))] for i in range(count)]
+
+
+# ---------------------------------------------------------------- error against distance and budget
+
+
+def accuracy(run: Run) -> dict[str, Any] | None:
+    """Show error against distance by budget, and against budget by method."""
+    blocks = [b for b in comparisons(run) if not b.known.is_empty()]
+    if not blocks:
+        return None
+    counts = []
+    for b in blocks:
+        total, known = b.problems()
+        others = f", {total - known:,} more without one are omitted here" if total > known else ""
+        counts.append(f"{b.block.title}: {known:,} targets{others}")
+    lead = (
+        "Absolute error on each axis of the base frame, target minus tool, at the last iterate within the budget; the signed "
+        f"errors are in the run's files. Targets with a known solution: {'; '.join(counts)}."
+    )
+    return {"lead": lead, "boards": [_distance_board(blocks), _budget_board(blocks, run)]}
+
+
+def _millimetres(column: str) -> pl.Expr:
+    return (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
+
+
+def _error_plots(id: str, across: Json) -> dict[str, Plot]:
+    """Return an empty plot for the error of each axis."""
+    return {
+        column: Plot(
+            f"{id}-{column}", f"{name} axis", {"xaxis": across, "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES)}
+        )
+        for column, name in ERROR_AXES.items()
+    }  # fmt: skip
+
+
+def _quantile_line(x: Any, y: Any, colour: str, dash: str, size: int, hover: str, **more: Any) -> Json:
+    """Return the line of a quantile: strong with markers for the median."""
+    strong = dash == "solid"
+    return line(
+        x=x, y=lean(y), mode="lines+markers" if strong else "lines", marker={"size": size},
+        line={"color": colour, "dash": dash, "width": 2 if strong else 1.3}, hovertemplate=f"{hover}{HOVER}", **more,
+    )  # fmt: skip
+
+
+QUANTILE_KEYS = (Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed"))
+"""Entries of the legend for the quantiles."""
+
+
+def _distance_board(blocks: list[BudgetRows]) -> Board:
+    plots = _error_plots("distance", axis("distance from the start [mm]"))
+    for column, plot in plots.items():
+        for b in blocks:
+            _add_distance_lines(plot, b, column)
+    methods = dict.fromkeys(m for b in blocks for m in b.budgeted)
+    legend = [
+        Key(iterations(budget), shade, "solid", {"block": [b.block.id]})
+        for b in blocks
+        for budget, shade in zip(chosen(b.block.budgets), shades(len(chosen(b.block.budgets))), strict=True)
+    ]
+    return Board(
+        "by-distance", tuple(plots.values()), (Control.of_blocks(blocks), Control.of("method", "Method", list(methods))),
+        (*legend, *QUANTILE_KEYS),
+        "Bins of 50 mm with at least 10 targets. All targets with a known solution are counted, also those where the method "
+        "fails: they make the 95th percentile. Errors up to 10⁻⁹ mm (10⁻¹² m) are rounding: all are drawn there, as ≤ 10⁻⁹.",
+        "Against the distance between start and target",
+    )  # fmt: skip
+
+
+def _add_distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
+    budgets = chosen(b.block.budgets)
+    rows = b.known.with_columns(_millimetres(column), far=pl.col("distance") * 1e3)
+    for label in b.budgeted:
+        for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
+            part = rows.filter((pl.col("method") == label) & (pl.col("budget") == budget))
+            table = binned(part, "far", "mm", width=50.0)
+            for words, (level, dash) in DRAWN_QUANTILES.items():
+                hover = f"{iterations(budget)}, {words}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm (%{{customdata}} targets)"
+                trace = _quantile_line(
+                    lean(table["middle"]),
+                    table[f"q{level}"],
+                    shade,
+                    dash,
+                    4,
+                    hover,
+                    customdata=table["count"].to_list(),
+                )
+                plot.add(trace, {"block": [b.block.id], "method": [label]})
+
+
+def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
+    plots = _error_plots("budget", budget_axis())
+    for column, plot in plots.items():
+        plot.layout["shapes"] = [TWO_MM_LINE]
+        for b in blocks:
+            for label in b.budgeted:
+                _add_budget_lines(plot, b, label, run.colour(label), column)
+    legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.budgeted]
+    differ = ""
+    if any(b.known.group_by("method").agg(pl.col("problem").n_unique())["problem"].n_unique() > 1 for b in blocks):
+        differ = (
+            " (each method's own: not all methods were run on the same targets; for paired figures see the table above)"
+        )
+    return Board(
+        "by-budget", tuple(plots.values()), (Control.of_blocks(blocks),),
+        (*legend, *QUANTILE_KEYS, Key("2 mm", "var(--alarm)")),
+        f"Targets with a known solution{differ}. Thin line: the paper's 2 mm.", "Against the iteration budget",
+    )  # fmt: skip
+
+
+def _add_budget_lines(plot: Plot, b: BudgetRows, label: str, colour: str, column: str) -> None:
+    part = b.known.filter(pl.col("method") == label).with_columns(_millimetres(column))
+    if part.is_empty():
+        return
+    found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
+    for words, (level, dash) in DRAWN_QUANTILES.items():
+        values = [quantiles(found.get(n, []), (level,))[0] for n in b.block.budgets]
+        hover = f"{label}, {words}<br>budget %{{x}}: %{{y:.3g}} mm"
+        plot.add(_quantile_line(list(b.block.budgets), values, colour, dash, 5, hover), {"block": [b.block.id]})
+
+
+# ---------------------------------------------------------------- damping
+
+Figures = dict[tuple[str, str], dict[str, float]]
+"""Success, iterations and errors by stratum and method."""
+
+STRATUM_COLUMNS = (
+    ("iterations", "iterations of the solved, median", "", "", "count"),
+    ("median", "position error, median", "mm", "less", "number"),
+    ("p95", "position error, p95", "mm", "less", "number"),
+)
+"""Columns of a stratum that are shown on request: key, words, unit, better, show."""
+
+
+def damping(run: Run) -> dict[str, Any] | None:
+    """Show success, iterations and error of each damping in each stratum, and the recommended dampings."""
+    b = _damping_block(run)
+    if b is None:
+        return None
+    constants, strata, table = _constants(b), _strata(b), _figures(b)
+    others = [m for m in b.methods if m not in constants]
+    return {
+        "lead": "The best damping depends on how near the target is to a singular configuration. For each stratum of the "
+        "smallest singular value σ of the Jacobian at the solution, the list names the damping with the fewest iterations "
+        "among those whose success rate is not significantly below the highest (overlapping 95 % intervals).",
+        "points": [
+            *((g, _advice(constants, others, {m: table[g, m] for m in b.methods})) for g in strata),
+            ("one damping for all strata", _best_everywhere(strata, constants, others, table)),
+        ],
+        "boards": [_damping_board(b, strata, constants, table)] if len(constants) > 1 else [],
+        "tables": [_damping_table(b, strata, table)],
+    }
+
+
+def damping_table(run: Run) -> Table | None:
+    """Return each damping in each stratum."""
+    b = _damping_block(run)
+    return None if b is None else _damping_table(b, _strata(b), _figures(b))
+
+
+def _damping_block(run: Run) -> BudgetRows | None:
+    """Return the block that varies the damping."""
+    return next((b for b in run.of("budgets") if b.block.id == DAMPING_BLOCK and _constants(b)), None)
+
+
+def _constants(b: BudgetRows) -> dict[str, float]:
+    """Return the damping of each method that has a constant one."""
+    return {m.label: float(m.options["damping"]) for m in b.block.methods if "damping" in m.options}
+
+
+def _strata(b: BudgetRows) -> list[str]:
+    """Return the strata of the smallest singular value, the nearest to a singularity first."""
+    found: list[str] = b.rows.group_by("group").agg(pl.col("sigma").median()).sort("sigma")["group"].to_list()
+    return found
+
+
+def _figures(b: BudgetRows) -> Figures:
+    """Return success, iterations of the solved, and the remaining error [mm] by stratum and method at the largest budget."""
+    found = {}
+    for g in _strata(b):
+        for m in b.methods:
+            part = b.last.filter((pl.col("group") == g) & (pl.col("method") == m))
+            share, low, high = success(part, 1e-6)
+            median, p95 = quantiles(1e3 * part["position_error"].to_numpy(), (0.5, 0.95))
+            (took,) = quantiles(part.filter(pl.col("status") == "solved")["iterations"].to_numpy(), (0.5,))
+            found[g, m] = {"share": share, "low": low, "high": high, "iterations": took, "median": median, "p95": p95}
+    return found
+
+
+def _damping_table(b: BudgetRows, strata: list[str], table: Figures) -> Table:
+    """Return the success rate in each stratum; iterations and errors on request."""
+    columns = [Column("label", "Damping", show="text")]
+    columns += [Column(f"share {g}", f"solved, {g}", "%", "more", "share") for g in strata]
+    columns += [
+        Column(f"{key} {g}", f"{words}, {g}", unit, better, show, aside=True)
+        for g in strata
+        for key, words, unit, better, show in STRATUM_COLUMNS
+    ]
+    rows: list[dict[str, Cell]] = []
+    for m in b.methods:
+        row: dict[str, Cell] = {"label": m}
+        for g in strata:
+            f = table[g, m]
+            row |= {f"share {g}": (f["share"], f["low"], f["high"])} | {
+                f"{key} {g}": f[key] for key, *_ in STRATUM_COLUMNS
+            }
+        rows.append(row)
+    counts = "; ".join(f"{g}: {b.last.filter(pl.col('group') == g)['problem'].n_unique():,} targets" for g in strata)
+    title = f"Damping by distance to a singularity, at most {b.budget} iterations, one attempt"
+    return Table("damping", title, tuple(columns), tuple(rows), f"{counts}. Intervals are Wilson's, 95 %.")
+
+
+def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
+    """Return the dampings that no other is significantly better than, best first.
+
+    Those whose interval of success reaches that of the surest; among them by median iterations, then by success rate.
+    """
+    best = max(figures[m]["low"] for m in constants)
+    level = [m for m in constants if figures[m]["high"] >= best and not math.isnan(figures[m]["iterations"])]
+    return sorted(level, key=lambda m: (figures[m]["iterations"], -figures[m]["share"]))
+
+
+def _advice(constants: dict[str, float], others: list[str], figures: dict[str, dict[str, float]]) -> str:
+    """Name the best damping of a stratum, those as good, the lowest, and the methods without a constant damping."""
+    level = choose(constants, figures)
+    if not level:
+        return "none of these dampings solves any target here."
+    first, rest = level[0], level[1:]
+    text = f"{first}: {_words(figures[first])}"
+    if rest:
+        text += f"; {listed(rest)} not significantly less successful, but no faster"
+    worst = min(constants, key=lambda m: figures[m]["share"])
+    if worst not in level:
+        text += f"; lowest: {worst} with {percent(figures[worst]['share'])}"
+    calm = min(constants, key=lambda m: figures[m]["p95"])
+    if figures[calm]["p95"] < 0.1 * figures[first]["p95"]:
+        text += (
+            f". Its failures diverge: the 95th percentile of its position error is {number(figures[first]['p95'])} mm, "
+            f"against {number(figures[calm]['p95'])} mm with {calm}"
+        )
+    return text + "".join(f". {m}: {_words(figures[m])}" for m in others) + "."
+
+
+def _words(figures: dict[str, float]) -> str:
+    took = figures["iterations"]
+    after = f" after a median of {iterations(round(took)) if took % 1 == 0 else f'{took:g} iterations'}"
+    return f"{percent(figures['share'])} solved{'' if math.isnan(took) else after}"
+
+
+def _best_everywhere(strata: list[str], constants: dict[str, float], others: list[str], table: Figures) -> str:
+    """Name the damping whose worst stratum is best, and the rates of the other methods in theirs."""
+    lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
+    best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
+    text = f"{best} has the highest success rate in its worst stratum, {percent(lowest[best])}"
+    return text + "".join(f"; {m}: {percent(lowest[m])}" for m in others) + "."
+
+
+def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
+    ordered = sorted(constants, key=lambda m: constants[m])
+    plots = {
+        "share": Plot("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])}),
+        "iterations": Plot(
+            "damping-iterations", "Median iterations, solved targets", {"yaxis": log_axis("iterations", dtick=1)}
+        ),
+        "p95": Plot("damping-error", "Position error, 95th percentile", {"yaxis": log_axis("error [mm]")}),
+    }  # fmt: skip
+    for key, plot in plots.items():
+        plot.layout["xaxis"] = log_axis("damping λ", dtick=1)
+        for group, shade in zip(strata, shades(len(strata)), strict=True):
+            y = [max(table[group, m][key], FLOOR_MM) if key == "p95" else table[group, m][key] for m in ordered]
+            plot.add(
+                line(
+                    x=[constants[m] for m in ordered], y=lean(y), mode="lines+markers", name=group,
+                    line={"color": shade, "width": 2}, marker={"size": 6},
+                    hovertemplate=f"{group}<br>λ = %{{x}}: %{{y:.4~g}}{HOVER}",
+                )
+            )  # fmt: skip
+    legend = tuple(Key(group, shade, "solid") for group, shade in zip(strata, shades(len(strata)), strict=True))
+    return Board(
+        "damping-board", tuple(plots.values()), (), legend,
+        f"One attempt of at most {b.budget} iterations from starts 0.1 rad (standard deviation) away. σ is the smallest "
+        "singular value of the Jacobian at the solution. Errors below 10⁻⁹ mm are shown as 10⁻⁹ mm.",
+    )  # fmt: skip

@@ -1,0 +1,291 @@
+"""Sections on iteration budgets: methods side by side, what solved means, what was run, and the paper beside this report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from benchmarks.blocks.ik.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, succeeded, success
+from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.experiments.base import UNTESTED
+from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
+from benchmarks.report.base import Column, KindReport, Section, Table, Winner
+from benchmarks.report.board import Board, Control, Key, Plot
+from benchmarks.report.figures import HOVER, axis, bars, lean
+from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
+from benchmarks.report.ik.default import add_success, answer, comparisons, default, default_table, pairs, success_plot
+from benchmarks.report.ik.maps import maps, picture, sheets_of
+from benchmarks.report.numbers import percent
+from benchmarks.report.ranked import most_solved, ranked
+from benchmarks.report.run import Run
+from benchmarks.report.words import listed
+from optik.registry import short_name
+
+ENDINGS = {
+    "solved": ("solved", "var(--c2)"),
+    "max_iterations": ("iteration limit", "var(--c4)"),
+    "stalled": ("stalled", "var(--c1)"),
+    "time_limit": ("time limit", "var(--c5)"),
+    "outside_limits": ("outside joint limits", "var(--c3)"),
+    "unreachable": ("proved unreachable", "var(--c6)"),
+    "rejected": ("wrong claim of success", "var(--c7)"),
+}
+"""Ways in which a solve ends: in words, and the colour of each."""
+
+NO_SOLUTION = "no known solution"
+"""What the plot of endings calls the problems without one."""
+
+METHOD_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share"),
+    Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share"),
+    Column("position", "median position error", "mm", "less"),
+    Column("position_95", "p95 position error", "mm", "less"),
+    Column("iterations", "median iterations, solved", show="count"),
+    Column("rotation", "median rotation error", "°", "less", aside=True),
+    Column("rotation_95", "p95 rotation error", "°", "less", aside=True),
+    Column("iterations_95", "p95 iterations, solved", show="count", aside=True),
+    Column("own", f"solved at {level_words(SUCCESS_LEVELS[-1])}, all problems given", "%", show="share", aside=True),
+    Column("known", "problems with a known solution", show="count", aside=True),
+    Column("unknown", "problems without one", show="count", aside=True),
+)
+"""Columns of a table of methods."""
+
+# ---------------------------------------------------------------- methods
+
+
+def methods(run: Run) -> dict[str, Any] | None:
+    """Show success against budget, how the solves ended, and tables of all blocks."""
+    blocks: list[BudgetRows] = run.of("budgets")
+    if not blocks:
+        return None
+    open_ones = {b.block.id for b in comparisons(run)}
+    return {
+        "boards": [_success_board(blocks, run), _status_board(blocks)],
+        "folded": [(method_table(b), b.block.id in open_ones) for b in blocks],
+    }
+
+
+def method_table(b: BudgetRows) -> Table:
+    """Return all methods of a block on the same problems, at the largest budget."""
+    known, rows = b.given(b.methods), []
+    for label in b.methods:
+        own = b.last.filter(pl.col("method") == label)
+        part = known.filter(pl.col("method") == label)
+        coarse, fine, position, rotation, took = (measure.compute(part) for measure in MEASURES)
+        rows.append(
+            {
+                "label": label, "coarse": coarse, "fine": fine, "position": position[0], "position_95": position[1],
+                "rotation": rotation[0], "rotation_95": rotation[1], "iterations": took[0], "iterations_95": took[1],
+                "own": success(own.filter("known"), SUCCESS_LEVELS[-1]),
+                "known": int(own["known"].sum()), "unknown": int((~own["known"]).sum()),
+            }
+        )  # fmt: skip
+    total, total_known = b.problems()
+    whole = f" {listed(b.whole)}: default settings, with restarts." if b.whole else ""
+    return Table(
+        f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
+        f"{known['problem'].n_unique():,} problems with a known solution that all methods were given, of {total_known:,} with "
+        f"one and {total:,} in all; at most {b.budget} iterations from the given start.{whole} Errors include failures. "
+        "Intervals are Wilson's, 95 %.",
+    )  # fmt: skip
+
+
+def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
+    plots = []
+    for level in SUCCESS_LEVELS:
+        plot = success_plot(f"success-{level:.0e}", f"Success at {level_words(level)} m and rad", "problems")
+        for b in blocks:
+            add_success(plot, b, run, b.paired.filter("known"), b.methods, level, {"block": [b.block.id]})
+        plots.append(plot)
+    legend = (
+        run.key(label, {"block": [b.block.id]}, marked=label not in b.whole) for b in blocks for label in b.methods
+    )
+    return Board(
+        "success", tuple(plots), (Control.of_blocks(blocks),), tuple(legend),
+        "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run that its budget "
+        "stops is judged at its last iterate. Level line: a method with default settings, which has no budget.",
+    )  # fmt: skip
+
+
+def _status_board(blocks: list[BudgetRows]) -> Board:
+    plot = Plot(
+        "status", "Final status at the largest budget, on the problems that all methods were given",
+        {
+            "barmode": "stack", "bargap": 0.35,
+            "xaxis": axis("problems [%]", range=[0, 100]),
+            "yaxis": axis("", autorange="reversed", ticks="", type="category"),
+        },
+    )  # fmt: skip
+    colours = dict(ENDINGS.values()) | {NO_SOLUTION: "var(--unknown)"}
+    seen: dict[str, list[str]] = {}
+    for b in blocks:
+        here = {"block": [b.block.id]}
+        plot.vary(here, {"height": 64 + 36 * len(b.methods)})
+        for words, counts, total in _endings(b):
+            seen.setdefault(words, []).append(b.block.id)
+            trace = bars(
+                y=b.methods, x=lean([100.0 * n / total for n in counts]), customdata=counts, name=words,
+                marker={"color": colours.get(words, "var(--c7)")},
+                hovertemplate=f"%{{y}}<br>{words}: %{{customdata}} problems, %{{x:.1f}} %{HOVER}",
+            )  # fmt: skip
+            plot.add(trace, here)
+    legend = tuple(Key(words, colours[words], "fill", {"block": seen[words]}) for words in colours if words in seen)
+    return Board("statuses", (plot,), (Control.of_blocks(blocks),), legend)
+
+
+def _endings(b: BudgetRows) -> list[tuple[str, list[int], int]]:
+    """Return every ending in words, with its count for each method, and the number of problems, the same for all methods."""
+    last = b.paired.filter(pl.col("budget") == b.budget)
+    known = last.filter("known")
+    wanted = {
+        ENDINGS.get(s, (s,))[0]: known.filter(pl.col("status") == s) for s in (*ENDINGS, *sorted(set(last["status"])))
+    }
+    wanted[NO_SOLUTION] = last.filter(~pl.col("known"))
+    counts = {words: [part.filter(pl.col("method") == m).height for m in b.methods] for words, part in wanted.items()}
+    total = max(last["problem"].n_unique(), 1)
+    return [(words, found, total) for words, found in counts.items() if any(found)]
+
+
+# ---------------------------------------------------------------- the head of the report
+
+
+def _terms(run: Run) -> dict[str, Any] | None:
+    """Show the tolerances of a solved problem."""
+    return {"levels": [level_words(level) for level in SUCCESS_LEVELS]} if run.of("budgets") else None
+
+
+def _summary(run: Run) -> dict[str, Any] | None:
+    """Show problems, robot and methods of every block."""
+    blocks = run.of("budgets")
+    return {"blocks": [_about(b, run) for b in blocks]} if blocks else None
+
+
+def _about(b: BudgetRows, run: Run) -> dict[str, Any]:
+    total, known = b.problems()
+    found = []
+    for m in b.block.methods:
+        given = b.last.filter(pl.col("method") == m.label).height
+        part = "" if given == total else f"; {given:,} of the problems"
+        part += "; default settings" if m.whole else ""
+        what = f"{short_name(m.name)}, {m.words or 'no options'}{part}"
+        found.append({"label": m.label, "colour": run.colour(m.label), "what": what})
+    return {
+        "id": b.block.id, "title": b.block.title, "set": short_name(b.block.set).replace("_", " "),
+        "robot": short_name(b.block.robot), "total": total, "known": known, "methods": found, "budgets": b.block.budgets,
+    }  # fmt: skip
+
+
+def _findings(run: Run) -> list[str]:
+    """Say whether the default is better than the paper's iteration; elsewhere, what every method solves."""
+    answered = pairs(run)
+    others = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
+    found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]
+    return found + [words for b in others if (words := _rates(b))]
+
+
+def _rates(b: BudgetRows) -> str:
+    known = b.given(b.methods)
+    if known.is_empty():
+        return ""
+    words = []
+    for label in b.methods:
+        rate, low, high = success(known.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])
+        words.append(f"{label} {percent(rate)} ({low:.1f} to {high:.1f} %)")
+    count = known["problem"].n_unique()
+    return f"{b.block.title}, {count:,} targets, at most {b.budget} iterations; solved: {'; '.join(words)}."
+
+
+def _limitations(run: Run) -> list[str]:
+    """Say what a reader should know before quoting rates and iterations."""
+    blocks: list[BudgetRows] = run.of("budgets")
+    items = [
+        "In blocks with iteration budgets every method gets one attempt from the given start, without restarts: the paper's "
+        "iteration has none. A method that runs with default settings is marked. These blocks are not timed: times come "
+        "from single calls.",
+    ]
+    if any(b.block.set == "graph_paper" for b in blocks):
+        items.append(
+            "Known solutions of graph-paper targets were searched before the comparison, by lm with 100 restarts and by all "
+            "branches of closed_form. It is therefore expected that these two, with default settings, solve all of them. "
+            "Random targets are reachable by construction. “No known solution” means that neither the search nor any method "
+            "found one; it does not prove that the target is out of reach. All graph-paper targets have the start's "
+            "orientation."
+        )
+    if any(b.paired["problem"].n_unique() < b.problems()[0] for b in blocks):
+        items.append(
+            "Some methods were run on a subset of the problems. The tables compare on the problems common to all methods; "
+            "plots with other problems say so."
+        )
+    return items
+
+
+def _winners(run: Run) -> list[Winner]:
+    """Return who solves most targets in one attempt, for each block that compares methods."""
+    found = []
+    for b in comparisons(run):
+        known = b.last.filter("known")
+        who = ranked({label: known.filter(pl.col("method") == label).height for label in b.budgeted})
+        rows = b.given(who.labels).with_columns(good=succeeded(SUCCESS_LEVELS[-1]))
+        if rows.is_empty():
+            continue
+        solved = {label: rows.filter(pl.col("method") == label)["good"].to_numpy() for label in who.labels}
+        note = (
+            f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
+            f"within {level_words(SUCCESS_LEVELS[-1])} m and rad{who.left_out}"
+        )
+        found.append(most_solved(f"Highest success rate in one attempt: {b.block.title}", "methods", solved, note))
+    return found
+
+
+def _tables(run: Run) -> list[Table]:
+    """Return the default beside the paper's iteration, all methods of every block, and the dampings."""
+    found = [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in run.of("budgets")]
+    dampings = damping_table(run)
+    return found if dampings is None else [*found, dampings]
+
+
+# ---------------------------------------------------------------- the paper beside this report
+
+
+def _paper(run: Run) -> dict[str, Any] | None:
+    """Show what of this report answers each figure, equation and claim of the paper, with links to what the page has."""
+    verdicts = {f"claim ({f.key})": f.verdict for f in run.findings}
+    if all(verdict == UNTESTED for verdict in verdicts.values()):
+        return None
+    blocks: list[BudgetRows] = run.of("budgets")
+    there = {
+        "misprints": True, "claims": True, "methods": blocks, "error": blocks,
+        "damping": any(b.block.id == DAMPING_BLOCK for b in blocks),
+        "maps": any(sheets_of(b) for b in comparisons(run)),
+        **dict.fromkeys(("line", "motion", "laws"), any(plans.solved for plans in run.of("plans"))),
+    }  # fmt: skip
+    rows = [
+        (c._replace(anchor=c.anchor if there.get(c.anchor) else ""), verdicts.get(c.what, "")) for c in COUNTERPARTS
+    ]
+    return {"title": PAPER_TITLE, "rows": rows}
+
+
+_TERMS, _SUMMARY, _PAPER = (Path(__file__).with_name(f"{name}.html.j2") for name in ("terms", "summary", "paper"))
+"""Templates of a sentence, and of tables with colours or links in their cells."""
+
+REPORT = KindReport(
+    (
+        Section("Definition of a solved problem", "terms", _terms, _TERMS, 30, place="terms"),
+        Section("Problems and methods", "budgets", _summary, _SUMMARY, 30, place="summary"),
+        Section("Is the default better than the paper's iteration?", "default", default, order=5),
+        Section("Reached spots of the workspace", "picture", picture, order=5, place="top"),
+        Section("Methods", "methods", methods, order=30),
+        Section("Error against distance and budget", "error", accuracy, order=40),
+        Section("Damping by distance to a singularity", "damping", damping, order=50),
+        Section("The workspace: positions and errors (Fig. 10 to 13)", "maps", maps, order=60),
+        Section("The paper and this report", "paper", _paper, _PAPER, 98),
+    ),
+    lambda blocks: ("inverse kinematics",),
+    winners=_winners,
+    tables=_tables,
+    findings=_findings,
+    limitations=_limitations,
+)

@@ -1,0 +1,240 @@
+"""Section: whether the default is better than the paper's iteration, on the same targets from the same start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.ik.budgets.measures import SUCCESS_LEVELS, level_words, succeeded, success
+from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.blocks.ik.calls.measures import shared
+from benchmarks.report.base import Column, Table
+from benchmarks.report.board import Board, Json, Plot
+from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.numbers import number, p_value, percent
+from benchmarks.report.run import Run
+from benchmarks.statistics import SIGNIFICANT, McNemar, mcnemar
+from optik.registry import short_name
+from optik.types import Flags
+
+PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
+"""Names of the paper's iteration and of the method that is used where none is named."""
+
+DEFAULT_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("success", "solved", "%", "more", "share"),
+    Column("alone", "solved by this method only", show="count"),
+    Column("lost", "solved by the paper's only", show="count"),
+    Column("p", "McNemar's p", show="p"),
+    Column("iterations", "median iterations, solved", show="count"),
+    Column("solved_us", "median time, solved", "µs", "less"),
+    Column("failed_us", "median time, not solved", "µs", "less"),
+    Column("both", "solved by both", show="count", aside=True),
+    Column("neither", "solved by neither", show="count", aside=True),
+)
+"""Columns of the comparison of the default with the paper's iteration."""
+
+
+def comparisons(run: Run) -> list[BudgetRows]:
+    """Return the blocks that compare methods; all blocks where each varies the options of one method."""
+    blocks: list[BudgetRows] = run.of("budgets")
+    return [b for b in blocks if not b.sweep] or blocks
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The labels of the paper's iteration, of the default with one attempt, and of the default as it comes, on one block.
+
+    The last is empty where the block does not have it.
+    """
+
+    rows: BudgetRows
+    paper: str
+    attempt: str
+    whole: str
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The labels, the paper's first."""
+        return tuple(label for label in (self.paper, self.attempt, self.whole) if label)
+
+    @cached_property
+    def given(self) -> pl.DataFrame:
+        """Rows at the largest budget on the problems with a known solution that all of them were given."""
+        return self.rows.given(self.labels)
+
+    def solved(self, label: str) -> Flags:
+        """Return which of these problems (k,) a method solved, in the order of their numbers."""
+        part = self.given.filter(pl.col("method") == label)
+        found: Flags = part.select(succeeded(SUCCESS_LEVELS[-1]))[:, 0].to_numpy().astype(bool)
+        return found
+
+    def against_paper(self, label: str) -> McNemar:
+        """Test which of the problems a method and the paper's iteration solved."""
+        return mcnemar(self.solved(label), self.solved(self.paper))
+
+    def times(self, run: Run) -> dict[str, list[float]]:
+        """Return the median times of solved and unsolved calls [µs], on the problems of a block of calls given to all."""
+        mine = self.rows.block
+        for calls in run.of("calls"):
+            other = calls.block
+            same = (other.robot, other.set, other.options) == (mine.robot, mine.set, mine.options)
+            if same and set(self.labels) <= set(calls.rows["method"].unique()):
+                rows = shared(calls.rows, self.labels)
+                return {label: _median_times(rows.filter(pl.col("method") == label)) for label in self.labels}
+        return {}
+
+
+def _median_times(rows: pl.DataFrame) -> list[float]:
+    """Return the median time of the solved and of the others [µs]."""
+    times = (rows.filter(pl.col("solved") == ok)["ns"].to_numpy() / 1e3 for ok in (True, False))
+    return [float(np.median(us)) if len(us) else float("nan") for us in times]
+
+
+def pairs(run: Run) -> list[Pair]:
+    """Return every block that compares methods and has both the paper's iteration and one attempt of the default."""
+    return [pair for b in comparisons(run) if (pair := _pair(b)) is not None and len(pair.given)]
+
+
+def _pair(b: BudgetRows) -> Pair | None:
+    entries = [m for m in b.block.methods if m.label in b.methods]
+
+    def first(solver: str, whole: bool) -> str:
+        return next((m.label for m in entries if short_name(m.name) == solver and m.whole == whole), "")
+
+    paper, attempt = first(PAPER_SOLVER, False), first(DEFAULT_SOLVER, False)
+    return Pair(b, paper, attempt, first(DEFAULT_SOLVER, True)) if paper and attempt else None
+
+
+def default(run: Run) -> dict[str, Any] | None:
+    """Show an answer, a plot and a table for the first block that has both methods."""
+    found = pairs(run)
+    if not found:
+        return None
+    first = found[0]
+    return {
+        "lead": answer(first, run),
+        "boards": [_board(first, run)],
+        "tables": [default_table(pair, run) for pair in found],
+        "prose": [
+            "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
+            f"joint limits. {first.attempt} also makes one attempt. {first.whole or 'The default with default settings'} "
+            "restarts from other initial guesses until it succeeds. All get the same targets and the same start.",
+            f"Solved means both errors within {level_words(SUCCESS_LEVELS[-1])} m and rad inside the joint limits, by optik's "
+            "forward kinematics. McNemar's exact test compares the two methods on the problems that only one of them solves; "
+            f"below p = {SIGNIFICANT} the difference is significant. Times are those of whole calls from Python, alternating "
+            "in one process, on the problems that all of these methods were given there.",
+        ],
+    }
+
+
+def answer(pair: Pair, run: Run) -> str:
+    """Say whether one attempt of the default is better than the paper's iteration, and by how much."""
+    test = pair.against_paper(pair.attempt)
+    count = test.both + test.first + test.second + test.neither
+    word = "No significant difference"
+    if test.p < SIGNIFICANT:
+        word = "Yes" if test.first > test.second else "No"
+    rates = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
+    shown = p_value(test.p)
+    text = (
+        f"{word}: of {count:,} targets with a known solution, one attempt of the default ({pair.attempt}) solves "
+        f"{rates[pair.attempt]}, the paper's iteration ({pair.paper}) {rates[pair.paper]}. {test.first:,} are "
+        f"solved by the default only, {test.second:,} by the paper's only "
+        f"(McNemar's p {'' if shown.startswith('<') else '= '}{shown})."
+    )
+    if pair.whole:
+        text += (
+            f" With default settings, which include restarts, the default ({pair.whole}) solves {rates[pair.whole]}."
+        )
+    times = pair.times(run)
+    if times:
+        mine, other = times[pair.attempt][0], times[pair.paper][0]
+        text += (
+            f" The median solved call takes {number(mine)} µs against {number(other)} µs: "
+            f"{number(max(mine, other) / min(mine, other), 2)} times {'less' if mine < other else 'more'}."
+        )
+    return text
+
+
+def default_table(pair: Pair, run: Run) -> Table:
+    """Return the comparison as a table."""
+    times, rows = pair.times(run), []
+    for label in pair.labels:
+        part = pair.given.filter(pl.col("method") == label)
+        took = part.filter(pl.col("status") == "solved")["iterations"].to_numpy()
+        solved, failed = times.get(label, (None, None))
+        row: dict[str, Any] = {
+            "label": label, "success": success(part, SUCCESS_LEVELS[-1]), "solved_us": solved, "failed_us": failed,
+            "iterations": float(np.median(took)) if len(took) else None,
+        }  # fmt: skip
+        if label != pair.paper:
+            test = pair.against_paper(label)
+            row |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
+        rows.append(row)
+    b = pair.rows
+    return Table(
+        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, tuple(rows),
+        f"{len(pair.given) // len(pair.labels):,} targets with a known solution that all of these methods were given; one "
+        f"attempt has at most {b.budget} iterations. Wilson 95 % intervals.",
+    )  # fmt: skip
+
+
+def _board(pair: Pair, run: Run) -> Board:
+    """Plot success against the iteration budget, and a level line for the default with default settings."""
+    b = pair.rows
+    plot = success_plot(
+        "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad", "targets"
+    )
+    problems = pair.given["problem"].unique()
+    add_success(plot, b, run, b.rows.filter(pl.col("problem").is_in(problems.implode())), pair.labels)
+    legend = tuple(run.key(label, marked=label not in b.whole) for label in pair.labels)
+    return Board(
+        "default-board", (plot,), (), legend,
+        f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
+        + (f" {pair.whole} has no budget: its level line is its success rate with default settings." if pair.whole else ""),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- success against the budget
+
+
+def budget_axis() -> Json:
+    """Return the axis of the iteration budget."""
+    return axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
+
+
+def success_plot(id: str, title: str, what: str) -> Plot:
+    """Return an empty plot of success against the iteration budget."""
+    return Plot(id, title, {"xaxis": budget_axis(), "yaxis": axis(f"{what} solved [%]", range=[-2, 102])})
+
+
+def add_success(
+    plot: Plot, b: BudgetRows, run: Run, rows: pl.DataFrame, labels: Sequence[str],
+    level: float = SUCCESS_LEVELS[-1], when: Json | None = None,
+) -> None:  # fmt: skip
+    """Draw the success of some methods against the budget, with intervals; a level line where a method has no budget."""
+    budgets = b.block.budgets
+    for label in labels:
+        part, whole = rows.filter(pl.col("method") == label), label in b.whole
+        if part.is_empty():
+            continue
+        rates = [success(part.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
+        rates *= 2 if whole else 1
+        words = "default settings" if whole else "budget %{x}"
+        trace = line(
+            x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
+            mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
+            line={"color": run.colour(label), "width": 2, "dash": run.dash(label)},
+            error_y={
+                "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
+                "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
+            },
+            hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}",
+        )  # fmt: skip
+        plot.add(trace, when)
