@@ -1,4 +1,4 @@
-"""How many files and functions of the project run in one `optik plan line`: what a reader of that command has to open.
+"""How many files and functions of the project run in a command: what a reader of that command has to open.
 
 Kernels are excluded, and what runs while modules are imported. The baseline is the commit of `equal_results`, run here too.
 """
@@ -14,20 +14,25 @@ from pathlib import Path
 from tests.figures.equal_results import baseline_folder
 from tests.figures.figure import ROOT, Row, Value, main
 
-COMMAND = ("plan", "line", "--robot", "paper6r", "--start-deg", "20,-35,40,25,50,-30", "--move", "-0.12,0,0.2")
+COMMANDS = (
+    (0.6, ("plan", "line", "--robot", "paper6r", "--start-deg", "20,-35,40,25,50,-30", "--move", "-0.12,0,0.2")),
+    (0.5, ("bench", "run", "ik-speed-quick", "--out", "{out}")),
+)
+"""Share of the files of before that is asked, and a command; every call has an output folder of its own."""
 WORKER = """
-import gc, json, sys
+import gc, json, sys, tempfile
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
 root = Path(sys.argv[1])
 from benchmarks.cli.app import app
-sys.argv = ["optik", *sys.argv[2:]]
+words = sys.argv[2:]
 seen = set()
 def note(frame, event, _):
     code = frame.f_code
     if event == "call" and code.co_filename.startswith(f"{root}/") and code.co_name != "<module>":
         seen.add(code)
 def run():
+    sys.argv = ["optik", *(word.replace("{out}", tempfile.mkdtemp()) for word in words)]
     try:
         app()
     except SystemExit:
@@ -42,26 +47,37 @@ print("\\n" + json.dumps([len({code.co_filename for code in seen}), len(seen)]))
 """
 
 
-def count(root: Path) -> list[int]:
+def count(root: Path, command: tuple[str, ...]) -> list[int]:
     """Files and functions that run in the version in a folder."""
     env = os.environ | {"PYTHONPATH": str(root)}
-    command = [sys.executable, "-c", WORKER, str(root), *COMMAND]
-    done = subprocess.run(command, env=env, cwd=root, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", WORKER, str(root), *command],
+        env=env,
+        cwd=root,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     found: list[int] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
 def measure(case: int) -> Row:
     """Counts of both versions."""
-    return {"before": count(baseline_folder()), "now": count(ROOT)}
+    command = COMMANDS[case][1]
+    return {"before": count(baseline_folder(), command), "now": count(ROOT, command)}
 
 
 def judge(rows: list[Row]) -> list[Value]:
     """The figures."""
-    (files, functions), (now, called) = rows[0]["before"], rows[0]["now"]
-    words = f"{now} of {files} files ({100 * now / files:.0f} %), {called} of {functions} functions"
-    return [Value("files that run in `optik plan line`", "≤ 60 % of before", words, now <= 0.6 * files)]
+    found = []
+    for (share, command), row in zip(COMMANDS, rows, strict=True):
+        (files, functions), (now, called) = row["before"], row["now"]
+        words = f"{now} of {files} files ({100 * now / files:.0f} %), {called} of {functions} functions"
+        name = f"files that run in `optik {' '.join(command[:2])}`"
+        found.append(Value(name, f"≤ {100 * share:.0f} % of before", words, now <= share * files))
+    return found
 
 
 if __name__ == "__main__":
-    main("reader_path", measure, 1, judge)
+    main("reader_path", measure, len(COMMANDS), judge)
