@@ -16,7 +16,7 @@ demo: $(VENV)/.core
 
 test: $(VENV)/.dev
 	$(BIN)/optik kernels --compile
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --durations=40
 
 soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m soak -n auto
@@ -29,7 +29,7 @@ newest: $(VENV)/.dev
 	for extra in tests closed-form ros figures distributed shapes sim view ros2 peers; do \
 	  .venv-newest/bin/python -m pip install --quiet --only-binary=:all: -e ".[$$extra]" || echo "skipped: pip cannot install $$extra for $(NEWEST)"; \
 	done
-	.venv-newest/bin/python -m pytest -n auto --dist loadfile
+	.venv-newest/bin/python -m pytest -n auto --dist loadfile --durations=40
 
 # Changes one point of the code at a time: some test must notice. Goes on where it was stopped; results in .mutants.jsonl.
 mutants: $(VENV)/.dev
