@@ -170,6 +170,10 @@ def test_it_plays_to_the_end_and_again_from_the_start(opened: Browser) -> None:
     opened.until("optikView.shown.playing && optikView.shown.time < 0.5 * optikView.end")
     press(opened, " ", text=" ")
     assert not opened.run("optikView.shown.playing")
+    opened.run("document.getElementById('reset').focus(); optikView.camera.azimuth = 9")
+    press(opened, " ", text=" ")
+    assert not opened.run("optikView.shown.playing")
+    assert opened.run("optikView.camera.azimuth") != 9
     opened.run("document.getElementById('speed').value = '1'")
 
 

@@ -194,7 +194,12 @@ class Run:
     @property
     def now(self) -> float:
         """Time since the start of the motion, or since its goal was sent while the start is unknown [s]."""
-        return time.monotonic() - (self.sent if self.begun is None else self.begun)
+        return time.monotonic() - self._start
+
+    @property
+    def _start(self) -> float:
+        """Start of the motion on this machine's clock [s]; while it is unknown, the time at which its goal was sent."""
+        return self.sent if self.begun is None else self.begun
 
     @property
     def _stopping(self) -> bool:
@@ -228,7 +233,7 @@ class Run:
             self._fail(FaultKind.ENCODER, *self.drive.explain_unknown(q, age), names[lost[0]])
             self._stop()
             return
-        t = at - (self.begun or self.sent)
+        t = at - self._start
         moved = self._encoders.update(q, self.motion(min(max(t, 0.0), self.motion.end)), at)
         frozen = np.flatnonzero((moved > self.drive.start_tolerance) & (self._encoders.seconds(at) > age))
         if frozen.size:
@@ -245,7 +250,7 @@ class Run:
         if min(order) < 0:
             return
         q, dq = feedback.positions[order], np.nan_to_num(feedback.velocities[order])
-        t = find_instant(self.motion, q, dq, heard - (self.sent if self.begun is None else self.begun))
+        t = find_instant(self.motion, q, dq, heard - self._start)
         speed = float(np.abs(dq).max())
         if t is None or t <= 0.0 or t >= self.motion.end or speed < 0.5 * self._fastest:
             return  # near rest a small difference in position is a long time
@@ -412,7 +417,7 @@ class Run:
         rows = []
         for stamp, at, q, dq in self.samples:
             by_robot = stamp and self.stamp is not None
-            t = (stamp - self.stamp) / NANOSECONDS if by_robot and self.stamp else at - (self.begun or self.sent)
+            t = (stamp - self.stamp) / NANOSECONDS if by_robot and self.stamp else at - self._start
             rows.append((t, q, dq))
         rows = [row for i, row in enumerate(rows) if row[0] > 0.0 and (i == 0 or row[0] > rows[i - 1][0])]
         first = (0.0, self.samples[0][2] if self.samples else self.drive.measure(), np.zeros(self.drive.robot.n))

@@ -121,7 +121,7 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
   keys.addEventListener("keydown", event => {
     const { target, key } = event, arrow = arrows[key];
     if (event.ctrlKey || event.altKey || event.metaKey || target.matches("select, summary, input[type=checkbox]")) return;
-    if (target === $("play") && key === " ") return; // the button plays by itself
+    if (key === " " && target.matches("button")) return; // the button acts by itself
     if (arrow && target === canvas) { turn(12 * arrow[0], 12 * arrow[1]); ask(); }
     else if (arrow && arrow[0]) { play(false); seek(shown.time + arrow[0] * (event.shiftKey ? 0.1 : 0.01)); }
     else if (actions[key]) actions[key]();
