@@ -14,8 +14,7 @@ from polars.testing import assert_frame_equal
 
 from benchmarks.blocks._seeds import trial_seed
 from benchmarks.blocks.base import Entry, load_kind
-from benchmarks.blocks.ik.answers.measures import distribution, solved_by_all, summary
-from benchmarks.blocks.ik.answers.run import AnswersWork, parts, solve
+from benchmarks.blocks.ik.answers import AnswersWork, distribution, parts, solve, solved_by_all, summary
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report

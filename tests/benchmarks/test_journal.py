@@ -15,8 +15,8 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.ik.calls.callers import Caller
-from benchmarks.blocks.ik.calls.run import Rounds, timed_part
+from benchmarks.blocks.ik.callers import Caller
+from benchmarks.blocks.ik.rounds import Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report

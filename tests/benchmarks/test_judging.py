@@ -14,8 +14,8 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.calls.judgement import JUDGED_AT, judged, solved_at
-from benchmarks.blocks.ik.calls.rows import CallRows
+from benchmarks.blocks.ik.calls import CallRows
+from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Table, load_report

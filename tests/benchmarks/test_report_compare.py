@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.blocks.base import Compared, load_kind
-from benchmarks.blocks.ik.answers.measures import compared_answers
+from benchmarks.blocks.ik.answers import compared_answers
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.compare import Difference, _difference, compare_runs

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._problems import check_set
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.calls.run import read_rows
+from benchmarks.blocks.ik.calls import read_rows
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.ik.accuracy import choose

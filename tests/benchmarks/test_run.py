@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.blocks.ik.budgets.run import at_budgets
+from benchmarks.blocks.ik.budgets import at_budgets
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from benchmarks.run import run_suite

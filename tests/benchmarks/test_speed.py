@@ -17,12 +17,11 @@ import optik
 from benchmarks.blocks._contest import read_facts, timed
 from benchmarks.blocks._fresh import ProcessFailed, fresh
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.batch.measures import judge as judge_batch
-from benchmarks.blocks.ik.calls.callers import Caller
-from benchmarks.blocks.ik.calls.judgement import judged, wrapped
-from benchmarks.blocks.ik.calls.measures import MEASURES, judge, median_ratio, shared
-from benchmarks.blocks.ik.calls.run import facts_file, read_rows, timed_part
-from benchmarks.blocks.ik.first_use import run as first_use_module
+from benchmarks.blocks.ik import first_use
+from benchmarks.blocks.ik.callers import Caller
+from benchmarks.blocks.ik.calls import MEASURES, facts_file, judge, median_ratio, read_rows
+from benchmarks.blocks.ik.judgement import judged, shared, wrapped
+from benchmarks.blocks.ik.rounds import timed_part
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._urdf import roll_pitch_yaw, urdf
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
@@ -298,12 +297,17 @@ def test_a_batch_is_judged_at_its_largest_number_of_threads() -> None:
             "extra_memory_mb": [900.0, 1.0, 5.0, 3.0],
         }
     )  # fmt: skip
-    assert judge_batch(table, Target(measure="success", at_least=0.0))[0] == 98.0
-    assert judge_batch(table, Target(measure="million_per_second", at_least=0.0))[0] == pytest.approx(49e-6)
-    assert judge_batch(table, Target(measure="extra_memory_mb", at_least=0.0))[0] == 5.0
+    assert load_kind("batch").judge(table, Target(measure="success", at_least=0.0))[0] == 98.0
+    assert load_kind("batch").judge(table, Target(measure="million_per_second", at_least=0.0))[0] == pytest.approx(
+        49e-6
+    )
+    assert load_kind("batch").judge(table, Target(measure="extra_memory_mb", at_least=0.0))[0] == 5.0
     silent = table.with_columns(extra_memory_mb=pl.lit(None))
-    assert judge_batch(silent, Target(measure="extra_memory_mb", at_least=0.0))[1] == "not reported by this system"
-    assert judge_batch(None, Target(measure="success", at_least=0.0))[1] == "it was not run"
+    assert (
+        load_kind("batch").judge(silent, Target(measure="extra_memory_mb", at_least=0.0))[1]
+        == "not reported by this system"
+    )
+    assert load_kind("batch").judge(None, Target(measure="success", at_least=0.0))[1] == "it was not run"
 
 
 # ---------------------------------------------------------------- peers
@@ -381,7 +385,7 @@ def test_first_use_compiles_once_and_then_starts_from_that(tmp_path: Path, monke
         caches.append(environment["NUMBA_CACHE_DIR"])
         return [0.1 * len(caches), 10.0 / len(caches)]
 
-    monkeypatch.setattr(first_use_module, "fresh", process)
+    monkeypatch.setattr(first_use, "fresh", process)
     task = suite_of("x", {"first_use": {"robot": "paper6r", "solver": "dls", "repeats": 2}}).of("first_use")[0]
     folder, kind = RunFolder(tmp_path), load_kind("first_use")
     kind.run(task, 0, folder, lambda what: None)

@@ -12,7 +12,8 @@ import polars as pl
 import pytest
 from scipy.stats import binomtest
 
-from benchmarks.blocks.ik.budgets.measures import MEASURES, paired, succeeded, success
+from benchmarks.blocks.ik.budgets import MEASURES, succeeded, success
+from benchmarks.blocks.ik.judgement import shared
 from benchmarks.statistics import (
     binned,
     holm,
@@ -204,7 +205,7 @@ def test_success_needs_both_errors_and_the_limits() -> None:
 
 def test_pairs_are_the_problems_that_every_method_was_run_on() -> None:
     rows = pl.DataFrame({"problem": [0, 1, 2, 1, 2, 3, 1, 3], "method": [*"aaa", *"bbb", *"cc"]})
-    assert sorted(set(paired(rows)["problem"])) == [1]
+    assert sorted(set(shared(rows)["problem"])) == [1]
 
 
 def test_metrics_of_no_rows_are_undefined() -> None:

@@ -18,8 +18,8 @@ from benchmarks.blocks.cell.facts import EXECUTION_TYPES
 from benchmarks.blocks.cell.iso import ISO_TYPES
 from benchmarks.blocks.cell.spots import SPOT_TYPES
 from benchmarks.blocks.cell.timelaws import LAW_TYPES
-from benchmarks.blocks.ik.answers.run import ANSWER_TYPES
-from benchmarks.blocks.ik.batch.process import measure
+from benchmarks.blocks.ik.answers import ANSWER_TYPES
+from benchmarks.blocks.ik.batch import measure
 from benchmarks.blocks.timing.clearance.run import ROW_TYPES
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain

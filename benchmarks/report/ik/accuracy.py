@@ -7,8 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks.ik.budgets.measures import success
-from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.blocks.ik.budgets import BudgetRows, success
 from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades

@@ -8,7 +8,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.ik.answers.measures import TOLERANCE_LABELS, solved_by_all
+from benchmarks.blocks.ik.answers import solved_by_all
+from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner
 from benchmarks.report.board import Board, Control, Key, Plot
@@ -21,7 +22,10 @@ from optik.registry import short_name
 ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
     Column("count", "problems", show="count"),
-    *(Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share") for name in TOLERANCE_LABELS),
+    *(
+        Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share")
+        for name in map(level_name, JUDGED_AT)
+    ),
     Column("position median", "median position error", "mm", "less"),
     Column("position p99", "p99 position error", "mm", "less"),
     Column("rotation median", "median rotation error", "rad", "less"),
@@ -56,7 +60,7 @@ def _tables(run: Run) -> list[Table]:
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
     """Return the values of one method."""
-    rates = {f"at {name}": percentage(row[f"at {name}"], row["count"]) for name in TOLERANCE_LABELS}
+    rates = {at: percentage(row[at], row["count"]) for at in (f"at {level_name(level)}" for level in JUDGED_AT)}
     millimetres = {f"position {name}": 1e3 * row[f"position {name}"] for name in ("median", "p99")}
     solved_a_second = row["at 1e-6"] / max(row["seconds"], 1e-9)
     return row | rates | millimetres | {"label": row["method"], "rate": solved_a_second}

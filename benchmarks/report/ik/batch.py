@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.ik.batch.measures import extra_memory, solved_rate
+from benchmarks.blocks.ik.batch import extra_memory, solved_rate
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run

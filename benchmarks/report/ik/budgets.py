@@ -7,8 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks.ik.budgets.measures import MEASURES, SUCCESS_LEVELS, level_words, succeeded, success
-from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.blocks.ik.budgets import MEASURES, SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner

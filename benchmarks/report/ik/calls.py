@@ -10,10 +10,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import version_words
-from benchmarks.blocks.ik.calls.judgement import JUDGED_AT, level_name, solved_at
-from benchmarks.blocks.ik.calls.measures import SHIFT_US, ratio_where_solved, shared
-from benchmarks.blocks.ik.calls.rounds import REMEMBERS_FROM
-from benchmarks.blocks.ik.calls.rows import CallRows
+from benchmarks.blocks.ik.calls import REMEMBERS_FROM, SHIFT_US, CallRows, ratio_where_solved
+from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
 from benchmarks.records import slug
 from benchmarks.report.base import Cell, Column, KindReport, Section, Table, Winner
 from benchmarks.report.ik.calls_plots import against_singularity, errors, profiles, success_in_time

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.ik.calls.measures import shared
-from benchmarks.blocks.ik.calls.rows import CallRows
+from benchmarks.blocks.ik.calls import CallRows
+from benchmarks.blocks.ik.judgement import shared
 from benchmarks.report.board import Board, Control, Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
 from benchmarks.report.run import Run

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.ik.budgets.measures import SUCCESS_LEVELS, level_words, succeeded, success
-from benchmarks.blocks.ik.budgets.rows import BudgetRows
-from benchmarks.blocks.ik.calls.measures import shared
+from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.base import Column, Table
 from benchmarks.report.board import Board, Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
@@ -43,7 +42,7 @@ DEFAULT_COLUMNS = (
 def comparisons(run: Run) -> list[BudgetRows]:
     """Return the blocks that compare methods; all blocks where each varies the options of one method."""
     blocks: list[BudgetRows] = run.of("budgets")
-    return [b for b in blocks if not b.sweep] or blocks
+    return [b for b in blocks if not b.block.is_sweep] or blocks
 
 
 @dataclass(frozen=True)

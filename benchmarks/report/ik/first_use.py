@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blocks.ik.first_use.measures import MEASURES
+from benchmarks.blocks.ik.first_use import MEASURES
 from benchmarks.report.base import Cell, Column, KindReport, Section, Table
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.ik.budgets.measures import SUCCESS_LEVELS, succeeded
-from benchmarks.blocks.ik.budgets.rows import BudgetRows
+from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, INK_COLOUR, axis, heatmap, iterations, lean, line

@@ -8,9 +8,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.statistics import percentage
 from optik.arm.robot import Robot
 from optik.ik import Tolerance
-from optik.types import Array
+from optik.types import Array, Flags
 
 JUDGED_AT = (1e-3, 1e-6, 1e-9)
 """Tolerances [m and rad] at which answers are judged: coarse, that of a solved problem, and near what a double can do.
@@ -21,13 +22,40 @@ orders below the finest of them.
 
 
 def level_name(tolerance: float) -> str:
-    """A tolerance in words."""
+    """Return a tolerance as keys and names of measures have it: 1e-6."""
     return f"{tolerance:.0e}".replace("e-0", "e-")
 
 
+def level_words(tolerance: float) -> str:
+    """Return a tolerance as reports write it: 1e−6."""
+    return level_name(tolerance).replace("-", "−")
+
+
 def solved_at(tolerance: float) -> pl.Expr:
-    """Whether the answer of a row meets its target within a tolerance, with every joint inside its limits."""
-    return pl.col("inside") & (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
+    """Say whether the answer of a row meets its target within a tolerance, with every joint inside its limits."""
+    return pl.col("inside") & within(tolerance)
+
+
+def within(tolerance: float) -> pl.Expr:
+    """Say whether BOTH errors of a row are within a tolerance."""
+    return (pl.col("position_error") <= tolerance) & (pl.col("rotation_error") <= tolerance)
+
+
+def rate(rows: pl.DataFrame, condition: pl.Expr) -> tuple[float, float, float]:
+    """Return the percentage of the rows that meet a condition, with its Wilson 95 % interval."""
+    return percentage(int(rows.select(condition.sum()).item()) if len(rows) else 0, len(rows))
+
+
+def shared(rows: pl.DataFrame, labels: tuple[str, ...] | None = None) -> pl.DataFrame:
+    """Return the rows of some methods, or of all, on the problems that all of them were given."""
+    chosen = rows if labels is None else rows.filter(pl.col("method").is_in(labels))
+    return chosen.filter(pl.col("method").n_unique().over("problem") == chosen["method"].n_unique())
+
+
+def judge_configurations(robot: Robot, targets: Array, q: Array) -> tuple[Flags, Array, Array]:
+    """Return which configurations are inside the limits, and their position and rotation errors [m, rad]."""
+    e = robot.pose_errors(q, targets) if len(q) else np.empty((0, 6))
+    return robot.limits.contains(q), np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
 
 
 def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -> pl.DataFrame:
@@ -42,9 +70,7 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
     q, owner = q[keep], owner[keep]
     if wraps:
         q = wrapped(robot, q)
-    e = robot.pose_errors(q, targets[owner]) if len(q) else np.empty((0, 6))
-    position, rotation = np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
-    inside = robot.limits.contains(q)
+    inside, position, rotation = judge_configurations(robot, targets[owner], q)
     tolerance = Tolerance()
     size = np.maximum(position / tolerance.position, rotation / tolerance.rotation)
     order = np.lexsort((size, ~inside, owner))

@@ -9,8 +9,7 @@ from typing import Any
 
 from benchmarks.blocks._contest import facts_on
 from benchmarks.blocks._seeds import reseed
-from benchmarks.blocks.base import Entry
-from benchmarks.blocks.ik.calls.settings import CallBlock
+from benchmarks.blocks.base import Block, Entry
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik._worker import WorkerPeer
 from benchmarks.peers.ik.base import Absent, Answer, build_peer, version_of
@@ -24,63 +23,36 @@ from optik.types import Array
 
 @dataclass(frozen=True)
 class Caller:
-    """One of our methods or a peer, built and ready to be called.
-
-    Attributes
-    ----------
-    label : str
-        What reports call it.
-    call : callable
-        The timed part: (target, q0), or (target) where it takes no initial guess.
-    takes_start : bool
-        Which of the two.
-    answers : callable
-        From what a call returned to configurations (k, n) [rad, m].
-    counts : callable
-        From what a call returned to iterations and restarts, None where it does not say.
-    wraps : bool
-        Whether full turns may be added to bring an answer inside the limits.
-    most : int or None
-        How many problems it is given.
-    about : dict
-        Facts for the report.
-    claims : callable
-        From what a call returned to whether the method says that it succeeded, None where it does not say.
-    many : callable or None
-        Calls for a list of arguments that are timed elsewhere: in a worker process.
-    reseed : callable or None
-        Sets the random numbers of one trial: (seed of the suite, number of the problem, trial). None for a method that draws
-        none, since setting them costs it its caches.
-    ended : str
-        How it ended the process in this block; such a method is not called again. Empty where it did not.
-    """
+    """One of our methods or a peer, built and ready to be called."""
 
     label: str
-    call: Callable[..., Any]
+    call: Callable[..., Any]  # the timed part: (target, q0), or (target) where it takes no initial guess
     takes_start: bool
-    answers: Callable[[Any], Array]
-    counts: Callable[[Any], tuple[int | None, int | None]]
-    wraps: bool
-    most: int | None
-    about: dict[str, Any] = field(default_factory=dict)
-    claims: Callable[[Any], bool | None] = lambda raw: None
-    many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = None
+    answers: Callable[[Any], Array]  # from what a call returned to configurations (k, n) [rad, m]
+    counts: Callable[[Any], tuple[int | None, int | None]]  # to iterations and restarts, None where it does not say
+    wraps: bool  # whether full turns may be added to bring an answer inside the limits
+    most: int | None  # how many problems it is given
+    about: dict[str, Any] = field(default_factory=dict)  # facts for the report
+    claims: Callable[[Any], bool | None] = lambda raw: (
+        None
+    )  # whether it says that it succeeded, None where it does not say
+    many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = None  # calls that are timed in a worker process
+    # sets the random numbers of one trial: (seed of the suite, number of the problem, trial); None for a method that draws
+    # none, since setting them costs it its caches
     reseed: Callable[[int, int, int], None] | None = None
-    ended: str = ""
+    ended: str = ""  # how it ended the process in this block; such a method is not called again
 
 
-def callers_of(
-    block: CallBlock, robot: Robot, journal: Journal = UNKEPT
-) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
-    """Build every method and peer."""
+def callers_of(block: Block, robot: Robot, journal: Journal = UNKEPT) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
+    """Build every method and peer of a block; return those that are ready, and facts on the others."""
     ready: list[Caller] = []
     absent: dict[str, dict[str, Any]] = {}
-    for entry, build in [*((e, _ours) for e in block.methods), *((e, _peer) for e in block.peers)]:
+    for entry in block.entries:
         if entry.label in journal.crashed:
             ready.append(_crashed(entry, journal.crashed[entry.label]))
             continue
         with journal.at_work(entry.label):
-            built = build(entry, robot)
+            built = (_peer if entry.role == "peer" else _ours)(entry, robot)
         if isinstance(built, Caller):
             ready.append(built)
         else:
@@ -89,7 +61,7 @@ def callers_of(
 
 
 def _crashed(entry: Entry, why: str) -> Caller:
-    """A method that has ended the process: it is not even built again, since it may have been that."""
+    """Return a method that has ended the process: it is not even built again, since it may have been that."""
 
     def never(*given: Any) -> Any:
         raise AssertionError(f"{entry.label} is not called again")
@@ -109,7 +81,7 @@ def build_ours(entry: Entry, robot: Robot) -> IKSolver | Absent:
 
 
 def _ours(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """A method of ours; facts on it where it is not run."""
+    """Return a method of ours; facts on it where it is not run."""
     begin = time.perf_counter()
     built = build_ours(entry, robot)
     about = facts_on(entry, build_seconds=time.perf_counter() - begin, clocked="time_limit" in entry.options)
@@ -123,7 +95,7 @@ def _ours(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
 
 
 def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """A peer; facts on it where it is not run."""
+    """Return a peer; facts on it where it is not run."""
     budget = entry.options.get("iterations")
     begin = time.perf_counter()
     peer = build_peer(entry.name, robot, iterations=budget)
@@ -140,13 +112,10 @@ def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
     def counts(raw: Any) -> tuple[int | None, int | None]:
         return peer.iterations(raw), None
 
-    about |= {"build_seconds": seconds}
-    many = peer.many if isinstance(peer, WorkerPeer) else None
-
     def again(seed: int, problem: int, trial: int) -> None:
         reseed(peer, seed, problem, entry.label, trial)
 
     return Caller(
-        entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about, peer.claims, many,
-        again if kind.random else None,
+        entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about | {"build_seconds": seconds},
+        peer.claims, peer.many if isinstance(peer, WorkerPeer) else None, again if kind.random else None,
     )  # fmt: skip

@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
+import numpy as np
 import polars as pl
 
+from benchmarks.blocks._fresh import fresh
 from benchmarks.blocks.base import Block, Compared, Kind, Tell
-from benchmarks.blocks.ik.first_use.measures import MEASURES, median
-from benchmarks.blocks.ik.first_use.run import FILE, run_first_use
 from benchmarks.records import RunFolder
 from benchmarks.settings import Count, RobotName, SolverName, key
 from benchmarks.targets import Measure, Target
 from optik.registry import short_name
+
+FIRST_USE_FILE = "speed/first-use.json"
+"""Seconds of every process by measure."""
+
+FIRST_USE_CODE = """
+import json, sys, time
+begin = time.perf_counter()
+import optik
+imported = time.perf_counter()
+robot = optik.load(sys.argv[1])
+q = 0.75 * robot.limits.lower.clip(-3) + 0.25 * robot.limits.upper.clip(max=3)
+result = optik.solve_ik(robot, robot.fk(q), robot.limits.clip(q + 0.1), solver=sys.argv[2])
+solved = time.perf_counter()
+print(json.dumps([imported - begin, solved - imported]))
+"""
+"""What a fresh process runs: it prints the seconds of importing and of the first solve."""
+
+
+def _median(rows: pl.DataFrame) -> float:
+    """Return the median over processes."""
+    return float(np.median(rows["seconds"].to_numpy())) if len(rows) else float("nan")
+
+
+MEASURES = (
+    Measure("import_s", "s", _median, "import optik"),
+    Measure("first_solve_s", "s", _median, "first solve after import, cached code"),
+    Measure("compile_s", "s", _median, "first solve after import, with compilation"),
+)
+"""What a target of first use may ask for: medians over fresh processes."""
 
 
 class FirstUse(Block):
@@ -52,12 +82,22 @@ class _FirstUse(Kind):
         return rows.with_columns(label="measure", problem=pl.lit("a process"))
 
     def run(self, block: FirstUse, seed: int, folder: RunFolder, tell: Tell) -> None:
-        if not folder.has(FILE):
-            tell("first use")
-            run_first_use(block.robot, block.solver, block.repeats, folder)
+        """Time fresh processes: one with an empty cache, then some that find what it compiled."""
+        if folder.has(FIRST_USE_FILE):
+            return
+        tell("first use")
+        command = ["-c", FIRST_USE_CODE, block.robot, block.solver]
+        with TemporaryDirectory() as cache:
+            compiling, *warm = (fresh(command, "first use", NUMBA_CACHE_DIR=cache) for _ in range(1 + block.repeats))
+        seconds = {
+            "compile_s": [compiling[1]],
+            "import_s": [imported for imported, _ in warm],
+            "first_solve_s": [solved for _, solved in warm],
+        }
+        folder.write_json(FIRST_USE_FILE, seconds)
 
     def rows(self, folder: RunFolder, block: FirstUse) -> pl.DataFrame | None:
-        seconds: dict[str, list[float]] | None = folder.read_json(FILE)
+        seconds: dict[str, list[float]] | None = folder.read_json(FIRST_USE_FILE)
         if seconds is None:
             return None
         flat = [(measure, value) for measure, values in seconds.items() for value in values]
@@ -67,7 +107,7 @@ class _FirstUse(Kind):
         own = None if rows is None else rows.filter(pl.col("measure") == target.measure)
         if own is None or own.is_empty():
             return float("nan"), "it was not run"
-        return median(own), f"{len(own)} process{'es' if len(own) != 1 else ''}"
+        return _median(own), f"{len(own)} process{'es' if len(own) != 1 else ''}"
 
 
 METHOD = _FirstUse

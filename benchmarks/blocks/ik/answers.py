@@ -1,0 +1,341 @@
+"""Recorded answers: any number of IK problems by batch methods, drawn part by part, every answer judged and kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import polars as pl
+from pydantic import model_validator
+
+from benchmarks.blocks._entries import Method
+from benchmarks.blocks._problems import ProblemBlock, about_file, check_same
+from benchmarks.blocks._seeds import reseed, trial_seed
+from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part
+from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at
+from benchmarks.problems.base import SETS, ProblemSet
+from benchmarks.records import RunFolder, slug
+from benchmarks.settings import Count, Entries, key
+from benchmarks.statistics import percentage
+from benchmarks.targets import Measure, Target
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.ik import IKBatch, IKSolver, IKStatus, make_solver
+from optik.registry import build_method, own_names
+from optik.types import Array, Flags
+
+DRAWN_AT_ONCE = 1000
+"""Problems that are drawn together, with a seed of their own: any part of a block can be drawn without the rest."""
+
+ANSWERS_PART = 50_000
+"""Default number of problems in one part: a second of work, and a megabyte of rows."""
+
+QUANTILES = {"median": 0.5, "p95": 0.95, "p99": 0.99}
+"""Quantiles of the errors."""
+
+BINS_A_DECADE = 10
+"""Steps of the distribution of the errors: as fine as a curve of a few hundred pixels shows."""
+
+EXACT = 1e-16
+"""Errors [m] below this stand in the first step of their distribution: rounding, and exact zeros."""
+
+STATUSES = pl.Enum([*map(str, IKStatus), "crashed"])
+"""How an answer came about: the statuses of our methods, and ``crashed`` where a process died or raised an error."""
+
+ANSWER_TYPES: Mapping[str, Any] = {
+    "inside": pl.Boolean, "position_error": pl.Float32, "rotation_error": pl.Float32, "iterations": pl.UInt32,
+    "restarts": pl.UInt16, "status": STATUSES, "distance": pl.Float32, "seconds": pl.Float32,
+}  # fmt: skip
+"""Columns of the rows: errors [m, rad] by our forward kinematics, distance of start and target [m], time a problem [s]."""
+
+# ---------------------------------------------------------------- measures, on one row a method
+
+
+def _success(tolerance: float) -> Measure:
+    def compute(row: pl.DataFrame) -> tuple[float, float, float]:
+        return percentage(int(row[f"at {level_name(tolerance)}"].sum()), int(row["count"].sum()))
+
+    parts = ("share", "low", "high")
+    return Measure(f"success at {level_words(tolerance)}", "%", compute, parts=parts, show="share")
+
+
+def _quantiles(kind: str, scale: float) -> Callable[[pl.DataFrame], tuple[float, ...]]:
+    return lambda row: tuple(scale * float(row[f"{kind} {name}"][0]) for name in QUANTILES)
+
+
+MEASURES = (
+    *map(_success, JUDGED_AT),
+    Measure("position error", "mm", _quantiles("position", 1e3), parts=tuple(QUANTILES)),
+    Measure("rotation error", "rad", _quantiles("rotation", 1.0), parts=tuple(QUANTILES)),
+    Measure("mean iterations", "", lambda row: row["iterations"][0]),
+    Measure(
+        "solved_per_second", "1/s", lambda row: row["at 1e-6"][0] / max(row["seconds"][0], 1e-9), "solved per second and core"
+    ),
+    Measure("crashed", "", lambda row: row["crashed"][0], show="count"),
+)  # fmt: skip
+"""What a target of recorded answers may ask for."""
+
+
+def summary(rows: pl.LazyFrame) -> pl.DataFrame:
+    """Return counts, quantiles and sums of each method; the rows of the answers are never all in memory."""
+    columns = [
+        pl.len().alias("count"),
+        pl.col("solved").sum().alias("claimed"),
+        (pl.col("status") == "crashed").sum().alias("crashed"),
+        *(solved_at(tolerance).sum().alias(f"at {level_name(tolerance)}") for tolerance in JUDGED_AT),
+        *(
+            pl.col(f"{kind}_error").quantile(level, interpolation="linear").alias(f"{kind} {name}")
+            for kind in ("position", "rotation")
+            for name, level in QUANTILES.items()
+        ),
+        pl.col("iterations").cast(pl.Float64).mean(),
+        pl.col("restarts").cast(pl.Float64).mean(),
+        pl.col("seconds").cast(pl.Float64).sum(),
+    ]
+    found = rows.group_by("method").agg(*columns).sort("method").collect(engine="streaming")
+    return found.with_columns(pl.col("method").cast(pl.String))
+
+
+def distribution(rows: pl.LazyFrame) -> pl.DataFrame:
+    """Return how many answers of each method have a position error in each step of a logarithmic scale."""
+    usable = rows.filter(pl.col("inside") & pl.col("position_error").is_finite())
+    step = (pl.col("position_error").clip(lower_bound=EXACT).log10() * BINS_A_DECADE).ceil().cast(pl.Int32)
+    found = usable.group_by("method", step=step).agg(pl.len().alias("count")).sort("method", "step")
+    upper = pl.lit(10.0).pow(pl.col("step") / BINS_A_DECADE)
+    return found.collect(engine="streaming").select(pl.col("method").cast(pl.String), upper.alias("upper"), "count")
+
+
+def compared_answers(rows: pl.LazyFrame, part: int) -> pl.DataFrame:
+    """Return the answers as two runs are compared on them."""
+    number, label = pl.col("problem").cast(pl.Int64), pl.col("method").cast(pl.String).alias("label")
+    each = rows.select(label, number, good=solved_at(1e-6), seconds=pl.lit(None, dtype=pl.Float64))
+    times = rows.group_by(label, problem=-1 - number // part).agg(seconds=pl.col("seconds").cast(pl.Float64).mean())
+    times = times.select("label", "problem", good=pl.lit(None, dtype=pl.Boolean), seconds="seconds")
+    return pl.concat([each, times]).collect(engine="streaming")
+
+
+def solved_by_all(rows: pl.LazyFrame, labels: Sequence[str]) -> dict[str, Flags]:
+    """Return which problems each method solved within 1e-6, of those that all of them were given."""
+    found = {}
+    for label in labels:
+        own = rows.filter(pl.col("method") == label).select("problem", good=solved_at(1e-6)).collect(engine="streaming")
+        number = own["problem"].to_numpy()
+        found[label] = np.full(int(number.max(initial=0)) + 1, -1, dtype=np.int8)  # -1: not given, or not run yet
+        found[label][number] = own["good"].to_numpy()
+    count = min(map(len, found.values()))
+    given = np.logical_and.reduce([x[:count] >= 0 for x in found.values()])
+    return {label: x[:count][given] == 1 for label, x in found.items()}
+
+
+# ---------------------------------------------------------------- work
+
+
+class AnswersBlock(ProblemBlock):
+    """One problem set on one robot, solved by some methods in batches, every answer recorded."""
+
+    noun = "answers"
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+
+    count: Count = key("Number of problems, up to many millions.")
+    part: Count = key("Number of problems in one part of the work.", ANSWERS_PART)
+    methods: Annotated[tuple[Entry, ...], Entries(Method)] = key("IK methods, which solve in batches.")
+
+    @model_validator(mode="after")
+    def _counts_once(self) -> AnswersBlock:
+        if "count" in self.options:
+            raise InvalidInput("options", "count", "the key `count` of the block in its place")
+        return self
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The methods."""
+        return self.methods
+
+
+@dataclass(frozen=True)
+class AnswersWork:
+    """One part: some problems of a block by one method, named by their numbers; a worker draws them."""
+
+    robot: str
+    set: str
+    options: dict[str, Any]
+    seed: int
+    method: Entry
+    labels: tuple[str, ...]
+    first: int
+    count: int
+
+    def halves(self) -> tuple[AnswersWork, ...]:
+        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        half = self.count // 2
+        return () if half == 0 else (
+            replace(self, count=half), replace(self, first=self.first + half, count=self.count - half)
+        )  # fmt: skip
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        none = {"iterations": 0, "restarts": 0, "seconds": 0.0, "inside": False, "status": "crashed"}
+        far = {"position_error": float("inf"), "rotation_error": float("inf"), "distance": float("nan")}
+        return self.rows({name: [value] * self.count for name, value in (none | far).items()})
+
+    def rows(self, columns: Mapping[str, Any]) -> pl.DataFrame:
+        """Rows of this part, in types that take little room."""
+        numbers = pl.Series("problem", range(self.first, self.first + self.count), dtype=pl.UInt32)
+        given = pl.DataFrame({"problem": numbers} | {name: columns[name] for name in ANSWER_TYPES})
+        return given.with_columns(pl.col(name).cast(kind) for name, kind in ANSWER_TYPES.items()).with_columns(
+            method=pl.lit(self.method.label, dtype=pl.Enum(self.labels)), solved=pl.col("status") == "solved"
+        )
+
+    def draw(self, robot: Robot) -> tuple[Array, Array]:
+        """Draw targets and starts."""
+        last = self.first + self.count
+        draws = range(self.first // DRAWN_AT_ONCE, (last - 1) // DRAWN_AT_ONCE + 1)
+        drawn = [_draw(robot, self.set, self.options, self.seed, number) for number in draws]
+        here = slice(self.first - draws[0] * DRAWN_AT_ONCE, last - draws[0] * DRAWN_AT_ONCE)
+        targets, starts = ([getattr(one, name) for one in drawn] for name in ("targets", "starts"))
+        return np.ascontiguousarray(np.concatenate(targets)[here]), np.ascontiguousarray(np.concatenate(starts)[here])
+
+
+def _draw(robot: Robot, name: str, options: dict[str, Any], seed: int, number: int) -> ProblemSet:
+    """Draw the problems of one number."""
+    own = trial_seed(seed, number, "problems")
+    drawn: ProblemSet = build_method(SETS, name, "problem set", robot, own, **options, count=DRAWN_AT_ONCE)
+    return drawn
+
+
+def parts(block: AnswersBlock, seed: int, top: str) -> Iterable[Part]:
+    """Divide the work."""
+    for index, method in enumerate(block.methods):
+        most = min(block.count, method.most or block.count)
+        for part, first in enumerate(range(0, most, block.part)):
+            count = min(block.part, most - first)
+            work = AnswersWork(block.robot, block.set, block.options, seed, method, block.labels, first, count)
+            file = f"{top}/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:06d}.parquet"
+            yield Part(file, method.label, work)
+
+
+_warmed: set[tuple[str, ...]] = set()
+"""Methods that this process has called: their first call compiles, and is not timed."""
+
+
+def solve(work: AnswersWork) -> pl.DataFrame:
+    """Draw, solve and judge the problems of one part."""
+    robot, method = load(work.robot), work.method
+    targets, starts = work.draw(robot)
+    solver = make_solver(robot, method.name, **method.options)
+    called = (work.robot, method.name, str(method.options))
+    if called not in _warmed:
+        solver.solve_batch(targets[:1], starts[:1], threads=1)
+        _warmed.add(called)
+    begin = time.perf_counter()
+    if method.name in own_names("optik.ik"):
+        batch = solver.solve_batch(targets, starts, threads=1)
+    else:
+        batch = _solve_one_by_one(solver, work, targets, starts)
+    seconds = time.perf_counter() - begin
+    inside, position, rotation = judge_configurations(robot, targets, batch.q)
+    return work.rows(
+        {
+            "inside": inside,
+            "position_error": position,
+            "rotation_error": rotation,
+            "iterations": batch.iterations,
+            "restarts": batch.restarts,
+            "status": np.asarray(STATUSES.categories.to_numpy())[batch.status],
+            "distance": np.linalg.norm(robot.fk(starts)[:, :3, 3] - targets[:, :3, 3], axis=1),
+            "seconds": np.full(work.count, seconds / work.count),
+        }
+    )
+
+
+def _solve_one_by_one(solver: IKSolver, work: AnswersWork, targets: Array, starts: Array) -> IKBatch:
+    """Solve by a method from outside, which may use random numbers: each problem gets its own."""
+    batch = IKBatch.empty(len(targets), solver.robot.n)
+    for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
+        reseed(solver, work.seed, work.first + i, work.method.label)
+        result = solver.solve(target, start)
+        batch.q[i], batch.status[i] = result.q, list(IKStatus).index(result.status)
+        batch.iterations[i], batch.restarts[i] = result.iterations, result.restarts
+    return batch
+
+
+# ---------------------------------------------------------------- the kind
+
+
+class _Answers(Kind):
+    """Blocks of recorded answers: ``[[answers]]`` of a suite. Their `rows` are sums over the answers, a row a method."""
+
+    name = "answers"
+    title = "Recorded answers"
+    block = AnswersBlock
+    measures = MEASURES
+    order = 15
+    alone = False
+    compared = (
+        Compared("solved within 1e-6", "%", "more", "good"),
+        Compared("time of a problem, part by part", "µs", "less", "seconds", 1e6),
+    )
+
+    @property
+    def folder(self) -> str:
+        """Its folder in a run."""
+        return "answers"
+
+    def prepare(self, block: AnswersBlock, seed: int) -> tuple[int, str]:
+        robot = load(block.robot)
+        for method in block.methods:
+            make_solver(robot, method.name, **method.options)
+        drawn = _draw(robot, block.set, block.options, seed, 0)
+        if len(drawn) != DRAWN_AT_ONCE:
+            expected = f"a set of which {DRAWN_AT_ONCE} problems can be drawn at a time"
+            raise InvalidInput(f"answers {block.id!r}: set", f"{block.set}, which gave {len(drawn)}", expected)
+        return seed, drawn.sha256
+
+    def parts(self, block: AnswersBlock, prepared: tuple[int, str], folder: RunFolder) -> Iterable[Part]:
+        """Record the hash of the first problems, or check that of a continued run, and divide the work.
+
+        The workers draw all others when they solve them, each thousand from a seed of its own.
+        """
+        seed, sha256 = prepared
+        before = folder.read_json(about_file(block))
+        check_same(block, None if before is None else str(before.get("sha256")), sha256)
+        if before is None:
+            about = {"sha256": sha256, "problems": block.count, "sha256_of": f"the first {DRAWN_AT_ONCE:,}"}
+            folder.write_json(about_file(block), about)
+        return parts(block, seed, self.folder)
+
+    def solve(self, work: AnswersWork) -> pl.DataFrame:
+        return solve(work)
+
+    def rows(self, folder: RunFolder, block: AnswersBlock) -> pl.DataFrame | None:
+        answers = self._answers(folder, block)
+        return None if answers is None else summary(answers)
+
+    def rows_to_compare(self, folder: RunFolder, block: AnswersBlock) -> pl.DataFrame | None:
+        """Every answer, and the time of every part."""
+        answers = self._answers(folder, block)
+        return None if answers is None else compared_answers(answers, block.part)
+
+    def read(self, folder: RunFolder, block: AnswersBlock) -> BlockRows | None:
+        answers = self._answers(folder, block)
+        if answers is None:
+            return None
+        return BlockRows(block, summary(answers), folder, {"distribution": distribution(answers), "answers": answers})
+
+    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+        value, note = super().judge(rows, target)
+        if rows is None:
+            return value, note
+        return value, f"{rows.filter(pl.col('method') == target.method)['count'].sum():,} answers"
+
+    def _answers(self, folder: RunFolder, block: AnswersBlock) -> pl.LazyFrame | None:
+        """All answers of a block, to be read piece by piece."""
+        names = folder.part_names(self.folder, block.id)
+        return folder.scan(names) if names else None
+
+
+METHOD = _Answers

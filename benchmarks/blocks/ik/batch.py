@@ -1,0 +1,189 @@
+"""Batches: many IK problems in one call, timed in a fresh process, where its memory can be told from all other.
+
+``python -m benchmarks.blocks.ik.batch SETTINGS`` is that process: it prints its rows as JSON.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks._fresh import fresh
+from benchmarks.blocks._problems import ProblemBlock, check_set
+from benchmarks.blocks.base import Compared, Kind, Tell
+from benchmarks.blocks.ik.judgement import judge_configurations
+from benchmarks.problems.base import SETS
+from benchmarks.records import slug
+from benchmarks.settings import LISTED, Count, Options, SolverName, key
+from benchmarks.targets import Measure, Target, measure_named
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.ik import make_solver
+from optik.registry import build_method
+from optik.types import Array
+
+FIRST_PROBLEMS = 256
+"""Problems solved before the first timed batch: the call compiles, and threads start."""
+
+JUDGED_AT_ONCE = 50_000
+"""Answers that are judged at a time, so that judging needs little memory."""
+
+# ---------------------------------------------------------------- measures
+
+
+def solved_rate(rows: pl.DataFrame) -> float:
+    """Return the problems solved a second [million], the median of the repeats."""
+    return 1e-6 * float(np.median(rows["solved"].to_numpy() / rows["seconds"].to_numpy()))
+
+
+def extra_memory(rows: pl.DataFrame) -> float:
+    """Return the memory beyond inputs and outputs [MB], the largest of the repeats."""
+    extra = rows["extra_memory_mb"].cast(pl.Float64).drop_nulls().to_numpy()
+    return float(extra.max()) if len(extra) else float("nan")
+
+
+MEASURES = (
+    Measure(
+        "success", "%", lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min(), "solved",
+        show="exact",
+    ),
+    Measure("million_per_second", "million", solved_rate, "solved per second"),
+    Measure("extra_memory_mb", "MB", extra_memory, "memory beyond inputs and outputs"),
+)  # fmt: skip
+"""What a target of a batch may ask for: on the rows of its largest number of threads."""
+
+# ---------------------------------------------------------------- the fresh process
+
+
+def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Time every batch, and what memory it takes beyond its inputs and outputs."""
+    robot = load(settings["robot"])
+    problems = build_method(SETS, settings["set"], "problem set", robot, settings["seed"], **settings["options"])
+    targets, starts = np.ascontiguousarray(problems.targets), np.ascontiguousarray(problems.starts)
+    sha256 = problems.sha256
+    del problems
+    solver = make_solver(robot, settings["solver"], **settings["solver_options"])
+    rows = []
+    for threads in settings["threads"]:
+        solver.solve_batch(targets[:FIRST_PROBLEMS], starts[:FIRST_PROBLEMS], threads=threads)
+        for repeat in range(settings["repeats"]):
+            before = reset_peak()
+            begin = time.perf_counter()
+            answer = solver.solve_batch(targets, starts, threads=threads)
+            seconds = time.perf_counter() - begin
+            peak = memory("VmHWM")
+            size = sum(part.nbytes for part in answer if isinstance(part, np.ndarray))
+            rows.append(
+                {
+                    "threads": threads,
+                    "repeat": repeat,
+                    "count": len(targets),
+                    "seconds": seconds,
+                    "solved": _count_solved(robot, targets, answer.q),
+                    "claimed": int(np.asarray(answer.solved).sum()),
+                    "iterations": float(np.mean(answer.iterations)),
+                    "extra_memory_mb": None if before is None or peak is None else peak - before - size / 1e6,
+                    "problems_sha256": sha256,
+                }
+            )
+            del answer
+    return rows
+
+
+def _count_solved(robot: Robot, targets: Array, q: Array) -> int:
+    """Count the answers that meet their targets inside the limits, by our own forward kinematics."""
+    count = 0
+    for first in range(0, len(q), JUDGED_AT_ONCE):
+        here = slice(first, first + JUDGED_AT_ONCE)
+        inside, position, rotation = judge_configurations(robot, targets[here], q[here])
+        count += int((inside & (position <= 1e-6) & (rotation <= 1e-6)).sum())
+    return count
+
+
+def reset_peak() -> float | None:
+    """Return free memory to the system and reset its peak; the memory now in use [MB], None where it is not known."""
+    gc.collect()
+    try:
+        # glibc keeps freed memory: arrays that are put there would seem to cost nothing
+        ctypes.CDLL(None).malloc_trim(0)
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except (OSError, AttributeError):
+        return None
+    return memory("VmRSS")
+
+
+def memory(field: str) -> float | None:
+    """Return a figure of this process in ``/proc/self/status`` [MB]."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    found = [line for line in lines if line.startswith(f"{field}:")]
+    return float(found[0].split()[1]) * 1.024e-3 if found else None
+
+
+# ---------------------------------------------------------------- the kind
+
+
+class BatchBlock(ProblemBlock):
+    """One problem set on one robot, solved as one batch with some numbers of threads."""
+
+    noun = "batch"
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+
+    solver: SolverName = key("The IK method.")
+    solver_options: Options = key("Options of the method.", {})
+    threads: Annotated[tuple[Count, ...], LISTED] = key("Numbers of threads, one after another.", (1,))
+    repeats: Count = key("Timed repeats of each.", 3)
+
+
+class _Batch(Kind):
+    """Batches: ``[[batch]]`` of a suite."""
+
+    name = "batch"
+    title = "Batches"
+    block = BatchBlock
+    measures = MEASURES
+    order = 30
+    compared = (Compared("time of a batch", "s", "less", "seconds"),)
+
+    def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Repeats by number of threads."""
+        return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
+
+    def prepare(self, block: BatchBlock, seed: int) -> None:
+        check_set(block)
+        make_solver(load(block.robot), block.solver, **block.solver_options)
+
+    def file(self, block: BatchBlock, ending: str = "parquet") -> str:
+        return f"speed/{slug(block.id)}.batch.{ending}"
+
+    def measure(self, block: BatchBlock, seed: int, tell: Tell) -> pl.DataFrame:
+        tell(f"{block.id}: in a process of its own")
+        keys = ("robot", "set", "options", "solver", "solver_options", "threads", "repeats")
+        settings = {name: getattr(block, name) for name in keys} | {"seed": seed}
+        return pl.DataFrame(fresh(["-m", __name__, json.dumps(settings)], f"batch {block.id!r}"))
+
+    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
+        """Value of a target at the largest number of threads: the median of the repeats, of memory the largest."""
+        if rows is None or rows.is_empty():
+            return float("nan"), "it was not run"
+        most = rows.filter(pl.col("threads") == pl.col("threads").max())
+        value = measure_named(MEASURES, target.measure, "measure").values(most)[0]
+        if np.isnan(value):
+            return value, "not reported by this system"
+        return value, f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"
+
+
+METHOD = _Batch
+
+if __name__ == "__main__":
+    print(json.dumps(measure(json.loads(sys.argv[1]))))

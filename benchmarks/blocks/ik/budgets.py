@@ -1,0 +1,345 @@
+"""IK problems at iteration budgets: one attempt of every method from one start, looked at after each budget."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from pydantic import Field
+
+from benchmarks.blocks._entries import BudgetedMethod
+from benchmarks.blocks._problems import ProblemBlock, store_problems
+from benchmarks.blocks._seeds import reseed
+from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part
+from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, shared, within
+from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.records import RunFolder, slug
+from benchmarks.settings import Budgets, Entries, Flag, key, naming
+from benchmarks.statistics import quantiles
+from benchmarks.targets import Measure
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.ik import IKResult, IKStatus, make_solver
+from optik.registry import own_names, short_name
+from optik.types import Array
+
+SUCCESS_LEVELS = JUDGED_AT[:2]
+"""Tolerances [m and rad] at which success is judged: a coarse one, and that of a solved problem."""
+
+PER_RADIAN = float(np.rad2deg(1.0))
+"""Degrees in a radian: rotation errors are shown in degrees."""
+
+BUDGET_PART = 500
+"""Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
+
+CRASHED = "crashed"
+"""Status of a problem in which a method crashed its process, raised an error, or found no end; beside those of `IKStatus`."""
+
+COLUMN_ORDER = (
+    "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
+    "rises", "peak",
+)  # fmt: skip
+"""Columns of the rows, before those that say whose they are."""
+
+RISE = 1e-12
+"""Growth of the error from one iteration to the next [m and rad] that is counted; less is round-off."""
+
+# ---------------------------------------------------------------- measures, on the rows of one method at one budget
+
+
+def succeeded(tolerance: float) -> pl.Expr:
+    """Say whether BOTH errors of a row are within a tolerance, with every joint inside its limits."""
+    return within(tolerance) & ~pl.col("status").is_in(["outside_limits", "rejected"])
+
+
+def success(rows: pl.DataFrame, tolerance: float) -> tuple[float, float, float]:
+    """Return the percentage of successes and its Wilson 95 % interval."""
+    return rate(rows, succeeded(tolerance))
+
+
+def _success_at(tolerance: float) -> Measure:
+    parts = ("share", "low", "high")
+    return Measure(
+        f"success at {level_words(tolerance)}", "%", lambda rows: success(rows, tolerance), parts=parts, show="share"
+    )
+
+
+def _quantiles(column: str, scale: float = 1.0) -> Callable[[pl.DataFrame], tuple[float, ...]]:
+    """Return a measure of the median and the 95th percentile of a column."""
+    return lambda rows: quantiles(scale * rows[column].to_numpy(), (0.5, 0.95))
+
+
+_P95 = ("median", "p95")
+"""Quantiles that a measure shows side by side."""
+
+MEASURES = (
+    *map(_success_at, SUCCESS_LEVELS),
+    Measure("position error", "mm", _quantiles("position_error", 1e3), parts=_P95),
+    Measure("rotation error", "°", _quantiles("rotation_error", PER_RADIAN), parts=_P95),
+    Measure(
+        "iterations, solved", "", lambda rows: _quantiles("iterations")(rows.filter(pl.col("status") == "solved")),
+        parts=_P95, show="count",
+    ),
+)  # fmt: skip
+"""Columns of the tables of methods."""
+
+
+@dataclass(frozen=True)
+class BudgetRows(BlockRows):
+    """A block with iteration budgets, and its rows."""
+
+    @cached_property
+    def methods(self) -> list[str]:
+        """Labels of the methods that have rows, in the suite's order."""
+        return self.rows["method"].unique(maintain_order=True).to_list()
+
+    @cached_property
+    def whole(self) -> list[str]:
+        """Labels of the methods that are called with default settings, without a budget."""
+        found = {m.label for m in self.block.methods if m.whole}
+        return [label for label in self.methods if label in found]
+
+    @cached_property
+    def budgeted(self) -> list[str]:
+        """Labels of the methods that make one attempt, looked at after every budget."""
+        return [label for label in self.methods if label not in self.whole]
+
+    @cached_property
+    def budget(self) -> int:
+        """The largest budget."""
+        return int(self.block.budgets[-1])
+
+    @cached_property
+    def last(self) -> pl.DataFrame:
+        """Rows at the largest budget."""
+        return self.rows.filter(pl.col("budget") == self.budget)
+
+    @cached_property
+    def paired(self) -> pl.DataFrame:
+        """Rows of the problems that every method was run on."""
+        return shared(self.rows)
+
+    @cached_property
+    def known(self) -> pl.DataFrame:
+        """Rows of the problems with a known solution."""
+        return self.rows.filter("known")
+
+    def given(self, labels: Sequence[str]) -> pl.DataFrame:
+        """Rows at the largest budget of some methods, on the problems with a known solution that all of them were given."""
+        return shared(self.last.filter("known"), tuple(labels)).sort("problem")
+
+    def problems(self) -> tuple[int, int]:
+        """How many problems, and how many of them have a known solution."""
+        first = self.rows.unique("problem")
+        return len(first), int(first["known"].sum())
+
+
+# ---------------------------------------------------------------- work
+
+
+def _varies_options(given: dict[str, Any]) -> bool:
+    methods = given["methods"]
+    return len(methods) > 1 and len({method.name for method in methods}) == 1
+
+
+class BudgetBlock(ProblemBlock):
+    """One problem set on one robot, solved by some methods at some iteration budgets, one attempt each.
+
+    A method that is ``whole`` has no budget: it is called once as it comes, with its restarts.
+    """
+
+    budgets: Budgets = key("Iterations at which every run is judged, increasing.", (100,))
+    methods: Annotated[tuple[Entry, ...], Entries(BudgetedMethod)] = key("The IK methods.")
+    sweep: Flag = Field(
+        default_factory=_varies_options,
+        description="Whether it varies options of one method; by default, if all methods are one solver.",
+    )
+
+    @property
+    def is_sweep(self) -> bool:
+        """Whether it varies options of one method."""
+        return self.sweep
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The methods."""
+        return self.methods
+
+
+@dataclass(frozen=True)
+class Work:
+    """One part: some problems of a block by one method; all that a worker needs.
+
+    Targets (k, 4, 4) are poses of the tool [m, 1], starts (k, n) initial guesses [rad, m]. What is random in a method is
+    keyed by the seed, the problem and the method.
+    """
+
+    robot: str
+    method: Entry
+    method_index: int
+    budgets: tuple[int, ...]
+    problems: NDArray[np.int64]
+    targets: Array
+    starts: Array
+    seed: int = 0
+
+    def halves(self) -> tuple[Work, ...]:
+        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        count = len(self.problems)
+        parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(
+            replace(self, problems=self.problems[i], targets=self.targets[i], starts=self.starts[i]) for i in parts
+        )
+
+    @property
+    def looked_at(self) -> tuple[int, ...]:
+        """Budgets that have a row: of a method with default settings only the largest."""
+        return self.budgets[-1:] if self.method.whole else self.budgets
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak")
+        blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
+        pairs = [(int(problem), budget) for problem in self.problems for budget in self.looked_at]
+        return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
+
+    def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows with the columns that say whose they are, in one order of columns."""
+        method = self.method
+        return rows.select(*COLUMN_ORDER).with_columns(
+            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
+        )
+
+
+def _options(method: Entry, budgets: tuple[int, ...]) -> dict[str, Any]:
+    """Return the options of a method: one attempt of as many iterations as the largest budget, or its own."""
+    return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budgets[-1]}
+
+
+def solve_problems(work: Work) -> pl.DataFrame:
+    """Solve the problems of one part: at all budgets, or once by a method with default settings.
+
+    Nothing is timed: times come from blocks of single calls, which have the processor to themselves.
+    """
+    robot, method = load(work.robot), work.method
+    solver = make_solver(robot, method.name, **_options(method, work.budgets))
+    foreign = method.name not in own_names("optik.ik")  # ours use no random numbers
+    rows = []
+    for problem, target, start in zip(work.problems, work.targets, work.starts, strict=True):
+        if foreign:
+            reseed(solver, work.seed, int(problem), method.label)
+        result = solver.solve(target, start, trace=not method.whole)
+        rows.append(_at_end(robot, target, result) if method.whole else at_budgets(result, work.budgets))
+    budgets = work.looked_at
+    columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+    columns["problem"] = np.repeat(work.problems, len(budgets))
+    columns["budget"] = np.tile(np.array(budgets, dtype=np.int64), len(rows))
+    return work.labelled(pl.DataFrame(columns))
+
+
+def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[Any]]:
+    """Return what runs that stop at some budgets have reached, from the trace of a run that is as long as the largest.
+
+    The errors are those of the iterate that each has reached; the status is that of the stopped run. Where the longest
+    run ends outside the limits, its iterates within the coarsest tolerance of the target are outside too, and say so.
+    """
+    assert result.trace is not None
+    trace = result.trace
+    i = np.minimum(budgets, len(trace) - 1)
+    size = np.linalg.norm(trace, axis=1)
+    rises = np.concatenate([[0], np.cumsum(np.diff(size) > RISE)])
+    peak = np.maximum.accumulate(size) / size[0] if size[0] > 0.0 else np.ones(len(size))
+    errors = _errors(trace[i])
+    ended = np.asarray(budgets) >= result.iterations
+    if result.status is IKStatus.OUTSIDE_LIMITS:
+        ended |= np.maximum(errors["position_error"], errors["rotation_error"]) <= max(SUCCESS_LEVELS)
+    return errors | {
+        "iterations": i.astype(np.int64),
+        "status": np.where(ended, str(result.status), str(IKStatus.MAX_ITERATIONS)),
+        "rises": rises[i].astype(np.int64),
+        "peak": peak[i],
+    }
+
+
+def _at_end(robot: Robot, target: Array, result: IKResult) -> dict[str, NDArray[Any]]:
+    """Return what one call of a method with default settings has reached."""
+    return _errors(robot.pose_errors(result.q[None], target[None])) | {
+        "iterations": np.array([result.iterations], dtype=np.int64),
+        "status": np.array([str(result.status)]),
+        "rises": np.zeros(1, dtype=np.int64),
+        "peak": np.array([np.nan]),
+    }
+
+
+def _errors(twists: Array) -> dict[str, NDArray[Any]]:
+    """Return the columns of some error twists (k, 6) in the base frame [m, rad]."""
+    columns = {f"error_{axis}": twists[:, i] for i, axis in enumerate("xyz")}
+    position, rotation = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
+    return columns | {"position_error": position, "rotation_error": rotation}
+
+
+# ---------------------------------------------------------------- the kind
+
+
+class _Budgets(Kind):
+    """Blocks of IK problems at iteration budgets: ``[[blocks]]`` of a suite."""
+
+    name = "budgets"
+    title = "Methods"
+    block = BudgetBlock
+    measures = MEASURES
+    order = 10
+    alone = False
+    on_paper = True
+    compared = (
+        Compared("solved", "%", "more", "solved"),
+        Compared("iterations (both solved)", "", "less", "iterations", only="solved"),
+    )
+
+    @property
+    def parts_folder(self) -> str:
+        """Folder of its parts in a run."""
+        return "ik"
+
+    def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Rows at the largest budget."""
+        last = rows.filter(pl.col("budget") == block.budgets[-1])
+        return last.with_columns(label="method", solved=pl.col("status") == "solved")
+
+    def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
+        """Check the options of every method, and draw the problems."""
+        robot = load(block.robot)
+        for method in block.methods:
+            make_solver(robot, method.name, **_options(method, block.budgets))
+        with naming(f"block {block.id!r}: options"):
+            return (*problem_set(block, seed), seed)
+
+    def parts(self, block: BudgetBlock, prepared: tuple[Robot, ProblemSet, int], folder: RunFolder) -> Iterable[Part]:
+        """Write the problems, and divide the work."""
+        robot, problems, seed = prepared
+        store_problems(folder, block, robot, problems)
+        for index, method in enumerate(block.methods):
+            chosen = problems.chosen(method.most)
+            for part, first in enumerate(range(0, len(chosen), BUDGET_PART)):
+                i = chosen[first : first + BUDGET_PART]
+                work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i], seed)
+                file = f"ik/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:03d}.parquet"
+                yield Part(file, method.label, work)
+
+    def solve(self, work: Work) -> pl.DataFrame:
+        return solve_problems(work)
+
+    def rows(self, folder: RunFolder, block: BudgetBlock) -> pl.DataFrame | None:
+        return folder.rows(block.id)
+
+    def read(self, folder: RunFolder, block: BudgetBlock) -> BlockRows | None:
+        rows = self.rows(folder, block)
+        return None if rows is None else BudgetRows(block, rows, folder, {})
+
+
+METHOD = _Budgets

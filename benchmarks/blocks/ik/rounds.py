@@ -1,0 +1,237 @@
+"""Rounds of single calls: every caller takes all problems in a row, once a round; its answers are read and judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from benchmarks.blocks._contest import timed, turns
+from benchmarks.blocks.ik.callers import Caller
+from benchmarks.blocks.ik.judgement import judged
+from benchmarks.peers.ik.base import Failed
+from benchmarks.problems.base import ProblemSet
+from benchmarks.records import UNKEPT, Journal
+from optik.arm.robot import Robot
+from optik.errors import Unsupported
+from optik.types import Array
+
+FIRST_CALLS = 20
+"""Calls before the first timed one of each method in a part: they compile, and fill caches."""
+
+LONGEST_ERROR = 200
+"""Characters of an exception that a row keeps."""
+
+OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
+"""How a call ended: with a configuration, with none, with an exception, with its process, or it was refused."""
+
+JUDGED = (
+    "solved", "inside", "position_error", "rotation_error", "problem", "outcome", "error", "claimed", "iterations",
+    "restarts",
+)  # fmt: skip
+"""Columns on the answer of a call, beside those on its times."""
+
+
+class Round(NamedTuple):
+    """One caller's k calls of one round: times [ns], what each returned, and whether it changed its arguments.
+
+    The processor time is that of all threads of the process, the mean over the round; of each call in a worker process.
+    """
+
+    ns: NDArray[np.int64]
+    cpu_ns: Array
+    raws: list[Any]
+    changed: NDArray[np.bool_]
+
+    @property
+    def times(self) -> pl.DataFrame:
+        """Times, and which calls changed their arguments."""
+        return pl.DataFrame({"round_ns": self.ns, "round_cpu_ns": self.cpu_ns, "changed": self.changed})
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """Rounds of one part, in the journal of its block, which says whose round it is and keeps what is finished."""
+
+    journal: Journal = UNKEPT
+    part: str = ""
+
+    def done(self, caller: Caller, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
+        """Do a round, unless it is kept."""
+        name = f"{self.part}-{index:02d}-{turn:02d}"
+        rows = self.journal.kept(name)
+        if rows is None:
+            begin = time.perf_counter()
+            with self.journal.at_work(caller.label):
+                rows = work()
+            self.journal.keep(name, rows, time.perf_counter() - begin)
+        return rows
+
+
+# ---------------------------------------------------------------- timing
+
+
+def timed_part(
+    robot: Robot,
+    problems: ProblemSet,
+    here: NDArray[np.int64],
+    callers: list[Caller],
+    rounds: int,
+    *,
+    seed: int = 0,
+    kept: Rounds | None = None,
+) -> pl.DataFrame:
+    """Time some problems: in every round each caller takes all of them, one after another."""
+    kept = kept or Rounds()
+    mine = [np.intersect1d(here, problems.chosen(c.most)) for c in callers]
+    given = [i for i in range(len(callers)) if len(mine[i])]
+    ready = [i for i in given if not callers[i].ended]
+    done: dict[int, list[pl.DataFrame]] = {i: [] for i in ready}
+    for i in ready:
+        with kept.journal.at_work(callers[i].label):
+            one_round(callers[i], problems, mine[i][:FIRST_CALLS], (seed, 0))
+    for turn, i in turns(ready, rounds):
+
+        def work(turn: int = turn, i: int = i) -> pl.DataFrame:
+            found = one_round(callers[i], problems, mine[i], (seed, turn))
+            # of later rounds only the times are kept: what calls returned would fill the memory
+            return _first_round_rows(robot, problems, mine[i], callers[i], found) if turn == 0 else found.times
+
+        done[i].append(kept.done(callers[i], i, turn, work))
+    frames = [
+        (_all_rounds_rows(done[i]) if i in done else _crashed_rows(mine[i], callers[i].ended)).with_columns(
+            method=pl.lit(callers[i].label), method_index=pl.lit(i)
+        )
+        for i in given
+    ]
+    return pl.concat(frames)
+
+
+def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
+    """Call one caller once for each problem, with copies of its own of the target and the initial guess."""
+    arguments = _arguments(caller, problems, mine)
+    if caller.many is not None:
+        answers = caller.many(arguments)
+        ns = np.array([a.ns for a in answers], dtype=np.int64)
+        cpu = np.array([np.nan if a.cpu_ns is None else a.cpu_ns for a in answers], dtype=np.float64)
+        raws = [a.raw for a in answers]
+    else:
+        again, (seed, turn) = caller.reseed, trial
+        before = None if again is None else lambda i: again(seed, int(mine[i]), turn)
+        begin = time.process_time_ns()
+        ns, raws = timed(caller.call, arguments, keep_errors=True, before=before)
+        cpu = np.full(len(mine), (time.process_time_ns() - begin) / max(len(mine), 1))
+        raws = [_failed(raw) if isinstance(raw, Exception) else raw for raw in raws]
+    fresh = _arguments(caller, problems, mine)
+    changed = [
+        any(not np.array_equal(a, b) for a, b in zip(*pair, strict=True)) for pair in zip(arguments, fresh, strict=True)
+    ]
+    return Round(ns, cpu, raws, np.array(changed, dtype=bool))
+
+
+def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> list[tuple[Any, ...]]:
+    if caller.takes_start:
+        return [(problems.targets[i].copy(), problems.starts[i].copy()) for i in mine]
+    return [(problems.targets[i].copy(),) for i in mine]
+
+
+# ---------------------------------------------------------------- what calls returned
+
+
+def _failed(error: Exception) -> Failed:
+    """Return an exception of a call: a refusal where the method says that it does not support the problem."""
+    outcome = "refused" if isinstance(error, Unsupported) else "raised"
+    return Failed(outcome, f"{type(error).__name__}: {error}"[:LONGEST_ERROR])
+
+
+class Reading(NamedTuple):
+    """What one call returned, read by its caller."""
+
+    q: Array
+    outcome: str
+    error: str | None = None
+    claimed: bool | None = None
+    iterations: int | None = None
+    restarts: int | None = None
+    answers_ns: int = 0
+
+
+def _read(caller: Caller, raw: Any, n: int) -> Reading:
+    """Read what one call returned; a caller that cannot read it has raised."""
+    empty = np.empty((0, n))
+    if isinstance(raw, Failed):
+        return Reading(empty, raw.outcome, raw.error)
+    begin = time.perf_counter_ns()
+    try:
+        q = np.asarray(caller.answers(raw), dtype=np.float64)
+        took = time.perf_counter_ns() - begin
+        if q.ndim != 2 or q.shape[1] != n:
+            return Reading(empty, "raised", f"answers of shape {q.shape}, not (k, {n})", answers_ns=took)
+        claimed, counts = caller.claims(raw), caller.counts(raw)
+    except Exception as error:
+        return Reading(empty, "raised", _failed(error).error, answers_ns=time.perf_counter_ns() - begin)
+    outcome = "answered" if np.isfinite(q).all(axis=1).any() else "none"
+    return Reading(q, outcome, None, claimed, *counts, took)
+
+
+READING_TYPES: dict[str, Any] = {
+    "outcome": OUTCOMES, "error": pl.String, "claimed": pl.Boolean, "iterations": pl.Int64, "restarts": pl.Int64,
+    "answers_ns": pl.Int64,
+}  # fmt: skip
+"""Columns of the rows that a caller reads."""
+
+
+def _first_round_rows(
+    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, found: Round
+) -> pl.DataFrame:
+    """Return the first round of one caller: judged answers, and times."""
+    read = [_read(caller, raw, robot.n) for raw in found.raws]
+    judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.wraps)
+    columns = {name: pl.Series([getattr(r, name) for r in read], dtype=kind) for name, kind in READING_TYPES.items()}
+    return judgement.with_columns(problem=pl.Series(mine), **columns, **found.times.to_dict())
+
+
+def _all_rounds_rows(rounds: list[pl.DataFrame]) -> pl.DataFrame:
+    """Return the rows of one caller: judged answers of the first round, times of all."""
+    ns, cpu_ns, changed = (
+        np.stack([one[name].to_numpy() for one in rounds]) for name in ("round_ns", "round_cpu_ns", "changed")
+    )
+    return rounds[0].select(
+        *JUDGED,
+        changed_input=pl.Series(changed.any(axis=0)),
+        ns=pl.Series(np.median(ns, axis=0)),
+        first_ns=pl.Series(ns[0]),
+        least_ns=pl.Series(ns.min(axis=0)),
+        most_ns=pl.Series(ns.max(axis=0)),
+        cpu_ns=pl.Series(np.median(cpu_ns, axis=0)),
+        answers_ns=pl.col("answers_ns"),
+    )
+
+
+def _crashed_rows(mine: NDArray[np.int64], why: str) -> pl.DataFrame:
+    """Return the rows of a caller that has ended the process: it answered nothing, and never returned."""
+    unknown = pl.lit(None, dtype=pl.Int64)
+    return pl.DataFrame({"problem": pl.Series(mine)}).select(
+        solved=pl.lit(False),
+        inside=pl.lit(False),
+        position_error=pl.lit(np.nan),
+        rotation_error=pl.lit(np.nan),
+        problem=pl.col("problem"),
+        outcome=pl.lit("crashed", dtype=OUTCOMES),
+        error=pl.lit(why[:LONGEST_ERROR]),
+        claimed=pl.lit(None, dtype=pl.Boolean),
+        iterations=unknown,
+        restarts=unknown,
+        changed_input=pl.lit(False),
+        ns=pl.lit(np.inf),
+        first_ns=unknown,
+        least_ns=unknown,
+        most_ns=unknown,
+        cpu_ns=pl.lit(np.inf),
+        answers_ns=unknown,
+    )
