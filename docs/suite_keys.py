@@ -12,8 +12,7 @@ from pydantic_core import PydanticUndefined
 from benchmarks.blocks._entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.base import KINDS, load_kind
 from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
-from benchmarks.blocks.timing.laws.sets import LimitSet, LineSet
-from benchmarks.blocks.timing.laws.settings import Example
+from benchmarks.blocks.timing.laws.settings import Example, LimitSet, LineSet
 from benchmarks.settings import Settings
 from benchmarks.targets import Target
 

@@ -12,9 +12,7 @@ from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
 from optik.scene import Scene
 
-SCENES = {
-    file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "clearance" / "scenes").glob("*.toml"))
-}
+SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "scenes").glob("*.toml"))}
 """Files of the scenes that come with the suites, by name."""
 
 

@@ -131,7 +131,7 @@ class NewCommand(RobotCommand):
 
 def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
     """Return the text of a suite."""
-    from benchmarks.blocks.timing.laws.motions import MOTION_KINDS
+    from benchmarks.blocks.timing.laws.settings import MOTION_KINDS
     from optik.registry import own_names
 
     def others(group: str, *taken: str) -> str:

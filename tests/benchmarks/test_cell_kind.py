@@ -14,14 +14,11 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.cell.along import answers_along, plan_through
-from benchmarks.blocks.cell.facts import facts_of
 from benchmarks.blocks.cell.iso import ISO_TYPES, IsoWork
-from benchmarks.blocks.cell.isorows import figures_of
-from benchmarks.blocks.cell.settings import Noise, read_block
-from benchmarks.blocks.cell.spots import SPOT_TYPES, SpotsWork, errors_of
-from benchmarks.blocks.cell.timelaws import LAW_TYPES
-from benchmarks.blocks.cell.trials import plant_of, trial_of
+from benchmarks.blocks.cell.laws import LAW_TYPES
+from benchmarks.blocks.cell.settings import Noise, figures_of, read_block
+from benchmarks.blocks.cell.spots import SPOT_TYPES, SpotsWork, answers_along, errors_of, plan_through
+from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.executed import executed_claims, needed_budgets
 from benchmarks.records import RunFolder

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.blocks.timing.laws.drawn import Motions, motion_hash
-from benchmarks.blocks.timing.laws.lines import LINE_KINDS, LINE_LENGTHS, LINE_TURNS, draw_line
-from benchmarks.blocks.timing.laws.motions import draw_motion
+from benchmarks.blocks.timing.laws import Motions, motion_hash
+from benchmarks.blocks.timing.laws.motions import LINE_LENGTHS, LINE_TURNS, draw_motion
+from benchmarks.blocks.timing.laws.settings import LINE_KINDS
 from benchmarks.records import RunFolder
 from benchmarks.suite import suite_of
 from optik import se3
@@ -24,7 +24,7 @@ from planners.following.follow import follow
 )
 def test_every_line_is_followed_whole_by_another_way_and_is_of_its_kind(robot: str, kind: str) -> None:
     low, high = LINE_KINDS[kind]
-    for line in (draw_line(robot, kind, index, seed=5) for index in range(4)):
+    for line in (draw_motion(robot, kind, index, seed=5) for index in range(4)):
         assert LINE_LENGTHS[0] <= line.path.end <= LINE_LENGTHS[1]
         angle = float(np.linalg.norm(se3.error(line.path.start, line.path.goal)[3:]))
         assert (
@@ -41,22 +41,22 @@ def test_every_line_is_followed_whole_by_another_way_and_is_of_its_kind(robot: s
 
 
 def test_a_line_depends_on_its_seed_robot_kind_and_index_alone() -> None:
-    some = [draw_line("ur5e", "regular", index, seed=2) for index in range(3)]
-    again = draw_line("ur5e", "regular", 2, seed=2)
+    some = [draw_motion("ur5e", "regular", index, seed=2) for index in range(3)]
+    again = draw_motion("ur5e", "regular", 2, seed=2)
     np.testing.assert_array_equal(again.q_start, some[2].q_start)
     np.testing.assert_array_equal(again.path.goal, some[2].path.goal)
     assert (again.index, again.draws) == (2, some[2].draws)
-    others = [*some[:2], draw_line("ur5e", "regular", 2, seed=3), draw_line("ur5e", "near_singular", 2, seed=2)]
+    others = [*some[:2], draw_motion("ur5e", "regular", 2, seed=3), draw_motion("ur5e", "near_singular", 2, seed=2)]
     assert not any(np.array_equal(other.q_start, again.q_start) for other in others)
 
 
 def test_what_cannot_be_drawn_is_said() -> None:
     with pytest.raises(InvalidInput, match="regular, near_singular"):
-        draw_line("ur5e", "singular", 0)
+        draw_motion("ur5e", "singular", 0)
     with pytest.raises(UnknownName, match="ur5e"):
-        draw_line("ur5", "regular", 0)
+        draw_motion("ur5", "regular", 0)
     with pytest.raises(InvalidInput, match="index"):
-        draw_line("ur5e", "regular", -1)
+        draw_motion("ur5e", "regular", -1)
 
 
 def test_motions_are_recorded_by_their_hash_and_a_run_does_not_continue_with_others(tmp_path: Path) -> None:

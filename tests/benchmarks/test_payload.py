@@ -11,12 +11,11 @@ import pytest
 import optik
 from benchmarks.blocks._scenes import SCENES, scene_named
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.timing.clearance.settings import PROOF
-from benchmarks.blocks.timing.laws.measures import judge
+from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.blocks.timing.laws.motions import draw_motion
-from benchmarks.blocks.timing.laws.run import check_laws, line_rows
 from benchmarks.blocks.timing.laws.settings import LawBlock
-from benchmarks.blocks.timing.plans.nearest import nearest_points, placed
+from benchmarks.blocks.timing.laws.timers import line_rows
+from benchmarks.blocks.timing.nearest import nearest_points, placed
 from benchmarks.targets import Target
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
@@ -96,7 +95,7 @@ def test_limits_of_the_robot_itself_are_those_of_its_file() -> None:
 )
 def test_settings_that_cannot_be_meant_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InvalidInput, match=words):
-        check_laws(block_of(peers=None, **changes))
+        load_kind("laws").prepare(block_of(peers=None, **changes), 0)
 
 
 def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
@@ -107,7 +106,9 @@ def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
         }
     )  # fmt: skip
     for measure, value in (("median_ms_ratio", 0.15), ("median_duration_ratio", 1.0), ("worst_duration_ratio", 1.5)):
-        assert judge(rows, Target(measure=measure, method="a", to="b", at_most=1.0))[0] == pytest.approx(value)
+        assert load_kind("laws").judge(rows, Target(measure=measure, method="a", to="b", at_most=1.0))[
+            0
+        ] == pytest.approx(value)
 
 
 # ---------------------------------------------------------------- contact

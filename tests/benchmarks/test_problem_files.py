@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import optik
 from benchmarks.blocks.timing.laws.motions import draw_motion
-from benchmarks.blocks.timing.laws.run import line_rows
+from benchmarks.blocks.timing.laws.timers import line_rows
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite

@@ -14,13 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks.cell.facts import EXECUTION_TYPES
 from benchmarks.blocks.cell.iso import ISO_TYPES
+from benchmarks.blocks.cell.laws import LAW_TYPES
 from benchmarks.blocks.cell.spots import SPOT_TYPES
-from benchmarks.blocks.cell.timelaws import LAW_TYPES
+from benchmarks.blocks.cell.trials import EXECUTION_TYPES
 from benchmarks.blocks.ik.answers import ANSWER_TYPES
 from benchmarks.blocks.ik.batch import measure
-from benchmarks.blocks.timing.clearance.run import ROW_TYPES
+from benchmarks.blocks.timing.clearance import ROW_TYPES
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.runs import warn_of_cluster

@@ -19,12 +19,11 @@ from scipy.optimize import linprog
 
 from benchmarks.blocks._contest import read_facts
 from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.timing.laws import part_files
 from benchmarks.blocks.timing.laws.example import maximum_velocity
-from benchmarks.blocks.timing.laws.facts import SCHEMA, blank
-from benchmarks.blocks.timing.laws.lines import DrawnLine, draw_line
-from benchmarks.blocks.timing.laws.measures import judge
-from benchmarks.blocks.timing.laws.rows import read_rows
-from benchmarks.blocks.timing.laws.run import example_file, facts_file, line_rows, part_files
+from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion
+from benchmarks.blocks.timing.laws.rows import SCHEMA, blank, example_file, facts_file, read_rows
+from benchmarks.blocks.timing.laws.timers import line_rows
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
@@ -121,7 +120,7 @@ def test_an_absent_peer_says_how_to_install_it(quick: RunFolder) -> None:
 
 
 def test_a_row_is_what_the_law_and_a_dense_look_say(quick: RunFolder) -> None:
-    line = draw_line("paper6r", "regular", 2, seed=4)
+    line = draw_motion("paper6r", "regular", 2, seed=4)
     motion = make_law("optimal").run(joints_of(line), LIMITS)
     row = rows_of(quick).filter((pl.col("law") == "optimal") & (pl.col("line") == 2)).row(0, named=True)
     assert row["duration"] == pytest.approx(motion.duration, rel=1e-9)
@@ -150,7 +149,7 @@ def test_limits_that_are_broken_are_named_promised_or_not(quick: RunFolder) -> N
 
 
 def test_the_quintic_breaks_nothing_at_its_least_duration(quick: RunFolder) -> None:
-    line = draw_line("paper6r", "regular", 0, seed=4)
+    line = draw_motion("paper6r", "regular", 0, seed=4)
     row = rows_of(quick).filter((pl.col("law") == "quintic") & (pl.col("line") == 0)).row(0, named=True)
     law = make_law("quintic", duration=row["least_duration"], step=row["least_duration"] / 150)
     proof = certify(line.robot, line.path, law.run(joints_of(line), LIMITS), LIMITS)
@@ -247,16 +246,22 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
         "truth_over_bound": 2.0, "bound_over_truth": 1.0 / 0.99,
     }  # fmt: skip
     for measure, value in wanted.items():
-        assert judge(table, Target(measure=measure, method="a", at_least=0.0))[0] == pytest.approx(value), measure
-    assert judge(table, Target(measure="worst_optimum", method="a", group="regular", at_least=0.0))[0] == pytest.approx(
-        1.5
-    )
-    assert judge(table, Target(measure="worst_ratio", method="a", group="near_singular", at_least=0.0)) == (
+        assert load_kind("laws").judge(table, Target(measure=measure, method="a", at_least=0.0))[0] == pytest.approx(
+            value
+        ), measure
+    assert load_kind("laws").judge(table, Target(measure="worst_optimum", method="a", group="regular", at_least=0.0))[
+        0
+    ] == pytest.approx(1.5)
+    assert load_kind("laws").judge(
+        table, Target(measure="worst_ratio", method="a", group="near_singular", at_least=0.0)
+    ) == (
         1.2,
         "1 motions",
     )
-    assert re.findall(r"\d+", judge(table, Target(measure="worst_ratio", method="a", at_least=0.0))[1]) == ["3", "4"]
-    assert np.isnan(judge(table, Target(measure="worst_ratio", method="b", at_least=0.0))[0])
+    assert re.findall(
+        r"\d+", load_kind("laws").judge(table, Target(measure="worst_ratio", method="a", at_least=0.0))[1]
+    ) == ["3", "4"]
+    assert np.isnan(load_kind("laws").judge(table, Target(measure="worst_ratio", method="b", at_least=0.0))[0])
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
@@ -286,7 +291,7 @@ def test_drake_finds_the_optimum_that_toppra_finds_and_takes_its_own_time() -> N
     assert isinstance(theirs, TimingPeer)
     if isinstance(drake, Absent):
         pytest.skip(drake.why)
-    joints = joints_of(draw_line("paper6r", "near_singular", 1, seed=4))
+    joints = joints_of(draw_motion("paper6r", "near_singular", 1, seed=4))
     begin = time.perf_counter()
     raw = drake.call(joints)
     took = drake.took_ms(raw)
@@ -312,7 +317,9 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
             raise InvalidInput("motion", "none", "one")
 
-    monkeypatch.setattr("benchmarks.blocks.timing.laws.run.build_timing_peer", lambda name, limits: Elsewhere(limits))
+    monkeypatch.setattr(
+        "benchmarks.blocks.timing.laws.timers.build_timing_peer", lambda name, limits: Elsewhere(limits)
+    )
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {
         "laws": [{"law": "quintic"}],
@@ -321,7 +328,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
     }
     for key in ("reference", "targets"):
         settings["timing"][0].pop(key)
-    line = draw_line("paper6r", "regular", 0, seed=4)
+    line = draw_motion("paper6r", "regular", 0, seed=4)
     rows = {row["law"]: row for row in line_rows(suite_of("quick", settings).of("laws")[0], line)}
     assert rows["copp"]["ms_law"] == pytest.approx(1234.0 * joints_of(line).end)
     assert rows["quintic"]["ms_law"] < 100.0
@@ -329,7 +336,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
 
 @pytest.mark.parametrize("name", names(TIMING_PEERS))
 def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: str) -> None:
-    line = draw_line("paper6r", "regular", 1, seed=4)
+    line = draw_motion("paper6r", "regular", 1, seed=4)
     limits = replace(LIMITS, torque=line.robot.limits.torque) if name.endswith("torque") else LIMITS
     peer = build_timing_peer(name, peer_limits(limits, 6))
     if isinstance(peer, Absent):
@@ -383,7 +390,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
 
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.blocks.timing.laws.run.build_timing_peer", lambda *a: Failing({}))
+    monkeypatch.setattr("benchmarks.blocks.timing.laws.timers.build_timing_peer", lambda *a: Failing({}))
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}

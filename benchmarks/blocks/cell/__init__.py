@@ -8,13 +8,13 @@ from typing import Any
 import polars as pl
 
 from benchmarks.blocks.base import Compared, Kind, Part
-from benchmarks.blocks.cell.iso import IsoWork, iso_parts, prepare_iso, solve_iso
-from benchmarks.blocks.cell.measures import ALL_MEASURES
-from benchmarks.blocks.cell.settings import CellBlock, IsoBlock, LawsBlock, SpotsBlock, read_block
-from benchmarks.blocks.cell.spots import SpotsWork, prepare_spots, solve_spots, spots_parts
-from benchmarks.blocks.cell.timelaws import LawsWork, laws_parts, prepare_laws, solve_laws
-from benchmarks.blocks.cell.trials import check_drive, drive_name
+from benchmarks.blocks.cell import iso, laws, spots
+from benchmarks.blocks.cell.settings import ALL_MEASURES, ISO, LAWS, SPOTS, CellBlock, read_block
+from benchmarks.blocks.cell.trials import CellWork, check_drive, drive_name
 from benchmarks.records import RunFolder
+
+EXECUTED = {SPOTS: spots, ISO: iso, LAWS: laws}
+"""Modules by what a block executes: each prepares a block, and divides its work into parts."""
 
 
 class _Cell(Kind):
@@ -49,26 +49,14 @@ class _Cell(Kind):
     def prepare(self, block: CellBlock, seed: int) -> tuple[Any, ...]:
         drive = drive_name(block)
         check_drive(block, drive)
-        if isinstance(block, SpotsBlock):
-            return (*prepare_spots(block, seed), drive, seed)
-        if isinstance(block, IsoBlock):
-            prepare_iso(block)
-        elif isinstance(block, LawsBlock):
-            prepare_laws(block)
-        return drive, seed
+        return EXECUTED[block.what].prepare(block, seed), drive, seed
 
     def parts(self, block: CellBlock, prepared: tuple[Any, ...], folder: RunFolder) -> Iterable[Part]:
-        if isinstance(block, SpotsBlock):
-            return spots_parts(folder, block, prepared, self.folder)
-        if isinstance(block, IsoBlock):
-            return iso_parts(block, prepared, self.folder)
-        assert isinstance(block, LawsBlock)
-        return laws_parts(block, prepared, self.folder)
+        found: Iterable[Part] = EXECUTED[block.what].parts(block, *prepared, folder, self.folder)
+        return found
 
-    def solve(self, work: SpotsWork | IsoWork | LawsWork) -> pl.DataFrame:
-        if isinstance(work, SpotsWork):
-            return solve_spots(work)
-        return solve_iso(work) if isinstance(work, IsoWork) else solve_laws(work)
+    def solve(self, work: CellWork) -> pl.DataFrame:
+        return work.solve()
 
     def rows(self, folder: RunFolder, block: CellBlock) -> pl.DataFrame | None:
         return folder.parts(self.folder, block.id)

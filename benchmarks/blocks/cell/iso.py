@@ -11,17 +11,24 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import Part
-from benchmarks.blocks.cell.facts import EXECUTION_TYPES, facts_of, failure, why_not
-from benchmarks.blocks.cell.isorows import PATH_TEST, POSE_TEST
-from benchmarks.blocks.cell.measures import AXES
-from benchmarks.blocks.cell.settings import NOISELESS, NOISY, IsoBlock
-from benchmarks.blocks.cell.trials import Trial, drive_of, start_configuration, trial_of
-from benchmarks.records import slug
+from benchmarks.blocks.cell.settings import AXES, NOISELESS, NOISY, PATH_TEST, POSE_TEST, IsoBlock
+from benchmarks.blocks.cell.trials import (
+    EXECUTION_TYPES,
+    CellWork,
+    Trial,
+    drive_of,
+    facts_of,
+    failure,
+    line_of,
+    start_of,
+    trial_of,
+    why_not,
+)
+from benchmarks.records import RunFolder, slug
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.iso9283 import Cube, crossings, cube_poses
-from planners.paths.line import Line
+from planners.cell.iso9283 import crossings, cube_poses
 from planners.plan import Plan, plan
 
 CROSSED_PLANES = 41
@@ -39,39 +46,14 @@ ISO_TYPES: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class IsoWork:
-    """One part: one cycle.
+class IsoWork(CellWork):
+    """One cycle, of the test ``pose`` or ``path``, with noise or without."""
 
-    Attributes
-    ----------
-    block : IsoBlock
-        The block.
-    drive : str
-        Name of the drive.
-    seed : int
-        Of the suite.
-    test : {"pose", "path"}
-        What is cycled.
-    cycle : int
-        Number of the cycle.
-    noise : bool
-        Whether anything varies.
-    """
+    types = ISO_TYPES
 
-    block: IsoBlock
-    drive: str
-    seed: int
     test: str
     cycle: int
     noise: bool
-
-    def halves(self) -> tuple[IsoWork, ...]:
-        """Nothing: a cycle is not divided."""
-        return ()
-
-    def crashed(self) -> pl.DataFrame:
-        """The row of a cycle in which the process ended or an error was raised."""
-        return frame([self.row() | failure(self.drive, "crashed", "the process ended, or an error was raised")])
 
     def row(self) -> dict[str, Any]:
         """Columns that say which cycle a row is of; all others are None."""
@@ -80,33 +62,33 @@ class IsoWork:
             "method": label, "noise": self.noise, "test": self.test, "cycle": self.cycle
         }  # fmt: skip
 
+    def lost(self) -> list[dict[str, Any]]:
+        """The row of the cycle."""
+        return [self.row()]
 
-def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a table."""
-    return pl.DataFrame(rows, schema=ISO_TYPES)
+    def solve(self) -> pl.DataFrame:
+        """Execute the cycle."""
+        trial = trial_of(self.block, self.seed, self.cycle, self.test, 0, noise=self.noise)
+        rows = _poses(self, trial) if self.test == POSE_TEST else _path(self, trial)
+        return self.frame([self.row() | row for row in rows])
 
 
-def prepare_iso(block: IsoBlock) -> Cube:
-    """Choose the five poses, and check that the line can be planned."""
-    robot = trial_of(block, 0, 0, POSE_TEST, 0, noise=False).robot
-    q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
+def prepare(block: IsoBlock, seed: int) -> None:
+    """Check the five poses, and that the line can be planned."""
     planned = _line(block)
     if not planned:
         came = f"{list(block.move_m)}: {why_not(planned)}"
         raise InvalidInput(f"cell {block.id!r}: move_m", came, "a line that the arm can follow")
-    return cube_poses(robot, q)
+    cube_poses(*start_of(block))
 
 
 def _line(block: IsoBlock) -> Plan:
-    robot = trial_of(block, 0, 0, PATH_TEST, 0, noise=False).robot
-    q = start_configuration(robot, block.start_deg, f"cell {block.id!r}")
-    start = robot.fk(q)
-    return plan(robot, Line(start, se3.pose(start[:3, :3], start[:3, 3] + block.move_m)), q, timing=block.law)
+    robot, q, path = line_of(block, block.move_m)
+    return plan(robot, path, q, timing=block.law)
 
 
-def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[Part]:
+def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFolder, top: str) -> Iterator[Part]:
     """Divide the work: a cycle a part."""
-    drive, seed = prepared
     for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
         for noise in (True, False):
             for cycle in range(cycles if noise else 1):
@@ -114,16 +96,9 @@ def iso_parts(block: IsoBlock, prepared: tuple[str, int], top: str) -> Iterator[
                 yield Part(file, block.title, IsoWork(block, drive, seed, test, cycle, noise))
 
 
-def solve_iso(work: IsoWork) -> pl.DataFrame:
-    """Execute one cycle."""
-    trial = trial_of(work.block, work.seed, work.cycle, work.test, 0, noise=work.noise)
-    rows = _poses(work, trial) if work.test == POSE_TEST else _path(work, trial)
-    return frame([work.row() | row for row in rows])
-
-
 def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     """Rows of one cycle through the poses; it ends at the first motion that fails."""
-    cube = prepare_iso(work.block)
+    cube = cube_poses(*start_of(work.block))
     rows: list[dict[str, Any]] = []
     drive = drive_of(work.block, work.drive, trial, cube.q[ORDER[0]], noise=work.noise)
     for before, point in pairwise(ORDER):

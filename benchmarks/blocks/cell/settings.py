@@ -1,15 +1,17 @@
-"""Settings of blocks of the executed cell: spots on graph paper, cycles of ISO 9283, and time laws on the plant."""
+"""Settings of blocks of the executed cell, and their measures: spots on graph paper, cycles of ISO 9283, laws on the plant."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks._entries import BudgetedMethod, Law
 from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.base import Block, Entry
-from benchmarks.blocks.cell.measures import MEASURES
 from benchmarks.settings import (
     LISTED,
     Budgets,
@@ -27,10 +29,122 @@ from benchmarks.settings import (
     numbered,
     one_of,
 )
+from benchmarks.statistics import wilson
 from benchmarks.targets import Measure
+from optik import se3
 from optik.errors import InvalidInput
+from optik.types import Array
 from planners.cell.drives._setpoints import PERIOD
-from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES
+from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES, PathFigures, PoseFigures, path_figures, pose_figures
+
+POSE_TEST, PATH_TEST = "pose", "path"
+"""The two tests of the rows."""
+
+
+def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
+    """Figures of one entry: those of each pose, then those of the path."""
+    done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "point")
+    noise = bool(done["noise"].any())
+    found: list[PoseFigures | PathFigures] = []
+    for _, part in done.filter(pl.col("test") == POSE_TEST).group_by("point", maintain_order=True):
+        found.append(pose_figures(_command(part), _reached(part), noise=noise))
+    path = done.filter(pl.col("test") == PATH_TEST)
+    if not path.is_empty():
+        command = path.filter(pl.col("cycle") == path["cycle"][0]).select("x", "y", "z").to_numpy()
+        met = path.select("reached_x", "reached_y", "reached_z").to_numpy().reshape(-1, len(command), 3)
+        found.append(path_figures(command, met, noise=noise))
+    return found
+
+
+def _command(part: pl.DataFrame) -> Array:
+    """The commanded pose of some rows, which is the same for all; its orientation is the frame of their rotations."""
+    T = np.eye(4)
+    T[:3, 3] = part.select("x", "y", "z").row(0)
+    return T
+
+
+def _reached(part: pl.DataFrame) -> Array:
+    """The reached poses, their orientations relative to the commanded one, in the base frame."""
+    poses = np.repeat(np.eye(4)[None], len(part), axis=0)
+    poses[:, :3, 3] = part.select("reached_x", "reached_y", "reached_z").to_numpy()
+    poses[:, :3, :3] = se3.exp_so3(part.select("turn_x", "turn_y", "turn_z").to_numpy())
+    return poses
+
+
+WITHIN_M = 2e-3
+"""Accuracy on each axis that the paper claims [m]."""
+
+AXES = ("x", "y", "z")
+"""Axes of the base frame, as columns of the rows end."""
+
+
+def within(rows: pl.DataFrame) -> pl.Series:
+    """Whether each executed tool is within the paper's accuracy on each axis; a trial without an execution is not."""
+    found = rows.select(ok=pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <= WITHIN_M)["ok"]
+    return found.fill_null(False)
+
+
+def _within(rows: pl.DataFrame) -> tuple[float, float, float]:
+    ok = within(rows)
+    low, high = wilson(int(ok.sum()), len(ok))
+    return 100.0 * float(ok.sum()) / len(ok), 100.0 * low, 100.0 * high
+
+
+def _executed(rows: pl.DataFrame) -> float:
+    return 100.0 * float((rows["status"] == "executed").to_numpy().mean())
+
+
+def _quantile(column: str, share: float, scale: float = 1.0) -> Callable[[pl.DataFrame], float]:
+    def value(rows: pl.DataFrame) -> float:
+        found = rows[column].drop_nulls().to_numpy()
+        return scale * float(np.quantile(found, share)) if len(found) else float("nan")
+
+    return value
+
+
+def _iso(what: type, field: str) -> Callable[[pl.DataFrame], float]:
+    """The largest of one figure of ISO 9283, over the poses or the path; NaN where it is not applicable."""
+
+    def value(rows: pl.DataFrame) -> float:
+        found = [getattr(f, field) for f in figures_of(rows) if isinstance(f, what)]
+        return 1e3 * max(found) if found and None not in found else float("nan")
+
+    return value
+
+
+OF_EXECUTIONS = (
+    Measure("executed", "%", _executed, "executed to the end"),
+    Measure("tracking_mm", "mm", _quantile("tracking_m", 1.0, 1e3), "largest tracking error of the tool"),
+    Measure("tracking_mrad", "mrad", _quantile("tracking_rad", 1.0, 1e3), "largest tracking error of a joint"),
+    Measure("torque_ratio", "", _quantile("torque_ratio", 1.0), "largest torque / certificate's bound", show="exact"),
+    Measure("median_energy_j", "J", _quantile("energy", 0.5), "median energy"),
+    Measure("median_duration_s", "s", _quantile("duration", 0.5), "median duration"),
+)  # fmt: skip
+"""What every executed motion has."""
+
+OF_SPOTS = (
+    Measure("within_2mm", "%", _within, "within 2 mm on each axis", parts=("value", "low", "high"), show="share"),
+    Measure("median_error_mm", "mm", _quantile("position_error", 0.5, 1e3), "median position error"),
+    Measure("p95_error_mm", "mm", _quantile("position_error", 0.95, 1e3), "95th percentile of the position error"),
+    Measure("worst_servo_mm", "mm", _quantile("servo_error", 1.0, 1e3), "largest servo error at the end"),
+    Measure("worst_split_m", "m", _quantile("split_rest", 1.0), "largest |total − sum of its parts|"),
+)
+"""What spots have beside."""
+
+OF_ISO = (
+    Measure("ap_mm", "mm", _iso(PoseFigures, "accuracy"), "AP, largest of the five poses (simulated)"),
+    Measure("rp_mm", "mm", _iso(PoseFigures, "repeatability"), "RP, largest of the five poses (simulated)"),
+    Measure("at_mm", "mm", _iso(PathFigures, "accuracy"), "AT (simulated)"),
+    Measure("rt_mm", "mm", _iso(PathFigures, "repeatability"), "RT (simulated)"),
+)
+"""What cycles of ISO 9283 have beside."""
+
+MEASURES = {"spots": (*OF_SPOTS, *OF_EXECUTIONS), "iso": (*OF_ISO, *OF_EXECUTIONS), "laws": OF_EXECUTIONS}
+"""What a target of a block may ask for, by what the block executes."""
+
+ALL_MEASURES = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
+"""All of them, each once."""
+
 
 SPOTS, ISO, LAWS = "spots", "iso", "laws"
 """What a block executes."""

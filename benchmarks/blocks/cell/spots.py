@@ -12,17 +12,26 @@ from numpy.typing import NDArray
 
 from benchmarks.blocks._problems import store_problems
 from benchmarks.blocks.base import Entry, Part
-from benchmarks.blocks.cell.along import answers_along, plan_through
-from benchmarks.blocks.cell.facts import EXECUTED_TO_END, EXECUTION_TYPES, facts_of, failure, why_not
-from benchmarks.blocks.cell.measures import AXES
-from benchmarks.blocks.cell.settings import SpotsBlock, budget_label
-from benchmarks.blocks.cell.trials import Trial, drive_of, lasers, trial_of
+from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
+from benchmarks.blocks.cell.trials import (
+    EXECUTED_TO_END,
+    EXECUTION_TYPES,
+    CellWork,
+    Trial,
+    drive_of,
+    facts_of,
+    failure,
+    lasers,
+    trial_of,
+    why_not,
+)
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import naming
+from optik import se3
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
-from optik.ik import IKSolver, make_solver
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import IKSolver, Tolerance, make_solver
 from optik.registry import short_name
 from optik.types import Array
 from planners.cell.cell import Cell
@@ -30,9 +39,51 @@ from planners.cell.drives.base import Execution
 from planners.cell.error_split import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
+from planners.fit import fit_to_limits
+from planners.following.follow import PlanFailure
+from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
+from planners.motion import Motion
 from planners.paths.line import Line
-from planners.plan import Plan, make_law, plan
+from planners.plan import Plan, PlanStatus, make_law, plan
+
+POSES = 151
+"""Poses of the line: 3 s at intervals of 0.02 s, as in the paper."""
+WIDE = Tolerance(1.0, 4.0)
+"""Tolerance of the certificate [m, rad]; it is wide, because the remaining error of the iterations is measured here."""
+
+
+def answers_along(line: Line, start: Array, solver: IKSolver) -> Array:
+    """Return the answers (151, n) of a method that is stopped at each pose of the line, each from the answer before."""
+    q = [start]
+    for pose in line.pose(np.linspace(0.0, line.end, POSES)[1:]):
+        q.append(solver.solve(pose, q[-1]).q)
+    return np.array(q)
+
+
+def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> Plan:
+    """Return the motion through the answers q (151, n) at the poses of a line.
+
+    Between the answers the joints follow quintics, with the rates J⁻¹V and zero second derivatives at the answers (eq. 17).
+    The time law finds the speed within the limits of the arm.
+    """
+    s = np.linspace(0.0, line.end, POSES)
+    derivatives = np.zeros((POSES, 3, robot.n))
+    derivatives[:, 0] = (np.linalg.pinv(robot.jacobian(q)) @ line(s, 1)[..., None])[..., 0]
+    e = np.linalg.norm(se3.error(robot.fk(q), line.pose(s)).reshape(POSES, 2, 3), axis=2)
+    joints = JointPath(robot, line, s, q, derivatives, IKRecord(e[:, 0], e[:, 1], np.zeros(POSES, dtype=np.int64), s))
+    limits, timed = MotionLimits.of(robot), make_law(law)
+    try:
+        enforced = timed.list_enforced(limits)
+        trajectory = fit_to_limits(robot, timed.run(joints, limits), limits, enforced, line)
+    except NoSolution as error:
+        failure = PlanFailure.from_error(PlanStatus.TIMING_INFEASIBLE, error)
+        return Plan(robot, line, limits, PlanStatus.TIMING_INFEASIBLE, solver, law, joints, failure, None, None)
+    proof = Motion(robot, line, limits, trajectory, law, enforced, WIDE).certify()
+    why = PlanFailure(PlanStatus.NOT_PROVED, 0.0, None, f"the certificate is not valid: {'; '.join(proof.reasons)}", "")
+    status, found = (PlanStatus.SOLVED, None) if proof.is_valid else (PlanStatus.NOT_PROVED, why)
+    return Plan(robot, line, limits, status, solver, law, joints, found, trajectory, proof)
+
 
 SPOTS_PART = 4
 """Spots in one part of the work: a second or more of executions, so that workers share them evenly."""
@@ -62,17 +113,11 @@ SPOT_TYPES: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
-class SpotsWork:
-    """One part: some spots of a block, shown once each. It is all that a worker needs.
+class SpotsWork(CellWork):
+    """Some spots of a block, shown once each.
 
     Attributes
     ----------
-    block : SpotsBlock
-        The block.
-    drive : str
-        Name of the drive.
-    seed : int
-        Of the suite.
     repeat : int
         Which of several showings.
     problems : (k,) array of int
@@ -93,9 +138,8 @@ class SpotsWork:
         Numbers of the spots whose paths are kept.
     """
 
-    block: SpotsBlock
-    drive: str
-    seed: int
+    types = SPOT_TYPES
+
     repeat: int
     problems: NDArray[np.int64]
     targets: Array
@@ -117,10 +161,15 @@ class SpotsWork:
         lists = ("problems", "targets", "group", "known", "distance", "given")
         return replace(self, **{name: getattr(self, name)[i] for name in lists})
 
-    def crashed(self) -> pl.DataFrame:
-        """Rows of spots at which the process ended or an error was raised."""
-        blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
-        return frame([self.row(*asked) | blank for asked in self.asked()])
+    def lost(self) -> list[dict[str, Any]]:
+        """The row of each trial."""
+        return [self.row(*asked) for asked in self.asked()]
+
+    def solve(self) -> pl.DataFrame:
+        """Execute the trials."""
+        trials = [trial_of(self.block, self.seed, int(problem), "spot", self.repeat) for problem in self.problems]
+        shown = [_Shown(self, i, trial) for i, trial in enumerate(trials)]
+        return self.frame([self.row(i, method, k) | shown[i].executed(method, k) for i, method, k in self.asked()])
 
     def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
         """Which executions it consists of."""
@@ -140,17 +189,12 @@ class SpotsWork:
         }  # fmt: skip
 
 
-def frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    """Rows as a table."""
-    return pl.DataFrame(rows, schema=SPOT_TYPES)
-
-
 def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
     """Budgets of a method: None alone for one that is called as it comes."""
     return (None,) if method.whole else block.budgets
 
 
-def prepare_spots(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
+def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
     """Check the options of every method and of the problem set, and draw the spots."""
     with naming(f"cell {block.id!r}: options"):
         robot, problems = problem_set(block, seed)
@@ -167,9 +211,11 @@ def _options(method: Entry, budget: int | None) -> dict[str, Any]:
     return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budget}
 
 
-def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...], top: str) -> Iterator[Part]:
+def parts(
+    block: SpotsBlock, prepared: tuple[Robot, ProblemSet], drive: str, seed: int, folder: RunFolder, top: str
+) -> Iterator[Part]:
     """Write the problems, and divide the work."""
-    robot, problems, drive, seed = prepared
+    robot, problems = prepared
     store_problems(folder, block, robot, problems)
     chosen = problems.chosen(block.count)
     most = [set(problems.chosen(m.most).tolist()) & set(chosen.tolist()) for m in block.methods]
@@ -186,13 +232,6 @@ def spots_parts(folder: RunFolder, block: SpotsBlock, prepared: tuple[Any, ...],
                 tuple(tuple(p in given for given in most) for p in i.tolist()), pictured,
             )  # fmt: skip
             yield Part(f"{top}/{slug(block.id)}--{repeat:02d}--{part:04d}.parquet", block.title, work)
-
-
-def solve_spots(work: SpotsWork) -> pl.DataFrame:
-    """Execute the trials of one part."""
-    trials = [trial_of(work.block, work.seed, int(problem), "spot", work.repeat) for problem in work.problems]
-    shown = [_Shown(work, i, trial) for i, trial in enumerate(trials)]
-    return frame([work.row(i, method, k) | shown[i].executed(method, k) for i, method, k in work.asked()])
 
 
 class _Shown:

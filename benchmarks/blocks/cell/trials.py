@@ -1,23 +1,124 @@
-"""One trial of the cell: the arm as it is planned for, the arm and the laser unit as they truly are, and a drive."""
+"""One trial of the cell: the arm as planned and as it truly is, the laser unit, a drive, and what an execution did."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from benchmarks.blocks._arms import arm_with
 from benchmarks.blocks._seeds import trial_seed
-from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, Noise
+from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
 from optik import se3
 from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives import Drive, make_drive
+from planners.cell.drives.base import Execution
 from planners.cell.laser import PanTiltLaser
+from planners.paths.line import Line
+from planners.plan import Plan
+
+EXECUTION_TYPES: dict[str, Any] = {
+    "drive": pl.String, "status": pl.String, "reason": pl.String, "duration": pl.Float64, "tracking_m": pl.Float64,
+    "tracking_rad": pl.Float64, "tracking_joint": pl.String, "torque_ratio": pl.Float64, "torque_joint": pl.String,
+    "energy": pl.Float64, "late": pl.Int64,
+}  # fmt: skip
+"""Columns that every execution has."""
+
+EXECUTED_TO_END = "executed"
+"""Status of a motion that was executed to its end; others are those of the plan, the drive or the cell."""
+
+
+def facts_of(execution: Execution) -> dict[str, Any]:
+    """Facts on an execution."""
+    found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
+    if execution.motion is None or len(execution.t) < 2:
+        return found
+    motion, names = execution.motion, execution.robot.joint_names
+    planned = motion(np.minimum(execution.t, motion.end))
+    off = np.abs(execution.q - planned)
+    joint = int(off.max(axis=0).argmax())
+    tools = execution.robot.fk(execution.q)[:, :3, 3] - execution.robot.fk(planned)[:, :3, 3]
+    found |= {
+        "duration": float(execution.plan.trajectory.duration), "tracking_rad": float(off.max()),
+        "tracking_joint": names[joint], "tracking_m": float(np.linalg.norm(tools, axis=1).max()), "late": execution.late,
+    }  # fmt: skip
+    if execution.torque is not None:
+        found["energy"] = float(np.trapezoid(np.maximum(execution.torque * execution.dq, 0.0).sum(axis=1), execution.t))
+        peak, bound = peaks(execution)
+        if bound is not None:
+            worst = int(np.argmax(peak / bound))
+            found |= {"torque_ratio": float(peak[worst] / bound[worst]), "torque_joint": names[worst]}
+    return found
+
+
+def peaks(execution: Execution) -> tuple[Array, Array | None]:
+    """Largest torque of each motor as the plant had it, and the certificate's bound on it."""
+    assert execution.torque is not None
+    bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
+    known = np.isfinite(bound).all() and (bound > 0.0).all()
+    return np.abs(execution.torque).max(axis=0), bound if known else None
+
+
+def why_not(planned: Plan) -> str:
+    """Why a plan has no motion."""
+    return str(planned.status) if planned.failure is None else planned.failure.reason
+
+
+def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
+    """Facts on a motion that was not executed."""
+    return dict.fromkeys(EXECUTION_TYPES) | {"drive": drive, "status": status, "reason": reason}
+
+
+@dataclass(frozen=True)
+class CellWork:
+    """One part of the work of a block; it is all that a worker needs.
+
+    Attributes
+    ----------
+    types : dict
+        Columns of its rows.
+    block : CellBlock
+        The block.
+    drive : str
+        Name of the drive.
+    seed : int
+        Of the suite.
+    """
+
+    types: ClassVar[dict[str, Any]]
+
+    block: Any
+    drive: str
+    seed: int
+
+    def solve(self) -> pl.DataFrame:
+        """Execute it, and return its rows."""
+        raise NotImplementedError
+
+    def lost(self) -> list[dict[str, Any]]:
+        """Columns that say which executions it consists of."""
+        raise NotImplementedError
+
+    def halves(self) -> tuple[CellWork, ...]:
+        """Nothing: it is not divided."""
+        return ()
+
+    def crashed(self) -> pl.DataFrame:
+        """Rows of a part in which the process ended or an error was raised."""
+        blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
+        return self.frame([row | blank for row in self.lost()])
+
+    def frame(self, rows: list[dict[str, Any]]) -> pl.DataFrame:
+        """Rows as a table."""
+        return pl.DataFrame(rows, schema=self.types)
 
 
 class Trial(NamedTuple):
@@ -117,13 +218,19 @@ def _looking(position: Array, at: Array, up: Array) -> Array:
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), position)
 
 
-def start_configuration(robot: Robot, start_deg: tuple[float, ...], where: str) -> Array:
-    """Start of a block in radians and metres."""
-    if len(start_deg) != robot.n:
-        raise InvalidInput(
-            f"{where}: start_deg", f"{len(start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}"
-        )
-    q = np.array(start_deg) / unit_factors(robot)
+def start_of(block: IsoBlock | LawsBlock) -> tuple[Robot, Array]:
+    """The arm of a block, and its start in radians and metres."""
+    robot, where = _arm(block.robot, block.payload), f"cell {block.id!r}: start_deg"
+    if len(block.start_deg) != robot.n:
+        raise InvalidInput(where, f"{len(block.start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}")
+    q = np.array(block.start_deg) / unit_factors(robot)
     if not robot.limits.contains(q):
-        raise InvalidInput(f"{where}: start_deg", list(start_deg), f"a configuration inside the limits of {robot.name}")
-    return q
+        raise InvalidInput(where, list(block.start_deg), f"a configuration inside the limits of {robot.name}")
+    return robot, q
+
+
+def line_of(block: IsoBlock | LawsBlock, move_m: Sequence[float]) -> tuple[Robot, Array, Line]:
+    """The arm of a block, its start, and a line from there at constant orientation."""
+    robot, q = start_of(block)
+    start = robot.fk(q)
+    return robot, q, Line(start, se3.pose(start[:3, :3], start[:3, 3] + move_m))

@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.cell.measures import AXES, WITHIN_M
+from benchmarks.blocks.cell.settings import AXES, WITHIN_M
 from benchmarks.records import slug
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.cell.look import after_control, done, millimetres, settings_of, spots_blocks

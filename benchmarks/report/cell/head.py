@@ -8,10 +8,8 @@ from typing import Any
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.cell.isorows import figures_of
-from benchmarks.blocks.cell.measures import MEASURES
-from benchmarks.blocks.cell.settings import NOISY, IsoBlock, LawsBlock, Noise
-from benchmarks.blocks.cell.timelaws import OWN_TIME
+from benchmarks.blocks.cell.laws import OWN_TIME
+from benchmarks.blocks.cell.settings import MEASURES, NOISY, IsoBlock, LawsBlock, Noise, figures_of
 from benchmarks.experiments.executed import executed_claims
 from benchmarks.report.cell.look import cell_blocks, spots_blocks
 from benchmarks.report.findings import claims_of

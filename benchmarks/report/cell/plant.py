@@ -8,9 +8,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.cell.isorows import POSE_TEST
-from benchmarks.blocks.cell.settings import IsoBlock, LawsBlock
-from benchmarks.blocks.cell.timelaws import OWN_TIME, SAME_TIME
+from benchmarks.blocks.cell.laws import OWN_TIME, SAME_TIME
+from benchmarks.blocks.cell.settings import POSE_TEST, IsoBlock, LawsBlock
 from benchmarks.records import slug
 from benchmarks.report.board import Board, Control, Plot
 from benchmarks.report.cell.head import drives_of, noise_words

@@ -9,10 +9,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.cell.isorows import PATH_TEST, POSE_TEST, figures_of
-from benchmarks.blocks.cell.measures import within
-from benchmarks.blocks.cell.settings import IsoBlock, LawsBlock
-from benchmarks.blocks.cell.timelaws import OWN_TIME, SAME_TIME
+from benchmarks.blocks.cell.laws import OWN_TIME, SAME_TIME
+from benchmarks.blocks.cell.settings import PATH_TEST, POSE_TEST, IsoBlock, LawsBlock, figures_of, within
 from benchmarks.records import slug
 from benchmarks.report.base import Column, Table
 from benchmarks.report.cell.look import cell_blocks, spots_blocks

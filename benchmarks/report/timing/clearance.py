@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.timing.clearance.settings import PROOF
+from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import Column, KindReport, Section, Table
 from benchmarks.report.board import Board, Control, Plot

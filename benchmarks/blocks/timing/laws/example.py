@@ -9,9 +9,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.blocks._torques import torques_at
-from benchmarks.blocks.timing.laws.lines import DrawnLine
-from benchmarks.blocks.timing.laws.sets import told
-from benchmarks.blocks.timing.laws.settings import LawBlock
+from benchmarks.blocks.timing.laws.motions import DrawnLine
+from benchmarks.blocks.timing.laws.settings import LawBlock, told
 from benchmarks.records import Journal, RunFolder
 from optik.arm.robot import Robot
 from optik.ik import make_solver

@@ -1,44 +1,70 @@
-"""Other motions to time than straight lines: arcs, seams and joint moves, drawn, and paths from a user's own file."""
+"""Motions to time: lines, arcs, seams and joint moves, drawn so that the arm can follow them, and paths from a user's file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
 from zlib import crc32
 
 import numpy as np
 
 from benchmarks.blocks._arms import arm_label, arm_with
-from benchmarks.blocks.timing.laws.arms import Stands, stands_of
-from benchmarks.blocks.timing.laws.lines import (
-    LIMIT_MARGIN,
-    LINE_KINDS,
-    MOST_DRAWS,
-    TRACK_STEPS,
-    DrawnLine,
-    draw_line,
-    tracked,
-)
+from benchmarks.blocks.timing.laws.settings import LINE_KINDS, MOTION_KINDS, LimitSet
 from benchmarks.problems._tables import read_poses
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count
+from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.ik import make_solver
 from optik.registry import short_name
-from optik.types import Array
+from optik.types import Array, Flags
 from planners import load_motion
 from planners.following.follow import follow
+from planners.limits import sides
 from planners.paths.arc import Arc
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
+from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 
-if TYPE_CHECKING:
-    from benchmarks.blocks.timing.laws.sets import LimitSet
+STATIC_SHARE = 0.95
+"""Largest share of a torque limit that gravity and Coulomb friction may take at rest: at all of it no motion could start. The
+rest also covers what lies between the steps of a track, and the other configurations that a redundant arm may take."""
+
+Stands = Callable[[Array], Flags]
+"""From configurations (k, n) to whether the motors can hold the arm there."""
+
+
+def stands_of(arm: Robot, limits: Sequence[LimitSet]) -> Stands | None:
+    """Where an arm can stand still: gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit."""
+    bounds = [sides(part.of(arm).bounds(arm.n)["torque"]) for part in limits if part.counts_torque]
+    if not bounds:
+        return None
+    lower = STATIC_SHARE * np.max([bound[0] for bound in bounds], axis=0)
+    upper = STATIC_SHARE * np.min([bound[1] for bound in bounds], axis=0)
+    loads = arm.loads
+
+    def stands(q: Array) -> Flags:
+        states = np.zeros((len(q), 4, arm.n))
+        states[:, 0] = q
+        torque, found = np.empty((len(q), 2, arm.n)), np.ones(len(q), dtype=bool)
+        for load_ in loads:
+            torques_batch(arm.chain, load_.bodies, load_.viscous, states, torque)
+            still, friction = torque[:, 0], load_.coulomb
+            found &= ((still - friction >= lower) & (still + friction <= upper)).all(axis=1)
+        return found
+
+    return stands
+
+
+LINE_LENGTHS = (0.05, 0.4)
+"""Shortest and longest line [m]."""
+
+LINE_TURNS = (0.05, 0.5)
+"""Range of the angle [rad] that the tool turns through on every other line; it keeps its orientation on the others."""
 
 ARC_RADII, ARC_ANGLES = (0.03, 0.15), (0.5, 3.0)
 """Ranges of the radius [m] and of the angle [rad] of an arc."""
@@ -53,11 +79,91 @@ SEAM_TURN = 0.2
 SEAM_BLEND, SEAM_BLEND_ROTATION = 2e-3, 2e-2
 """Largest distance [m] and rotation [rad] between the blended path and a seam's waypoints."""
 
-TRACKED_AT_ONCE = 8
-"""Candidates tracked side by side, as of lines."""
+LIMIT_MARGIN = 0.02
+"""Least distance to the joint limits along the whole line [rad or m], so that no round-off ends a line early."""
 
-MOTION_KINDS = (*LINE_KINDS, "arc", "seam", "joints", "file")
-"""All kinds of motions: straight lines of two kinds, other drawn ones, and those of a file."""
+TRACK_STEPS = 120
+"""Steps of the track; the fastest joint of the hardest line moves about 0.1 rad in one."""
+
+TRACK_TOLERANCE = 1e-9
+"""Error that Newton's method must reach at every step [m and rad]."""
+
+NEWTON_STEPS = 4
+"""Iterations of Newton's method at every step of the track: it starts near, and converges quadratically."""
+
+TRACK_DAMPING = 1e-14
+"""Added to J Jᵀ, so that a singular J raises no error; such a track is dropped by its residual."""
+
+CANDIDATES = 8
+"""Lines tracked side by side."""
+
+MOST_DRAWS = 100_000
+"""Draws after which an arm counts as one that has no such line."""
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """A line and where the arm starts on it.
+
+    Attributes
+    ----------
+    robot : Robot
+        The arm.
+    kind : str
+        ``regular`` or ``near_singular``; other motions as `draw_motion` calls them.
+    index : int
+        Which one of its kind.
+    q_start : (n,) array
+        Configuration at the start, inside the limits [rad, m].
+    path : Path
+        Of a line: straight, turning about a fixed axis or not at all.
+    singular_value : float
+        Smallest singular value of the Jacobian along the track by which the line was chosen.
+    draws : int
+        How many lines were drawn until one could be followed and was of its kind.
+    arm : str
+        What reports call the arm.
+    """
+
+    robot: Robot
+    kind: str
+    index: int
+    q_start: Array
+    path: Path
+    singular_value: float
+    draws: int
+    arm: str
+
+
+def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | None = None) -> Array:
+    """Smallest singular value along tracks of the tool; NaN where a track leaves the limits."""
+    q = q.copy()
+    lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
+    least = robot.singular_values(q)[:, -1]
+    if stands is not None:
+        least[~stands(q)] = np.nan
+    for step in range(1, TRACK_STEPS + 1):
+        alive = np.flatnonzero(least >= low)  # a track below `low` is followed no further, and keeps its value
+        if not alive.size:
+            break
+        moved = _newton(robot, q[alive], poses[alive, step])
+        inside = ((moved >= lower) & (moved <= upper)).all(axis=1)
+        inside &= np.abs(robot.pose_errors(moved, poses[alive, step])).max(axis=1) <= TRACK_TOLERANCE
+        if stands is not None:
+            inside &= stands(moved)
+        q[alive] = np.where(inside[:, None], moved, q[alive])
+        least[alive] = np.where(inside, np.fmin(least[alive], robot.singular_values(q[alive])[:, -1]), np.nan)
+    return least
+
+
+def _newton(robot: Robot, q: Array, poses: Array) -> Array:
+    """Configurations (k, n) at poses (k, 4, 4) near q, each step the least joint motion: Jᵀ (J Jᵀ)⁻¹ e."""
+    for _ in range(NEWTON_STEPS):
+        J = robot.jacobian(q)
+        transposed = J.transpose(0, 2, 1)
+        normal = J @ transposed + TRACK_DAMPING * np.eye(6)
+        q = q + (transposed @ np.linalg.solve(normal, robot.pose_errors(q, poses)[..., None]))[..., 0]
+    return q
 
 
 def draw_motion(
@@ -72,13 +178,13 @@ def draw_motion(
 ) -> DrawnLine:
     """Draw one motion, the same for the same robot, kind, index and seed, or read it from a file.
 
-    Arcs and seams are drawn as lines are (`draw_line`): again until an independent tracker follows the whole path with a
-    margin to the joint limits and a smallest singular value of at least 0.05. Joint moves are straight in joint space between
-    two random configurations. Where torque is limited, all are drawn again until the arm, with its payload, can stand
-    everywhere on the path.
+    Lines, arcs and seams start at a configuration uniform inside the limits, and turn the tool where the index is odd. They
+    are drawn again until the arm can follow the whole path with `LIMIT_MARGIN` to its limits, and the smallest singular value
+    is that of the kind, of arcs and seams at least 0.05. A path counts as followed where Newton's method on the pose converges
+    at many small steps of least joint motion. That needs no planner, so the set stays the same when planners change. Joint
+    moves are straight in joint space between two random configurations. Where torque is limited, all are drawn again until the
+    arm, with its payload, can stand everywhere on the path.
     """
-    if kind in LINE_KINDS:
-        return draw_line(robot, kind, index, seed=seed, payload=payload, limits=limits)
     if kind == "file":
         return motion_in_file(robot, path, payload)
     if kind not in MOTION_KINDS:
@@ -107,15 +213,19 @@ def _joints(
 def _tracked(
     arm: Robot, kind: str, index: int, rng: np.random.Generator, stands: Stands | None
 ) -> tuple[Array, Path, float, int]:
-    """An arc or a seam that an independent tracker follows whole: start, path, smallest singular value, draws."""
-    build = _arc if kind == "arc" else _seam
-    for draws in range(0, MOST_DRAWS, TRACKED_AT_ONCE):
-        starts = arm.limits.sample(rng, TRACKED_AT_ONCE, margin=LIMIT_MARGIN)
-        paths = [build(T, rng, index % 2 == 1) for T in arm.fk(starts)]
-        poses = np.stack([one(np.linspace(0.0, one.end, TRACK_STEPS + 1)) for one in paths])
-        low, _ = LINE_KINDS["regular"]
+    """A path of the tool that an independent tracker follows whole: start, path, smallest singular value, draws."""
+    low, high = LINE_KINDS.get(kind, LINE_KINDS["regular"])
+    turns = index % 2 == 1
+    for draws in range(0, MOST_DRAWS, CANDIDATES):
+        starts = arm.limits.sample(rng, CANDIDATES, margin=LIMIT_MARGIN)
+        at = arm.fk(starts)
+        if kind in LINE_KINDS:
+            paths = _lines(at, rng, turns)
+        else:
+            paths = [_arc(T, rng, turns) if kind == "arc" else _seam(T, rng, turns) for T in at]
+        poses = np.stack([path(np.linspace(0.0, path.end, TRACK_STEPS + 1)) for path in paths])
         singular_values = tracked(arm, starts, poses, low, stands)
-        good = np.flatnonzero(singular_values >= low)
+        good = np.flatnonzero((singular_values >= low) & (singular_values <= high))
         if good.size:
             i = int(good[0])
             return starts[i], paths[i], float(singular_values[i]), draws + i + 1
@@ -126,6 +236,18 @@ def _none(arm: Robot, kind: str) -> InvalidInput:
     """The error for an arm that has no such path."""
     wanted = "an arm that can follow such paths, and a payload that it can hold"
     return InvalidInput("kind", f"{kind} on {arm.name}: no path in {MOST_DRAWS:,} draws", wanted)
+
+
+def _lines(starts: Array, rng: np.random.Generator, turns: bool) -> list[Path]:
+    """Straight lines from poses (k, 4, 4): a direction uniform on the sphere, a length, and an angle about a random axis."""
+    move, axis = rng.normal(size=(2, CANDIDATES, 3))
+    length, angle = rng.uniform(*LINE_LENGTHS, CANDIDATES), rng.uniform(*LINE_TURNS, CANDIDATES)
+    goals = starts.copy()
+    goals[:, :3, 3] += (length / np.linalg.norm(move, axis=1))[:, None] * move
+    if turns:
+        w = (angle / np.linalg.norm(axis, axis=1))[:, None] * axis
+        goals[:, :3, :3] = np.stack([se3.exp_so3(turn) for turn in w]) @ goals[:, :3, :3]
+    return [Line(start, goal) for start, goal in zip(starts, goals, strict=True)]
 
 
 def _arc(T: Array, rng: np.random.Generator, turns: bool) -> Path:

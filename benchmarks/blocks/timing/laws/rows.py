@@ -1,22 +1,115 @@
-"""Rows of a block of timed lines, with T / T* of every motion."""
+"""Rows of timed lines: columns of a motion, T / T* of all, and the measures that a target may name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 import polars as pl
 
-from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.timing.laws.run import example_file
-from benchmarks.blocks.timing.laws.settings import LawBlock
-from benchmarks.records import RunFolder
-from planners.limits import DERIVATIVES
+from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.blocks.base import Block, BlockRows
+from benchmarks.records import RunFolder, slug
+from benchmarks.targets import Measure
+from optik import se3
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.certificate import Certificate
+from planners.fit import stretch_factor
+from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.paths.base import Path
+from planners.trajectory import Trajectory
+
+CHECK_INSTANTS = 4999
+"""Instants at which the deviation is sampled beside the certificate: others than those that it looks at itself."""
+
+COLUMNS = (
+    "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
+    "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "torque", "torque_joint", "torque_time",
+    "torque_rate", "torque_rate_joint", "torque_rate_time", "sampled_jerk", "tool_speed",
+    "rotation_speed", "worst", "holds", "broken", "breaks", "follows", "slowed", "least_duration", "distance", "angle",
+    "true_distance", "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
+)  # fmt: skip
+"""Columns of a row, beside those of its line. Ratios are worst values over limits: exact, of torques proved bounds."""
+
+FACT_TYPES = {
+    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in JOINT_LIMITS)),
+    pl.Boolean: ("holds", "follows"),
+    pl.Int64: ("continuous",),
+}
+"""Types of the columns that are no real numbers."""
+
+SCHEMA = {name: next((kind for kind, some in FACT_TYPES.items() if name in some), pl.Float64) for name in COLUMNS}
+"""Type of every column."""
+
+RATIO_DECIMALS = 11
+"""Decimals that are kept of a ratio: round-off takes 1e-12 from a ratio of exactly 1."""
+
+
+def blank(law: str, entry: str) -> dict[str, Any]:
+    """A row with every column, of a law or peer that has no motion yet."""
+    return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": "solved", "reason": ""}
+
+
+def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
+    """What a motion keeps, by its certificate, and what sampling finds of its deviation."""
+    facts: dict[str, Any] = {
+        "status": "solved", "duration": motion.duration, "holds": proof.is_valid, "broken": "; ".join(proof.reasons),
+        "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
+        "rotation_speed": proof.rotation_speed.value, "distance": proof.path_error.distance,
+        "angle": proof.path_error.angle, "singular_value": proof.singular_value, "continuous": proof.continuous,
+        "sampled_jerk": float(proof.sampled_jerk.max()),
+        "least_duration": least_duration(robot, path, motion, proof, limits),
+    }  # fmt: skip
+    for field in JOINT_LIMITS:
+        ratio, joint, when = proof.worst(field)
+        if not np.isnan(ratio):
+            facts |= {field: round(ratio, RATIO_DECIMALS), f"{field}_joint": joint, f"{field}_time": when}
+    facts["worst"] = round(float(np.nanmax([proof.worst(field)[0] for field in ALL_LIMITS])), RATIO_DECIMALS)
+    # all of the path, forwards, from rest to rest, in range, no jumps: without promises, so the same for laws and peers
+    facts["follows"] = replace(proof, enforced=(), tolerance=None).is_valid
+    facts["true_distance"], facts["true_angle"] = off_path(robot, path, motion)
+    return facts
+
+
+def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
+    """Duration at which the same motion, scaled in time uniformly, just keeps every limit."""
+    if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
+        return float("inf")
+    return motion.duration * stretch_factor(MotionAnalysis(robot, motion, path), limits)
+
+
+def breaks(proof: Certificate) -> list[str]:
+    """The limits that a motion violates, promised or not."""
+    found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
+    return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
+
+
+def off_path(robot: Robot, path: Path, motion: Trajectory, instants: int = CHECK_INSTANTS) -> tuple[float, float]:
+    """Largest distance and angle between tool and path at many instants."""
+    tool = robot.fk(motion(np.linspace(0.0, motion.end, instants)))
+    e = se3.error(tool, path.pose(path.nearest(tool)))
+    return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
+
 
 NEARLY = 1.001
 """Values over limits up to this are within 0.1 %: what a discretised method exceeds between its grid points is not a jump."""
 
 ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
 """Certified distance [m] and angle [rad] from the path up to which a motion counts: far more than any law leaves (3e-6)."""
+
+
+def facts_file(block: Block) -> str:
+    """Name of the file of facts on a block."""
+    return f"timing/{slug(block.id)}.json"
+
+
+def example_file(block: Block, name: str) -> str:
+    """Name of a part of the detailed view."""
+    return f"timing/{slug(block.id)}.example-{name}.parquet"
 
 
 @dataclass(frozen=True)
@@ -28,7 +121,7 @@ class LawRows(BlockRows):
         return self.folder.read(example_file(self.block, name))
 
 
-def read_rows(folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
+def read_rows(folder: RunFolder, block: Block) -> pl.DataFrame | None:
     """All rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
     A motion that exceeds a limit is compared after the uniform slow-down that ours get, too: as much slower as it must be
@@ -73,3 +166,92 @@ def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
     return rows.with_columns(
         follows=pl.col("follows").fill_null(value=True) & on_path.fill_null(value=True) & inside.fill_null(value=True)
     )
+
+
+NANO = 1e-9
+"""Deviations below a nanometre or nanoradian are round-off."""
+
+LEAST_BOUND = 1e-12
+"""Certified deviations [m, rad] are taken as at least this where something is divided by them."""
+
+
+def _column(name: str, statistic: Callable[[Any], Any], scale: float = 1.0) -> Callable[[pl.DataFrame], float]:
+    """A statistic of a column."""
+    return lambda rows: scale * float(statistic(rows[name].to_numpy()))
+
+
+def _deviations(ratio: Callable[[Any, Any], Any]) -> Callable[[pl.DataFrame], float]:
+    """The largest ratio of a sampled deviation and a certified one, of distances and of angles."""
+    pairs = (("true_distance", "distance"), ("true_angle", "angle"))
+    return lambda rows: float(max(ratio(rows[true].to_numpy(), rows[bound].to_numpy()).max() for true, bound in pairs))
+
+
+def _largest(*columns: str) -> Callable[[pl.DataFrame], float]:
+    """The largest value of some columns, in which limits that are free have none."""
+
+    def compute(rows: pl.DataFrame) -> float:
+        most = rows.select(pl.max_horizontal(columns)).to_series().max()
+        return float("nan") if most is None else float(most)  # type: ignore[arg-type]
+
+    return compute
+
+
+def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float]:
+    """A statistic of the ratio of a column of one law to that of another, on the motions that both have."""
+
+    def compute(rows: pl.DataFrame, law: str, to: str) -> float:
+        mine, theirs = (rows.filter(pl.col("law") == label).select("line", "limits", column) for label in (law, to))
+        both = mine.join(theirs, on=["line", "limits"], suffix="_to").drop_nulls()
+        ratios = both[column].to_numpy() / both[f"{column}_to"].to_numpy()
+        ratios = ratios[np.isfinite(ratios)]
+        return float(statistic(ratios)) if ratios.size else float("nan")
+
+    return compute
+
+
+MEASURES = (
+    Measure("solved", "%", _column("solved", np.mean, 100.0), "lines with a motion"),
+    Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions within every limit, exactly"),
+    Measure("nearly", "%", _column("nearly", np.mean, 100.0), "motions that exceed no limit by more than 0.1 %"),
+    Measure("holds", "%", _column("holds", np.mean, 100.0), "motions with a valid certificate"),
+    Measure("worst_ratio", "", _largest(*JOINT_LIMITS), "largest peak / limit, exact", show="exact"),
+    Measure("worst_velocity", "", _column("velocity", np.max), "largest velocity / limit, exact", show="exact"),
+    Measure("worst_acceleration", "", _column("acceleration", np.max), "largest acceleration / limit, exact", show="exact"),
+    Measure("worst_jerk", "", _column("jerk", np.max), "largest jerk / limit, exact", show="exact"),
+    Measure("worst_torque", "", _largest("torque"), "largest torque / limit, proved bound", show="exact"),
+    Measure("worst_torque_rate", "", _largest("torque_rate"), "largest torque rate / limit, proved bound", show="exact"),
+    Measure("over_torque", "%", _column("over_torque", np.mean, 100.0), "motions over a torque limit"),
+    Measure("median_optimum", "", _column("over_optimum", np.median), "median T / T*", show="exact"),
+    Measure("worst_optimum", "", _column("over_optimum", np.max), "largest T / T*", show="exact"),
+    Measure("median_kept", "", _column("kept_over_optimum", np.median), "median T / T*, stretched to the limits", show="exact"),
+    Measure("worst_kept", "", _column("kept_over_optimum", np.max), "largest T / T*, stretched to the limits", show="exact"),
+    Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
+    Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
+    Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),
+    Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median time of the law, as a ratio to", relative=True),
+    Measure(
+        "median_duration_ratio", "", _paired("slowed_duration", np.median),
+        "median duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
+    ),
+    Measure(
+        "worst_duration_ratio", "", _paired("slowed_duration", np.max),
+        "largest duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
+    ),
+    Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "largest certified distance from the line"),
+    Measure(
+        "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
+        "largest deviation by dense sampling / certified one",
+    ),
+    Measure(
+        "bound_over_truth", "", _deviations(lambda true, bound: bound / np.maximum(true, NANO)),
+        "largest certified deviation / max(dense sampling, 1 nm or nrad)",
+    ),
+)  # fmt: skip
+"""What a target of timed lines may ask for; ``solved`` is computed on all rows of a law, with a motion or without."""
+
+
+def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:
+    """Rows of a kind of line, of a robot, or within a set of limits."""
+    if not group:
+        return rows
+    return rows.filter(pl.any_horizontal(pl.col(name) == group for name in ("kind", "robot", "limits")))

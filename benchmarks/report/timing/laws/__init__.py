@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.blocks.timing.laws.lines import LINE_KINDS
-from benchmarks.blocks.timing.laws.settings import LawBlock
+from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock
 from benchmarks.report.base import KindReport, Section
 from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.section import findings, timing

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.laws.measures import in_group
-from benchmarks.blocks.timing.laws.rows import LawRows
+from benchmarks.blocks.timing.laws.rows import LawRows, in_group
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.run import Run

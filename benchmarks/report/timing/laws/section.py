@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.timing.laws.rows import LawRows
-from benchmarks.blocks.timing.laws.sets import LimitSet
+from benchmarks.blocks.timing.laws.settings import LimitSet
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.example import example_boards

@@ -10,8 +10,7 @@ import polars as pl
 
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.blocks.timing.laws.measures import in_group
-from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M
+from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
 from benchmarks.report.base import Column, Table
 from benchmarks.statistics import median_interval, quantiles, wilson

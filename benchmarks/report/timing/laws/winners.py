@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.laws.measures import in_group
-from benchmarks.blocks.timing.laws.rows import LawRows
+from benchmarks.blocks.timing.laws.rows import LawRows, in_group
 from benchmarks.report.base import Winner
 from benchmarks.report.ranked import ranked
 from benchmarks.report.run import Run

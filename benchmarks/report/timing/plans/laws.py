@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.blocks.timing.plans.rows import LinePlans
-from benchmarks.blocks.timing.plans.run import PLAN_REPEATS
+from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
 from benchmarks.report.base import Column, Table
 from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.blocks.timing.plans.rows import LinePlans
+from benchmarks.blocks.timing.plans import LinePlans
 from benchmarks.report.board import Control
 from benchmarks.report.run import Run
 

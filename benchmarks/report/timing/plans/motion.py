@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.plans.rows import LinePlans
+from benchmarks.blocks.timing.plans import LinePlans
 from benchmarks.report.active import ACTIVE, active_plot, limit_colour
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.plans.run import NEAREST
+from benchmarks.blocks.timing.plans import NEAREST
 from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import (
     BAND_COLOUR,

@@ -1,35 +1,25 @@
-"""Time laws on many lines: every line by every law and peer in one process, each call timed, each motion certified."""
+"""One timed line: every law and peer on the same joint path, each call timed, each motion certified."""
 
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import polars as pl
 
-from benchmarks.blocks._contest import clock_cost, facts_on, timed, turns
-from benchmarks.blocks.base import Entry, Tell
-from benchmarks.blocks.timing.laws.arms import stands_of
-from benchmarks.blocks.timing.laws.drawn import Motions, all_lines
-from benchmarks.blocks.timing.laws.example import write_example
-from benchmarks.blocks.timing.laws.facts import SCHEMA, blank, facts_of
-from benchmarks.blocks.timing.laws.lines import DrawnLine
-from benchmarks.blocks.timing.laws.motions import draw_motion, motion_in_file
-from benchmarks.blocks.timing.laws.sets import told
-from benchmarks.blocks.timing.laws.settings import LawBlock
-from benchmarks.peers.ik.base import Absent, version_of
-from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
-from benchmarks.records import UNKEPT, Journal, RunFolder, slug
-from benchmarks.settings import naming
+from benchmarks.blocks._contest import timed, turns
+from benchmarks.blocks.base import Entry
+from benchmarks.blocks.timing.laws.motions import DrawnLine
+from benchmarks.blocks.timing.laws.rows import blank, facts_of
+from benchmarks.blocks.timing.laws.settings import LawBlock, told
+from benchmarks.peers.ik.base import Absent
+from benchmarks.peers.laws.base import build_timing_peer, peer_limits
+from benchmarks.records import UNKEPT, Journal
 from optik import se3
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
-from optik.registry import load_method
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import FollowResult, JointPath, follow
@@ -37,9 +27,6 @@ from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
 from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
-
-LINES_A_PART = 5
-"""Lines in one part: a run that was stopped repeats at most this number."""
 
 
 @dataclass(frozen=True)
@@ -77,97 +64,6 @@ class Timer:
     told: MotionLimits
     took_ms: Callable[[Any], float | None] = lambda raw: None
     ended: str = ""
-
-
-# ---------------------------------------------------------------- parts
-
-
-def part_files(block: LawBlock) -> list[str]:
-    """Names of all parts of a block."""
-    count = len(all_lines(block))
-    return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
-
-
-def facts_file(block: LawBlock) -> str:
-    """Name of the file of facts on a block."""
-    return f"timing/{slug(block.id)}.json"
-
-
-def example_file(block: LawBlock, name: str) -> str:
-    """Name of a part of the detailed view."""
-    return f"timing/{slug(block.id)}.example-{name}.parquet"
-
-
-def check_laws(block: LawBlock) -> None:
-    """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written."""
-    entries = [*block.laws, *([block.reference] if block.reference else [])]
-    for arm in {part.arm: part.load() for part in block.lines}.values():
-        for limits in block.limits:
-            stands_of(arm, [limits])
-            for entry in entries:
-                make_law(entry.name, **entry.options).need(told(limits.of(arm), entry), arm)
-    for peer in block.peers:
-        load_method(TIMING_PEERS, peer.name, "peer of timing")
-    for part in block.lines:
-        if part.path:
-            with naming(f"block {block.id!r}"):
-                motion_in_file(part.robot, part.path, part.payload)
-
-
-def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run what a block still lacks."""
-    if not folder.has(facts_file(block)):
-        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
-    lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
-    motions, count = Motions(folder, block, seed) if lacking else None, len(all_lines(block))
-    for part, file in lacking:
-        assert motions is not None
-        rows: list[pl.DataFrame] = []
-        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, count)):
-            tell(f"{block.id}: line {number + 1:,} of {count:,}")
-            kept = journal.kept(f"{number:06d}")
-            if kept is None:
-                begin = time.perf_counter()
-                line = motions.draw(number)
-                found = [row | {"line": number} for row in line_rows(block, line, journal)]
-                kept = pl.DataFrame(found, schema_overrides=SCHEMA, infer_schema_length=None)
-                journal.keep(f"{number:06d}", kept, time.perf_counter() - begin)
-            rows.append(kept)
-        folder.write(file, pl.concat(rows))
-    if not folder.has(example_file(block, "curve")):
-        tell(f"{block.id}: the example")
-        chosen = block.example
-        line = draw_motion(
-            chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path, payload=chosen.payload,
-            limits=block.limits,
-        )  # fmt: skip
-        write_example(block, line, folder, lambda name: example_file(block, name), journal)
-
-
-def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
-    """Facts on every law and peer by label, for the report."""
-    found: dict[str, dict[str, Any]] = {}
-    for entry in (*block.laws, *([block.reference] if block.reference else [])):
-        enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
-        found[entry.label] = facts_on(entry, enforced=enforced)
-    for entry in block.peers:
-        peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
-        built: TimingPeer | Absent | None = None
-        if entry.label not in journal.crashed:
-            with journal.at_work(entry.label):
-                arm = block.lines[0].load()
-                built = build_timing_peer(entry.name, peer_limits(block.limits[0].of(arm), arm.n))
-        absent = {"absent": built.why} if isinstance(built, Absent) else {}
-        about = {
-            "version": version_of(entry.name, TIMING_PEERS),
-            "settings": peer.settings,
-            "enforced": list(peer.enforced),
-        }
-        found[entry.label] = facts_on(entry) | about | absent
-    return found
-
-
-# ---------------------------------------------------------------- one line
 
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:

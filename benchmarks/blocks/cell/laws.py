@@ -1,0 +1,113 @@
+"""Time laws on the plant: what each costs in tracking error, torque, energy and time, on the same lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+
+from benchmarks.blocks.base import Entry, Part
+from benchmarks.blocks.cell.settings import LawsBlock
+from benchmarks.blocks.cell.trials import (
+    EXECUTION_TYPES,
+    CellWork,
+    Trial,
+    drive_of,
+    facts_of,
+    failure,
+    line_of,
+    peaks,
+    trial_of,
+    why_not,
+)
+from benchmarks.records import RunFolder, slug
+from optik.errors import InvalidInput
+from planners.limits import MotionLimits
+from planners.plan import Plan, make_law, plan
+
+OWN_TIME, SAME_TIME = "own", "same"
+"""Durations of a motion: the law's own, and that of the slowest law on the line."""
+
+LAW_TYPES: dict[str, Any] = {
+    "motion": pl.Int64, "repeat": pl.Int64, "method": pl.String, "timed": pl.String, "length": pl.Float64,
+    **EXECUTION_TYPES, "torque": pl.List(pl.Float64), "torque_bound": pl.List(pl.Float64), "jerk_ratio": pl.Float64,
+    "acceleration_ratio": pl.Float64, "velocity_ratio": pl.Float64, "rest_m": pl.Float64,
+}  # fmt: skip
+"""Columns of the rows."""
+
+
+@dataclass(frozen=True)
+class LawsWork(CellWork):
+    """One line under all laws, which are compared with each other: once without noise, where ``repeat`` is 0, or with it."""
+
+    types = LAW_TYPES
+
+    motion: int
+    repeat: int
+
+    def row(self, law: Entry, timed: str) -> dict[str, Any]:
+        """Columns that say which motion a row is of."""
+        return dict.fromkeys(LAW_TYPES) | {
+            "motion": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
+        }  # fmt: skip
+
+    def lost(self) -> list[dict[str, Any]]:
+        """The row of each law."""
+        return [self.row(law, OWN_TIME) for law in self.block.laws]
+
+    def solve(self) -> pl.DataFrame:
+        """Execute the line under all laws."""
+        block: LawsBlock = self.block
+        trial = trial_of(block, self.seed, self.motion, "law", self.repeat, noise=self.repeat > 0)
+        _, q, path = line_of(block, block.moves_m[self.motion])
+        made = {law.label: make_law(law.name, **law.options) for law in block.laws}
+        plans = {label: plan(trial.robot, path, q, timing=law) for label, law in made.items()}
+        longest = max((p.trajectory.duration for p in plans.values() if p), default=0.0)
+        rows = []
+        for law in block.laws:
+            planned = plans[law.label]
+            rows.append(self.row(law, OWN_TIME) | _executed(self, trial, planned))
+            if block.same_duration and planned:
+                if planned.trajectory.duration < longest * (1.0 - 1e-9):
+                    planned = plan(trial.robot, path, q, timing=made[law.label], duration=longest)
+                rows.append(self.row(law, SAME_TIME) | _executed(self, trial, planned))
+        return self.frame(rows)
+
+
+def prepare(block: LawsBlock, seed: int) -> None:
+    """Check that the arm has what the laws and the lines need."""
+    for move_m in block.moves_m:
+        robot, _, path = line_of(block, move_m)
+        if not path.end:
+            raise InvalidInput(f"cell {block.id!r}: moves_m", list(move_m), "a motion")
+    for law in block.laws:
+        make_law(law.name, **law.options).need(MotionLimits.of(robot), robot)
+
+
+def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFolder, top: str) -> Iterator[Part]:
+    """Divide the work."""
+    for motion in range(len(block.moves_m)):
+        for repeat in range(block.repeats + 1):
+            file = f"{top}/{slug(block.id)}--{motion:02d}--{repeat:03d}.parquet"
+            yield Part(file, block.title, LawsWork(block, drive, seed, motion, repeat))
+
+
+def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:
+    """Facts on one motion."""
+    if not planned:
+        return failure(work.drive, str(planned.status), why_not(planned))
+    proof = planned.certificate
+    found: dict[str, Any] = {
+        f"{name}_ratio": float(getattr(proof, name).ratio.max()) for name in ("velocity", "acceleration", "jerk")
+    } | {"length": float(planned.path.end)}
+    execution = drive_of(work.block, work.drive, trial, planned.trajectory(0.0), noise=work.repeat > 0).execute(planned)
+    found |= facts_of(execution)
+    if execution.torque is not None:
+        peak, bound = peaks(execution)
+        found |= {"torque": peak.tolist(), "torque_bound": None if bound is None else bound.tolist()}
+    if execution:
+        off = trial.robot.fk(execution.q[-1])[:3, 3] - planned.path.pose(planned.path.end)[:3, 3]
+        found["rest_m"] = float((off @ off) ** 0.5)
+    return found

@@ -1,0 +1,312 @@
+"""Contact between samples: the proof for every instant beside sampling by coal, on motions through the same scene."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar
+from zlib import crc32
+
+import numpy as np
+import polars as pl
+from pydantic import BeforeValidator
+
+from benchmarks.blocks._scenes import SceneName, scene_named
+from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
+from benchmarks.settings import Count, RobotName, key, numbered
+from benchmarks.targets import Measure
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.check import check_number
+from optik.errors import InvalidInput
+from optik.registry import short_name
+from optik.scene import Scene
+from optik.scene.contact import BOX, PLANE, SELF, find_nearest_pairs, find_pairs
+from optik.types import Array
+from planners.certificate.clearance import clearance
+from planners.curve import quintic_through
+from planners.trajectory import Trajectory
+
+
+def _share(says: str) -> Callable[[pl.DataFrame], float]:
+    return lambda rows: 100.0 * float((rows["says"] == says).to_numpy().mean())
+
+
+def _quantile(share: float) -> Callable[[pl.DataFrame], float]:
+    return lambda rows: float(np.quantile(rows["ms"].to_numpy(), share))
+
+
+def _count(column: str) -> Callable[[pl.DataFrame], float]:
+    return lambda rows: float(rows[column].sum())
+
+
+def _per_second(rows: pl.DataFrame) -> float:
+    return float(np.median(rows["ms"].to_numpy() / rows["duration"].to_numpy()))
+
+
+MEASURES = (
+    Measure("free", "%", _share("free"), "judged free"),
+    Measure("undecided", "%", _share("undecided"), "undecided"),
+    Measure("missed", "", _count("missed"), "missed contacts", show="count"),
+    Measure("false_contacts", "", _count("false_contact"), "false contacts", show="count"),
+    Measure("median_ms", "ms", _quantile(0.5), "median time of a motion"),
+    Measure("p99_ms", "ms", _quantile(0.99), "99th percentile of the time"),
+    Measure("median_ms_per_s", "ms/s", _per_second, "median time per second of motion"),
+)
+"""What a target of such a block may ask for."""
+
+
+PROOF = "proof for every instant"
+"""Label of the proof beside those of the sampling."""
+
+
+def _above_0(values: Any) -> tuple[float, ...]:
+    if not isinstance(values, list | tuple):
+        raise InvalidInput("", repr(values)[:60], "different numbers above 0")
+    found = tuple(check_number(value, "", "numbers above 0", above=0.0) for value in values)
+    if len(set(found)) < len(found):
+        raise InvalidInput("", repr(values)[:60], "different numbers above 0")
+    return found
+
+
+Resolutions = Annotated[tuple[float, ...], BeforeValidator(_above_0)]
+"""Different numbers above 0; no sampling of this sort where the list is empty."""
+
+
+class ClearanceBlock(Block):
+    """Motions of an arm through a scene, judged by the proof and by sampling."""
+
+    noun = "clearance"
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+
+    robot: RobotName = key("The arm: a name, or the path of a file; it must have shapes.")
+    scene: SceneName = key("Scene: `shelf`, `table`, `plates`, or a file.")
+    count: Count = key("Number of motions, straight in joint space from rest to rest between two free configurations.")
+    joint_steps: Resolutions = key("Sampling: largest joint motion between samples.", (0.2, 0.1, 0.05, 0.02), "rad, m")
+    rates: Resolutions = key("Sampling: samples a second.", (100.0, 400.0), "Hz")
+    margin: Annotated[float, numbered("metres, 0 or more", least=0.0)] = key(
+        "Least distance between arm and scene; for pairs of links it is 0.", 0.0, "m"
+    )
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The proof, then coal at each rate, from coarse to fine."""
+        sampled = [sampling_label(step, "rad") for step in self.joint_steps] + [
+            sampling_label(rate, "Hz") for rate in self.rates
+        ]
+        return (Entry(PROOF, "clearance", {}), *(Entry(label, "coal", {}, role="peer") for label in sampled))
+
+
+def sampling_label(value: float, unit: str) -> str:
+    """What reports and targets call coal at one resolution."""
+    return f"coal, {value:g} {unit}"
+
+
+END_CLEARANCE = 0.01
+"""Distance that both ends of a motion keep beyond the margin [m]: whoever asks for a motion starts and ends it free."""
+
+MOST_END_DRAWS = 100_000
+"""Configurations drawn after which a scene counts as one without free ones."""
+
+USUAL_SPEED, USUAL_ACCELERATION = 2.0, 10.0
+"""Limits of a motion [rad/s, rad/s², or metres] of an arm that states none."""
+
+TOUCHING = 2e-6
+"""Distance by coal up to which a contact that was proved is confirmed [m]: what its iterations may be off."""
+
+ROW_TYPES = {
+    "motion": pl.Int64, "method": pl.String, "says": pl.String, "time": pl.Float64, "pair": pl.String,
+    "proved": pl.Float64, "found": pl.Float64, "duration": pl.Float64, "samples": pl.Int64, "ms": pl.Float64,
+    "contact": pl.Boolean, "missed": pl.Boolean, "false_contact": pl.Boolean,
+}  # fmt: skip
+"""Columns of the rows."""
+
+
+def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int) -> Trajectory:
+    """Draw a motion: one quintic from rest to rest between two free configurations."""
+    keys = (crc32(short_name(text).encode()) for text in (block.robot, block.scene))
+    rng = np.random.default_rng((seed, *keys, number))
+    ends: list[Array] = []
+    for _ in range(MOST_END_DRAWS):
+        q = arm.limits.sample(rng, 1)
+        if find_nearest_pairs(arm, scene, q)[0][0] > END_CLEARANCE:
+            ends.append(q[0])
+        if len(ends) == 2:
+            break
+    else:
+        raise InvalidInput(
+            "scene", f"{block.scene}: no free configuration of {arm.name} in {MOST_END_DRAWS:,} draws", "room"
+        )
+    way = np.abs(ends[1] - ends[0])
+    speed = USUAL_SPEED if arm.limits.velocity is None else arm.limits.velocity
+    acceleration = USUAL_ACCELERATION if arm.limits.acceleration is None else arm.limits.acceleration
+    T = max((1.875 * way / speed).max(), float(np.sqrt(10.0 / np.sqrt(3.0) * way / acceleration).max()))
+    still = np.zeros((2, arm.n))
+    return Trajectory(quintic_through(np.array([0.0, T]), np.array(ends), still, still))
+
+
+def judged(
+    block: ClearanceBlock, arm: Robot, scene: Scene, coal: CoalSampling | None, motion: Trajectory
+) -> list[dict[str, Any]]:
+    """Judge one motion by every method."""
+    begin = time.perf_counter()
+    proof = clearance(arm, motion, scene)
+    rows: list[dict[str, Any]] = [
+        {
+            "method": PROOF, "says": "free" if proof.proved else "contact" if proof.touches else "undecided",
+            "ms": 1e3 * (time.perf_counter() - begin), "time": proof.time, "pair": " and ".join(proof.pair),
+            "proved": proof.value if np.isfinite(proof.value) else None, "found": proof.found, "samples": None,
+        }
+    ]  # fmt: skip
+    if coal is not None:
+        rows += [_sampled(coal, motion, label, count) for label, count in _counts(block, motion)]
+        contact = any(row["says"] == "contact" for row in rows[1:])
+        if proof.touches and not contact:
+            contact = coal.room(motion(proof.time)) <= TOUCHING
+    else:
+        contact = proof.touches
+    for row in rows:
+        row |= {
+            "contact": contact, "missed": contact and row["says"] == "free",
+            "false_contact": row["says"] == "contact" and not contact, "duration": motion.duration,
+        }  # fmt: skip
+    return rows
+
+
+def _counts(block: ClearanceBlock, motion: Trajectory) -> list[tuple[str, int]]:
+    """Label and number of intervals of every sampling."""
+    way = float(np.abs(motion(motion.end) - motion(0.0)).max())
+    found = [(sampling_label(step, "rad"), way / step) for step in block.joint_steps]
+    found += [(sampling_label(rate, "Hz"), motion.duration * rate) for rate in block.rates]
+    return [(label, max(1, int(np.ceil(intervals)))) for label, intervals in found]
+
+
+def _sampled(coal: CoalSampling, motion: Trajectory, label: str, count: int) -> dict[str, Any]:
+    """Row of one sampling: at equal distances in joint space, or at equal times."""
+    begin = time.perf_counter()
+    if label.endswith("rad"):
+        start, goal = motion(np.array([0.0, motion.end]))
+        q = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
+    else:
+        q = motion(np.linspace(0.0, motion.end, count + 1))
+    first = coal.touches(q)
+    return {
+        "method": label, "says": "free" if first < 0 else "contact", "ms": 1e3 * (time.perf_counter() - begin),
+        "time": None, "pair": None, "proved": None, "found": None, "samples": count + 1,
+    }  # fmt: skip
+
+
+class CoalSampling:
+    """The shapes of an arm and a scene in Pinocchio's geometry model: the same pairs as the proof examines."""
+
+    def __init__(self, robot: Robot, scene: Scene) -> None:
+        import coal
+        import pinocchio as pin
+
+        self._pin, self._coal = pin, coal
+        self._model: Any = pin.Model()
+        for i in range(robot.n):
+            joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
+            self._model.addJoint(i, joint, pin.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
+        self._geometry: Any = pin.GeometryModel()
+        assert robot.shapes is not None
+        link, a, b, radius = robot.shapes.capsules
+        arm = [self._capsule(int(link[k]), a[k], b[k], float(radius[k]), f"arm {k}") for k in range(len(radius))]
+        around = self._scene(scene)
+        bodies = find_pairs(robot, scene).bodies
+        for k, number, kind in bodies.tolist():
+            other = arm[number] if kind == SELF else around[kind][number]
+            self._geometry.addCollisionPair(pin.CollisionPair(arm[k], other))
+        self._data, self._placed = self._model.createData(), self._geometry.createData()
+        self._margins = np.where(bodies[:, 2] == SELF, 0.0, scene.margin)
+        for request, least in zip(self._placed.collisionRequests, self._margins, strict=True):
+            request.security_margin = float(least)
+
+    def touches(self, q: Array) -> int:
+        """Index of the first configuration with a contact."""
+        pin, model, data, geometry, placed = self._pin, self._model, self._data, self._geometry, self._placed
+        for k, configuration in enumerate(q):
+            if pin.computeCollisions(model, data, geometry, placed, configuration, True):
+                return k
+        return -1
+
+    def room(self, q: Array) -> float:
+        """Least distance of all pairs at a configuration, those to the scene less the margin."""
+        self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
+        found = [result.min_distance for result in self._placed.distanceResults]
+        return float(np.min(found - self._margins, initial=np.inf))
+
+    def _add(self, joint: int, T: Array, shape: Any, name: str) -> int:
+        pin = self._pin
+        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, pin.SE3(T), shape)))
+
+    def _capsule(self, joint: int, a: Array, b: Array, radius: float, name: str) -> int:
+        T, length = np.eye(4), float(np.linalg.norm(b - a))
+        T[:3, :3], T[:3, 3] = _along(b - a), 0.5 * (a + b)
+        shape = self._coal.Capsule(radius, length) if length > 0.0 else self._coal.Sphere(radius)
+        return self._add(joint, T, shape, name)
+
+    def _scene(self, scene: Scene) -> dict[int, list[int]]:
+        """Add the objects; their numbers by the kinds of `find_pairs`."""
+        box_pose, box_half, a, b, radius, point, normal = scene.arrays
+        boxes = [
+            self._add(0, T, self._coal.Box(*(2.0 * half)), f"box {i}")
+            for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
+        ]
+        rounds = [self._capsule(0, a[i], b[i], float(radius[i]), f"round {i}") for i in range(len(radius))]
+        planes = [
+            self._add(0, np.eye(4), self._coal.Halfspace(n, float(n @ p)), f"plane {i}")
+            for i, (p, n) in enumerate(zip(point, normal, strict=True))
+        ]
+        return {BOX: boxes, BOX + 1: rounds, PLANE: planes}
+
+
+def _along(d: Array) -> Array:
+    """A rotation whose z points along d; the identity where d is 0."""
+    length = float(np.linalg.norm(d))
+    if length == 0.0:
+        return np.eye(3)
+    z = d / length
+    x = np.cross(z, (1.0, 0.0, 0.0) if abs(z[0]) < 0.9 else (0.0, 1.0, 0.0))
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z]).T
+
+
+class _Clearance(Kind):
+    """Blocks of motions through a scene: ``[[clearance]]`` of a suite."""
+
+    name = "clearance"
+    title = "Contact between samples"
+    block = ClearanceBlock
+    measures = MEASURES
+    order = 65
+    compared = (
+        Compared("missed contacts", "%", "less", "missed", only="contact"),
+        Compared("time of a judgement", "ms", "less", "ms"),
+    )
+
+    def compared_rows(self, block: ClearanceBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """One problem is one motion."""
+        return rows.rename({"method": "label", "motion": "problem"})
+
+    def prepare(self, block: ClearanceBlock, seed: int) -> None:
+        scene_named(block.scene).pair_mask(load(block.robot))
+
+    def measure(self, block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
+        """Judge every motion of a block by every method."""
+        arm, scene = load(block.robot), scene_named(block.scene, block.margin)
+        try:
+            coal = CoalSampling(arm, scene)
+        except ModuleNotFoundError:
+            coal = None
+        judged(block, arm, scene, coal, draw(block, arm, scene, seed, 0))  # compiles, and is not counted
+        rows: list[dict[str, Any]] = []
+        for number in range(block.count):
+            if number % 20 == 0:
+                tell(f"{block.id}: motion {number + 1:,} of {block.count:,}")
+            found = judged(block, arm, scene, coal, draw(block, arm, scene, seed, number))
+            rows += [row | {"motion": number} for row in found]
+        return pl.DataFrame(rows, schema=ROW_TYPES)
+
+
+METHOD = _Clearance

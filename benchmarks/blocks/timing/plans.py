@@ -1,0 +1,327 @@
+"""One straight line, planned by every IK method and time law, in detail."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks._arms import Payload, arm_with
+from benchmarks.blocks._scenes import SceneName, scene_named
+from benchmarks.blocks._torques import torques_at
+from benchmarks.blocks.base import Block, BlockRows, Compared, Kind, Tell
+from benchmarks.blocks.timing.nearest import clearance_frame, nearest_picture
+from benchmarks.problems.base import start_of
+from benchmarks.records import RunFolder
+from benchmarks.settings import LISTED, Joints, LawName, RobotName, SolverName, Three, counted, key, numbered
+from optik import se3
+from optik.arm.model import unit_factors
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.ik import make_solver
+from optik.registry import short_name as short_name
+from optik.scene.contact import check_scene
+from optik.types import Array
+from planners.certificate.checks import steps
+from planners.limits import MotionLimits
+from planners.limits._motion import plain
+from planners.paths.line import Line
+from planners.plan import Plan, make_law, plan
+
+
+class LineTask(Block):
+    """One straight line, planned by some IK methods and time laws."""
+
+    noun = "the line"
+    fixed = frozenset({"id", "title", "targets"})
+
+    id: str = "line"
+    title: str = "the line"
+    robot: RobotName = key("The arm.")
+    start_deg: Joints = key("Start configuration.", unit="degrees, mm")
+    move_m: Three = key("From the start of the line to its end, in the base frame.", unit="m")
+    solvers: Annotated[tuple[SolverName, ...], LISTED] = key("IK methods.")
+    laws: Annotated[tuple[LawName, ...], LISTED] = key("Time laws.")
+    samples: Annotated[int, counted(2)] = key("Samples of the path.", 151)
+    payload: Payload = key("Mass in the tool, or [lightest, heaviest]; by default that of the robot file.", None, "kg")
+    scene: SceneName = key("Scene: `shelf`, `table`, `plates`, or a file; by default none.", "")
+    margin: Annotated[float, numbered("metres, 0 or more", least=0.0)] = key(
+        "Least distance between arm and scene.", 0.0, "m"
+    )
+
+
+@dataclass(frozen=True)
+class LinePlans(BlockRows):
+    """The line by every IK method and law; ``facts["plans"]`` holds the summary of each plan."""
+
+    @property
+    def plans(self) -> list[dict[str, Any]]:
+        """All plans."""
+        return list(self.facts["plans"])
+
+    @cached_property
+    def solved(self) -> list[dict[str, Any]]:
+        """Those that have a trajectory."""
+        return [p for p in self.plans if p["status"] == "solved"]
+
+    @cached_property
+    def solver(self) -> str:
+        """The first IK method with a trajectory; the first of all where none has one."""
+        return str((self.solved or self.plans)[0]["solver"])
+
+    @cached_property
+    def laws(self) -> list[str]:
+        """Names of all laws, in the order of the plans."""
+        return list(dict.fromkeys(p["law"] for p in self.plans))
+
+
+def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
+    """Plans as two runs are compared on them."""
+    names = [f"{p['law']} with {p['solver']}" for p in plans]
+    found = {
+        "label": [*names, *("all plans" for _ in plans)],
+        "problem": [*("the line" for _ in plans), *names],
+        "solved": [*(p["status"] == "solved" for p in plans), *(None for _ in plans)],
+        "duration": [*(p.get("duration") if p["status"] == "solved" else None for p in plans), *(None for _ in plans)],
+        "seconds": [*(None for _ in plans), *(float(p["seconds"]) for p in plans)],
+    }
+    return pl.DataFrame(found, schema_overrides={"duration": pl.Float64, "seconds": pl.Float64, "solved": pl.Boolean})
+
+
+Item = TypeVar("Item")
+
+PLANS = "line/plans.json"
+"""Summaries of all plans; it is written last, and marks the end of the work."""
+
+NEAREST = "line/nearest.json"
+"""How the arm stands at the instant of its least clearance, by law."""
+
+MOTION_INSTANTS = 751
+"""Instants of a motion that are kept for plots: a pixel each, five to an interval of the paper's line."""
+
+TOOL_INSTANTS = 1501
+"""Instants of the tool's deviation that are kept: it swings between the samples, so the largest of several is drawn."""
+
+PICTURES = 61
+"""Pictures of the moving arm: enough to look smooth, few enough for a small page."""
+
+PLAN_REPEATS = 3
+"""Plans timed; the median is kept, so the one that compiles does not count."""
+
+
+def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
+    """Robot, start and path of the task."""
+    robot = arm_with(task.robot, task.payload)
+    q = start_of(robot, task.start_deg)
+    start = robot.fk(q)
+    path = Line(start, se3.pose(start[:3, :3], start[:3, 3] + task.move_m))
+    if not path.end:
+        raise InvalidInput("the line: move_m", task.move_m, "a motion")
+    for law in task.laws:
+        make_law(law).need(MotionLimits.of(robot), robot)
+    if task.scene:
+        check_scene(robot, scene_named(task.scene, task.margin))
+    return robot, q, path
+
+
+def _around(task: LineTask) -> dict[str, Any]:
+    """Arguments of `plan` on the scene: none where the task has none."""
+    return {"scene": scene_named(task.scene, task.margin)} if task.scene else {}
+
+
+def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Item]:
+    """The first plan of each law, that of the first IK method, in the order of the plans."""
+    return list({law(p): p for p in reversed(plans)}.values())[::-1]
+
+
+def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
+    """What the report says of a plan: what `Plan.to_dict` has but the polynomials, and how well it ends."""
+    out = planned.to_dict()
+    out.pop("knots", None)
+    out.pop("coefficients", None)
+    out["seconds"] = seconds
+    out["name"] = f"{planned.solver} + {planned.law}"
+    out["length"] = planned.path.end
+    if planned:
+        joints = planned.joint_path
+        off = np.abs(planned.trajectory(planned.trajectory.end) - joints(joints.end)).max()
+        out |= {
+            "samples": len(joints.knots),
+            "knots_in_time": len(planned.trajectory.knots),
+            "end_error": float(off),
+            "q_start_deg": (joints.q[0] * unit_factors(planned.robot)).tolist(),
+            "q_end_deg": (joints.q[-1] * unit_factors(planned.robot)).tolist(),
+            "joint_path_distance": joints.deviation[0],
+            "joint_path_angle": joints.deviation[1],
+            "ik_position_error": float(joints.ik.position_error.max()),
+            "ik_rotation_error": float(joints.ik.rotation_error.max()),
+            "ik_iterations": int(joints.ik.iterations.sum()),
+        }
+        t = planned.trajectory
+        out["jumps"] = {
+            name: plain(np.abs(steps(t, order)).max(axis=0))
+            for order, name in enumerate(("position", "velocity", "acceleration", "jerk"))
+        }
+    return out
+
+
+def _motion(planned: Plan) -> pl.DataFrame:
+    """Motion q, q̇, q̈, jerk of every joint, one row for each instant and joint."""
+    motion = planned.trajectory
+    t = np.linspace(0.0, motion.end, MOTION_INSTANTS)
+    values = [motion(t, order) for order in range(4)]
+    joints = planned.robot.joint_names
+    return pl.DataFrame(
+        {
+            "solver": planned.solver,
+            "law": planned.law,
+            "t": np.repeat(t, len(joints)),
+            "joint": list(joints) * MOTION_INSTANTS,
+            **{name: v.ravel() for name, v in zip(("q", "dq", "ddq", "jerk"), values, strict=True)},
+            **_torques(planned, t),
+        }
+    )
+
+
+def _torques(planned: Plan, t: Array) -> dict[str, Array]:
+    """Torques and their rates, of the load whose value is larger at each instant, and Coulomb friction; none without masses."""
+    robot, motion = planned.robot, planned.trajectory
+    if robot.inertia is None:
+        return {}
+    found = [np.take_along_axis(x, np.abs(x).argmax(axis=0)[None], axis=0)[0] for x in torques_at(robot, motion, t)]
+    friction = np.broadcast_to(robot.inertia.coulomb, found[0].shape)
+    return dict(zip(("torque", "torque_rate", "coulomb"), (x.ravel() for x in (*found, friction)), strict=True))
+
+
+def _tool(planned: Plan) -> pl.DataFrame:
+    """Where the tool is, and how far from the path, one row an instant."""
+    t = np.linspace(0.0, planned.trajectory.end, TOOL_INSTANTS)
+    pose = planned.robot.fk(planned.trajectory(t))
+    s = planned.path.nearest(pose)
+    e = se3.error(pose, planned.path.pose(s))
+    return pl.DataFrame(
+        {
+            "solver": planned.solver,
+            "law": planned.law,
+            "t": t,
+            "s": s,
+            "x": pose[:, 0, 3],
+            "y": pose[:, 1, 3],
+            "z": pose[:, 2, 3],
+            "distance": np.linalg.norm(e[:, :3], axis=1),
+            "angle": np.linalg.norm(e[:, 3:], axis=1),
+        }
+    )
+
+
+def _samples(planned: Plan) -> pl.DataFrame:
+    """What the IK method did at every sample of the path, before the polish."""
+    joints = planned.joint_path
+    return pl.DataFrame(
+        {
+            "solver": planned.solver,
+            "s": joints.knots,
+            "position_error": joints.ik.position_error,
+            "rotation_error": joints.ik.rotation_error,
+            "iterations": joints.ik.iterations,
+            "singular_value": joints.singular_values,
+        }
+    )
+
+
+def _frames(planned: Plan) -> pl.DataFrame:
+    """Points of the arm, base to tool, in pictures equally spaced in time."""
+    t = np.linspace(0.0, planned.trajectory.end, PICTURES)
+    points = planned.robot.frames(planned.trajectory(t))[:, :, :3, 3]
+    k, m = points.shape[:2]
+    return pl.DataFrame(
+        {
+            "law": planned.law,
+            "frame": np.repeat(np.arange(k), m),
+            "t": np.repeat(t, m),
+            "point": np.tile(np.arange(m), k),
+            "x": points[..., 0].ravel(),
+            "y": points[..., 1].ravel(),
+            "z": points[..., 2].ravel(),
+        }
+    )
+
+
+class _Plans(Kind):
+    """The line of a suite: its table ``[line]``."""
+
+    name = "plans"
+    title = "The line"
+    block = LineTask
+    single = True
+    order = 40
+    on_paper = True
+    warms = True
+    compared = (
+        Compared("motion found", "%", "more", "solved", exact=True),
+        Compared("duration", "s", "less", "duration", exact=True),
+        Compared("time of a whole plan", "ms", "less", "seconds", 1e3),
+    )
+
+    def rows_to_compare(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
+        """Each plan by itself; times of all plans together, as each was made once."""
+        plans = folder.read_json(PLANS)
+        return compared_plans(plans) if plans else None
+
+    def prepare(self, block: LineTask, seed: int) -> None:
+        check_line(block)
+
+    def warm(self, block: LineTask) -> None:
+        """Plan the line once by every law and with the first IK method, which compiles what planning takes."""
+        robot, q, path = check_line(block)
+        for law in block.laws:
+            solver = make_solver(robot, block.solvers[0])
+            plan(robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block))
+
+    def run(self, block: LineTask, seed: int, folder: RunFolder, tell: Tell) -> None:
+        """Plan the line by every method and law, and write what reports show."""
+        if folder.has(PLANS):
+            return
+        tell(block.title)
+        robot, q, path = check_line(block)
+        good: list[Plan] = []
+        summaries: list[dict[str, Any]] = []
+        for name in block.solvers:
+            solver = make_solver(robot, name)
+            for law in block.laws:
+                seconds = []
+                for _ in range(PLAN_REPEATS):
+                    begin = time.perf_counter()
+                    planned = plan(robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block))
+                    seconds.append(time.perf_counter() - begin)
+                good += [planned] if planned else []
+                summaries.append(_summary(planned, float(np.median(seconds))))
+        if good:
+            shown = first_of_laws(good, lambda p: p.law)
+            folder.write("line/motion.parquet", pl.concat([_motion(p) for p in shown]))
+            folder.write("line/tool.parquet", pl.concat([_tool(p) for p in shown]))
+            folder.write(
+                "line/samples.parquet", pl.concat([_samples(p) for p in {p.solver: p for p in reversed(good)}.values()])
+            )
+            folder.write("line/frames.parquet", pl.concat([_frames(p) for p in shown]))
+            if block.scene:
+                folder.write("line/clearance.parquet", pl.concat([clearance_frame(p) for p in shown]))
+                folder.write_json(NEAREST, [picture for p in shown if (picture := nearest_picture(p)) is not None])
+        folder.write_json(PLANS, summaries)
+
+    def rows(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
+        plans = folder.read_json(PLANS)
+        keys = ("solver", "law", "status", "seconds")
+        return pl.DataFrame([{key: p[key] for key in keys} for p in plans]) if plans else None
+
+    def read(self, folder: RunFolder, block: LineTask) -> BlockRows | None:
+        rows = self.rows(folder, block)
+        return None if rows is None else LinePlans(block, rows, folder, {"plans": folder.read_json(PLANS)})
+
+
+METHOD = _Plans
