@@ -13,8 +13,8 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -29,7 +29,7 @@ from benchmarks.cli.app import app
 from benchmarks.peers.ik.base import build_peer
 from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.problems.base import ProblemSet
-from benchmarks.run.work import attempt
+from benchmarks.run.pool import Pool, ThisProcess, attempt
 from benchmarks.suite import load_suite
 from optik import registry
 from optik.errors import InvalidInput, MissingDependency, UnknownName
@@ -333,14 +333,26 @@ def test_a_worker_checks_the_files_once_a_part(tmp_path: Path, monkeypatch: pyte
     recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_10", file)])
     read, taken = [], files.digest
     monkeypatch.setattr(files, "digest", lambda one: read.append(one) or taken(one))
-    parts: Any = SimpleNamespace(solve=lambda work: pl.DataFrame({"problem": [work]}))
     for part in range(2):
-        assert isinstance(attempt(parts, part, recorded), pl.DataFrame)
+        assert isinstance(attempt(recorded, pl.DataFrame, {"problem": [part]}), pl.DataFrame)
         assert read == [file] * (part + 1)
     write(file, said="b")
-    refused = attempt(parts, 2, recorded)
+    refused = attempt(recorded, pl.DataFrame, {"problem": [2]})
     assert isinstance(refused, InvalidInput)
     assert refused.argument == str(file)
+
+
+def test_the_first_process_and_executors_check_the_files_as_workers_do(tmp_path: Path) -> None:
+    file = write(tmp_path / "stay_11.py", said="a")
+    recorded = usage.record_plugins([usage.UsedPlugin("optik.ik", "stay_11", file)])
+    with ThreadPoolExecutor(1) as executor:
+        pools = ThisProcess(recorded), Pool(executor, 1, recorded)
+        assert [pool.run_apart(abs, -1) for pool in pools] == [1, 1]
+        write(file, said="b")
+        for pool in pools:
+            with pytest.raises(InvalidInput) as caught:
+                pool.run_apart(abs, -1)
+            assert caught.value.argument == str(file)
 
 
 KERNEL = """

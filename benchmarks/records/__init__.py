@@ -1,6 +1,19 @@
 """Run folders: what a run writes, and how it is read back."""
 
-from benchmarks.records.folder import ARMS, FORMAT, LOCK, RunFolder, slug
+from benchmarks.records.folder import (
+    FORMAT,
+    LOCK,
+    MANIFEST,
+    RunFolder,
+    failures,
+    record_failures,
+    slug,
+    update_manifest,
+)
 from benchmarks.records.journal import JOURNAL, UNKEPT, Journal
+from benchmarks.records.store import LEDGER
 
-__all__ = ["ARMS", "FORMAT", "JOURNAL", "LOCK", "UNKEPT", "Journal", "RunFolder", "slug"]
+__all__ = [
+    "FORMAT", "JOURNAL", "LEDGER", "LOCK", "MANIFEST", "UNKEPT", "Journal", "RunFolder", "failures", "record_failures", "slug",
+    "update_manifest",
+]  # fmt: skip

@@ -7,17 +7,16 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import FileIO
-from pathlib import Path
 from typing import Any, Self
 
 import polars as pl
 
-from benchmarks.records.folder import RunFolder
+from benchmarks.records.folder import RunFolder, failures, record_failures
 from optik.errors import OutputError
 from optik.file_io import write_atomically
 
 JOURNAL = "journal"
-"""Ending of the name of a journal, a folder beside the files of its block."""
+"""Ending of the name of a journal, a folder beside the table of its block."""
 
 WORTH_KEEPING = 0.5
 """Least time of work that is written at once [s]: writing more often would disturb the next method's first calls."""
@@ -26,32 +25,26 @@ WORTH_KEEPING = 0.5
 class Journal:
     """The method that runs now, the methods that crashed their process, and the finished rows of an unfinished part.
 
-    The label of each method is written before its work begins. After a crash, `left` is the method that was running.
+    The label of each method is written before its work begins. After a crash, `left` is the method that was running. Methods
+    that crashed are failures in the manifest of the run. All other files are removed when the block is finished.
     """
 
     def __init__(self, folder: RunFolder | None, name: str = JOURNAL) -> None:
-        self._folder, self._name = folder, name
+        self._folder = folder
         self._path = None if folder is None else folder.path / name
+        self._table = f"{name.removesuffix(JOURNAL)}parquet"
         self._file: FileIO | None = None
-        self.left = self._left()
-        self.crashed: dict[str, str] = {}
-        if folder is not None:
-            self.crashed = folder.read_json(self.crashes) or {}
+        failed = [] if folder is None else failures(folder)
+        self.crashed: dict[str, str] = {one["label"]: one["why"] for one in failed if one["file"] == self._table}
 
     @property
-    def crashes(self) -> str:
-        """Name of the file of crashed methods in the run folder: reasons by label."""
-        return f"{self._name}/crashed.json"
-
-    def _left(self) -> str:
-        """Return the method that was running when the last process crashed; empty if none was."""
+    def left(self) -> str:
+        """The method that was running when the last process crashed; empty if none was."""
         try:
             content = b"" if self._path is None else (self._path / "at_work").read_bytes()
             return str(json.loads(content.partition(b"\n")[0]))
         except (OSError, ValueError):
             return ""
-
-    # ------------------------------------------------------------ who is at work
 
     @contextmanager
     def at_work(self, label: str) -> Iterator[None]:
@@ -79,9 +72,7 @@ class Journal:
         """Record that a method crashed its process; this block does not call it again."""
         self.crashed |= {label: why}
         if self._folder is not None:
-            self._folder.write_json(self.crashes, self.crashed)
-
-    # ------------------------------------------------------------ what is finished
+            record_failures(self._folder, self._table, label, [why])
 
     def keep(self, name: str, rows: pl.DataFrame, seconds: float) -> None:
         """Keep rows of an unfinished part."""
@@ -98,25 +89,13 @@ class Journal:
         except (OSError, pl.exceptions.PolarsError):
             return None
 
-    # ------------------------------------------------------------ its end
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if self._file is not None:
             self._file.close()
-        if kind is None:
-            self._clear()
-
-    def _clear(self) -> None:
-        """Remove all files but the crashes, when the block is finished."""
-        if self._path is None or not self._path.is_dir():
-            return
-        for file in self._path.iterdir():
-            if file.name != Path(self.crashes).name:
-                file.unlink(missing_ok=True)
-        if not self.crashed:
+        if kind is None and self._path is not None:
             shutil.rmtree(self._path, ignore_errors=True)
 
 

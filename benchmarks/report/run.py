@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.blocks.base import BlockRows, load_kind
 from benchmarks.experiments.base import UNTESTED, Finding
-from benchmarks.records import ARMS, RunFolder
+from benchmarks.records import MANIFEST, RunFolder
 from benchmarks.report.base import Table, load_report
 from benchmarks.report.board import Key, When
 from benchmarks.report.figures import method_colour, method_dash, method_symbol
@@ -48,17 +48,12 @@ class Run:
         ):  # its files may be gone, and a report runs no code that a suite names
             return suite_of(self.manifest["suite"], self.manifest["settings"])
 
-    @cached_property
-    def _arms(self) -> dict[str, Any]:
-        """Arms that did not come with optik, as plain data by what reports call them."""
-        return self.folder.read_json(ARMS) or {}
-
     def robot(self, name: str) -> Robot:
         """Return an arm of the suite: from the data stored in the run, or one that comes with optik."""
-        stored = self._arms.get(short_name(name))
+        stored = self.manifest.get("robots", {}).get(short_name(name))
         if stored is None and is_path(name):
             expected = (
-                f"its data in {self.folder.path / ARMS}: a report opens no robot file; repeat the run to write it"
+                f"its data in {self.folder.path / MANIFEST}: a report opens no robot file; repeat the run to write it"
             )
             raise InvalidInput("robot", repr(name), expected)
         return load(name) if stored is None else Robot.from_dict(stored)

@@ -1,13 +1,15 @@
-"""The lock of a run folder: one process at a time writes to it."""
+"""The lock of a folder: one process at a time writes to it, and the next one knows in which work it crashed."""
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from benchmarks.records import LOCK
 from optik.errors import OutputError
@@ -21,10 +23,57 @@ else:
 WAIT = 0.2
 """Time between two attempts to get a lock that another process holds [s]."""
 
+LOCK_BYTES = 4096
+"""Largest size of the file of a lock [bytes]."""
+
+
+class Lock:
+    """A lock that this process holds. Its file has the number of the process and its current work.
+
+    The file remains only after a crash. Then it tells the next process how often its work has crashed.
+    """
+
+    def __init__(self, file: Path, opened: int) -> None:
+        self._file, self._opened = file, opened
+        left = _parse(os.read(opened, LOCK_BYTES))
+        self._crashed, self._crashes = str(left.get("work", "")), int(left.get("crashes", 0))
+        self.is_void = not self._crashed
+        self._write(self._crashed, self._crashes)
+
+    def crashes(self, work: str) -> int:
+        """Return how often the process crashed in some work."""
+        return self._crashes if work == self._crashed else 0
+
+    @contextmanager
+    def at_work(self, work: str) -> Iterator[None]:
+        """Record the work of this context; a process that ends in it without an exception has crashed."""
+        self.is_void = True
+        self._write(work, self.crashes(work) + 1)
+        yield
+        self._write("", 0)
+
+    def _write(self, work: str, crashes: int) -> None:
+        """Overwrite the first line of the file; the rest of a longer one is not read."""
+        line = json.dumps({"process": os.getpid(), "work": work, "crashes": crashes})
+        try:
+            os.lseek(self._opened, 0, os.SEEK_SET)
+            os.write(self._opened, line.encode() + b"\n")
+        except OSError as error:
+            raise OutputError(self._file, f"cannot be written ({error.strerror})") from None
+
+    def release(self) -> None:
+        """Release the lock, and remove its file unless it tells of a crash in work that this process has not repeated."""
+        if sys.platform == "win32":
+            os.close(self._opened)  # an open file cannot be removed
+        if self.is_void:
+            self._file.unlink(missing_ok=True)  # before another process can hold it
+        if sys.platform != "win32":
+            os.close(self._opened)
+
 
 @contextmanager
-def locked(folder: Path, wait: bool = False) -> Iterator[None]:
-    """Lock a run folder for this process; create the folder if it does not exist.
+def locked(folder: Path, wait: bool = False) -> Iterator[Lock]:
+    """Lock a folder for this process; create the folder if it does not exist.
 
     The operating system releases the lock when the process ends, also after a crash.
     """
@@ -38,15 +87,11 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
     if opened is None:
         words = f"another process writes to it{_holder(file)}; wait for its end, or choose another folder"
         raise OutputError(folder, words)
+    lock = Lock(file, opened)
     try:
-        yield
+        yield lock
     finally:
-        if sys.platform == "win32":
-            os.close(opened)  # an open file cannot be removed
-            file.unlink(missing_ok=True)
-        else:
-            file.unlink(missing_ok=True)  # before another process can hold it
-            os.close(opened)
+        lock.release()
 
 
 def _opened(file: Path) -> int | None:
@@ -62,8 +107,6 @@ def _opened(file: Path) -> int | None:
         except FileNotFoundError:
             same = False
         if same:
-            os.ftruncate(opened, 0)
-            os.write(opened, str(os.getpid()).encode())
             return opened
         os.close(opened)  # its last holder has removed it meanwhile
 
@@ -82,9 +125,18 @@ def _taken(opened: int) -> bool:
     return True
 
 
+def _parse(content: bytes) -> dict[str, Any]:
+    """Return what the first line of the file of a lock says; nothing if it is damaged."""
+    try:
+        found = json.loads(content.partition(b"\n")[0])
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def _holder(file: Path) -> str:
     """Describe the holder of a lock."""
     try:
-        return f" (process {int(file.read_text(encoding='ascii'))})"
-    except (OSError, ValueError):
+        return f" (process {_parse(file.read_bytes())['process']})"
+    except (OSError, KeyError):
         return ""

@@ -1,23 +1,23 @@
-"""Parts of a run: work that crashes or hangs is tried again, then divided to find the problems that cause it."""
+"""Parts of a run: work that crashes or hangs is repeated apart, then divided to find the problems that cause it."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from collections import Counter
+from collections.abc import Generator, Iterable
+from concurrent.futures import Future
+from itertools import islice
+from typing import Any, NamedTuple
 
 import polars as pl
 
 from benchmarks.blocks.base import Kind, Part
-from benchmarks.run.work import Failure, Outcome, Place
+from benchmarks.run.pool import Failure, Pool
 
 MOST_CRASHES = 3
 """Largest number of crashing problems to find per method; later failures of the method are not divided."""
 
 
-@dataclass
-class Done:
+class Done(NamedTuple):
     """The result of a part.
 
     Attributes
@@ -32,115 +32,64 @@ class Done:
 
     part: Part
     rows: pl.DataFrame | None
-    crashes: list[str] = field(default_factory=list)
+    crashes: list[str]
 
 
-@dataclass
-class _Task:
-    """A part with the results of its pieces so far."""
-
-    kind: Kind
-    part: Part
-    rows: dict[tuple[int, ...], pl.DataFrame] = field(default_factory=dict)
-    crashes: list[str] = field(default_factory=list)
-    open: int = 0
-    lost: bool = False
-
-    def done(self) -> Done:
-        frames = [self.rows[order] for order in sorted(self.rows)]
-        rows = frames[0] if len(frames) == 1 else pl.concat(frames, how="vertical_relaxed") if frames else None
-        return Done(self.part, None if self.lost else rows, self.crashes)
-
-
-@dataclass
-class _Piece:
-    """The work of a part, or of a piece of it after repeated halving."""
-
-    task: _Task
-    work: Any
-    order: tuple[int, ...] = ()
-    tries: int = 0
-
-
-def solved(parts: Iterable[tuple[Kind, Part]], place: Place) -> Iterator[Done]:
+def solve_parts(parts: Iterable[tuple[Kind, Part]], pool: Pool) -> Generator[Done]:
     """Run parts, and yield their results.
 
-    Work that crashes its process or hangs is tried a second time. If it fails again, or raises an error, it is divided until
-    the problems that cause the failure are found. These get the rows of the method `crashed` of the work.
+    Work that crashes its process or exceeds its time limit is repeated apart. If it fails again, or raises an error, it is
+    divided until the problems that cause the failure are found. These get the rows of the method `crashed` of the work.
     """
-    runner = _Runner(place)
-    source = iter(parts)
-    for kind, part in source:
-        runner.start(_Piece(_Task(kind, part), part.work))
-        while runner.full:
-            yield from runner.wait()
-    while runner.busy:
-        yield from runner.wait()
+    source, division = iter(parts), _Division(pool)
+    in_hand: dict[Future[Any], tuple[Kind, Part]] = {}
+    try:
+        while True:
+            for kind, part in islice(source, pool.room - len(in_hand)):
+                in_hand[pool.submit(solve, kind, part.work)] = kind, part
+            if not in_hand:
+                return
+            for future in [*pool.wait(in_hand)]:
+                kind, part = in_hand.pop(future)
+                yield division.done(kind, part, pool.outcome(future))
+    finally:
+        for future in in_hand:
+            future.cancel()
 
 
-class _Runner:
-    """Running pieces of work, and those that wait."""
+def solve(kind: Kind, work: Any) -> pl.DataFrame:
+    """Return the rows of some work."""
+    rows: Any = kind.solve(work)
+    if not isinstance(rows, pl.DataFrame):
+        raise TypeError(f"solve() returned a {type(rows).__name__} instead of a DataFrame")
+    return rows
 
-    def __init__(self, place: Place) -> None:
-        self._place = place
-        self._waiting: deque[_Piece] = deque()
-        self._at_work: dict[int, _Piece] = {}
-        self._tickets = 0
+
+class _Division:
+    """The division of parts that failed."""
+
+    def __init__(self, pool: Pool) -> None:
+        self._pool = pool
         self._crashes: Counter[tuple[str, str]] = Counter()
 
-    @property
-    def busy(self) -> bool:
-        return bool(self._waiting or self._at_work)
+    def done(self, kind: Kind, part: Part, outcome: pl.DataFrame | Failure) -> Done:
+        """Return the result of a part."""
+        if isinstance(outcome, Failure) and outcome.again:
+            outcome = self._pool.run_apart(solve, kind, part.work)
+        crashes: list[str] = []
+        frames = self._rows(kind, part, part.work, outcome, crashes)
+        rows = frames[0] if len(frames) == 1 else pl.concat(frames, how="vertical_relaxed") if frames else None
+        return Done(part, rows, crashes)
 
-    @property
-    def full(self) -> bool:
-        return len(self._at_work) >= self._place.room or bool(self._waiting)
-
-    def start(self, piece: _Piece) -> None:
-        piece.task.open += 1
-        self._waiting.appendleft(piece)  # halves first, to find the crashing problems soon
-        self._fill()
-
-    def _fill(self) -> None:
-        while self._waiting and len(self._at_work) < self._place.room:
-            piece = self._waiting.popleft()
-            piece.tries += 1
-            self._tickets += 1
-            self._at_work[self._tickets] = piece
-            self._place.submit(self._tickets, piece.task.kind, piece.work)
-
-    def wait(self) -> Iterator[Done]:
-        for ticket, outcome in self._place.wait():
-            piece = self._at_work.pop(ticket)
-            piece.task.open -= 1
-            self._take(piece, outcome)
-            self._fill()
-            if not piece.task.open:
-                yield piece.task.done()
-
-    def _take(self, piece: _Piece, outcome: Outcome) -> None:
-        """Keep the rows of a piece, or handle its failure."""
+    def _rows(self, kind: Kind, part: Part, work: Any, outcome: Any, crashes: list[str]) -> list[pl.DataFrame]:
+        """Return the rows of work in the order of its problems, divided if it failed, and add the reasons of failures."""
         if isinstance(outcome, pl.DataFrame):
-            piece.task.rows[piece.order] = outcome
-        elif isinstance(outcome, Failure):
-            self._failed(piece, outcome)
-        else:
-            raise outcome
-
-    def _failed(self, piece: _Piece, failure: Failure) -> None:
-        """Try a piece again, divide it, or record it as crashed."""
-        if failure.again and piece.tries == 1 and not piece.order:
-            self.start(piece)
-            return
-        task, method = piece.task, (piece.task.kind.name, piece.task.part.label)
-        if not hasattr(piece.work, "crashed"):
-            task.lost = True
-            task.crashes.append(failure.why)
-            return
-        halves = piece.work.halves() if self._crashes[method] < MOST_CRASHES else ()
-        for index, half in reversed(list(enumerate(halves))):
-            self.start(_Piece(task, half, (*piece.order, index)))
-        if not halves:
-            self._crashes[method] += 1
-            task.rows[piece.order] = piece.work.crashed()
-            task.crashes.append(failure.why)
+            return [outcome]
+        method, dividable = (kind.name, part.label), hasattr(work, "crashed")
+        halves = work.halves() if dividable and self._crashes[method] < MOST_CRASHES else ()
+        if halves:
+            pairs = ((half, self._pool.run_apart(solve, kind, half)) for half in halves)
+            return [frame for half, came in pairs for frame in self._rows(kind, part, half, came, crashes)]
+        self._crashes[method] += 1
+        crashes.append(outcome.why)
+        return [work.crashed()] if dividable else []

@@ -1,4 +1,4 @@
-"""Worker processes, each with a pipe of its own, which attributes a crash or a hang to the work that caused it."""
+"""Pools that run work: this process, worker processes, and executors of the caller."""
 
 from __future__ import annotations
 
@@ -6,170 +6,253 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
-from multiprocessing.process import BaseProcess
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
-from benchmarks.blocks.base import Kind
-from benchmarks.run.work import Failure, Outcome, attempt
 from optik.errors import OptikError
+from optik.plugins.files import expect
+
+IN_FLIGHT = 64
+"""Parts that an executor of the caller has at a time: enough for as many workers, with arrays that fit in memory."""
 
 START_SECONDS = 300.0
 """Time limit for a worker to import optik [s]: a loaded machine may take tens of seconds."""
 
+_one_at_a_time = threading.Lock()
+"""A lock, because a worker of a cluster may have several threads, and methods need not be thread-safe."""
 
-class WorkerFailed(OptikError, RuntimeError):
-    """A worker process that ended before its first work."""
+
+class PoolLost(OptikError, RuntimeError):
+    """The loss of a cluster, of an executor or of the ability to start worker processes."""
 
 
-class Workers:
-    """A pool of worker processes."""
+@dataclass(frozen=True)
+class Failure:
+    """Why some work has no result.
 
-    def __init__(self, count: int, recorded: Sequence[Mapping[str, str]], limit: float) -> None:
-        self.room = count
-        self._recorded, self._limit = list(recorded), limit
-        self._idle: list[_Worker] = []
-        self._busy: list[_Worker] = []
+    Attributes
+    ----------
+    why : str
+        The reason: a crashed process, a time limit, or an error.
+    again : bool
+        Whether a second attempt may succeed: after a crash or a time limit, which other work may have caused.
+    """
 
-    def submit(self, ticket: int, kind: Kind, work: Any) -> None:
-        """Give work to an idle worker, or to a new one."""
-        worker = self._idle.pop() if self._idle else _Worker(self._recorded)
-        self._busy.append(worker)
-        worker.give(ticket, (kind, work), self._limit)
+    why: str
+    again: bool
 
-    def wait(self) -> Sequence[tuple[int, Outcome]]:
-        """Wait for outcomes."""
-        found: list[tuple[int, Outcome]] = []
-        while not found:
-            until = min(worker.until for worker in self._busy)
-            ready = wait([worker.pipe for worker in self._busy], timeout=max(until - time.monotonic(), 0.0))
-            for worker in list(self._busy):
-                outcome = worker.outcome() if worker.pipe in ready else worker.overdue()
-                if outcome is None:
-                    continue
-                self._busy.remove(worker)
-                if worker.process.is_alive():
-                    self._idle.append(worker)
-                found.append((worker.ticket, outcome))
-        return found
+
+def attempt(recorded: Sequence[Mapping[str, str]], function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function in this process, if plug-ins are as recorded; return its result, or the error.
+
+    An OptikError ends the run, because the user can correct it. Any other error is a `Failure`.
+    """
+    try:
+        with _one_at_a_time:
+            expect(recorded)
+            return function(*arguments)
+    except OptikError as error:
+        return error
+    except (Exception, SystemExit) as error:  # a method or a peer may raise any
+        return Failure(words_of_error(error), again=False)
+
+
+def words_of_error(error: BaseException) -> str:
+    """Format an error on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300].rstrip(": ")
+
+
+class Pool:
+    """An executor, and the number of parts that it has at a time."""
+
+    is_here = False
+    """Whether work runs in this process."""
+
+    def __init__(self, executor: Any, room: int, recorded: Sequence[Mapping[str, str]]) -> None:
+        self._executor, self.room, self._recorded = executor, room, list(recorded)
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Submit work."""
+        future: Future[Any] = self._executor.submit(attempt, self._recorded, function, *arguments)
+        return future
+
+    def wait(self, futures: Collection[Future[Any]]) -> Collection[Future[Any]]:
+        """Wait until some of these futures are done, and return them."""
+        return wait(futures, return_when=FIRST_COMPLETED).done
+
+    def outcome(self, future: Future[Any]) -> Any:
+        """Return the result of work, or its `Failure`; raise its OptikError."""
+        try:
+            result = future.result()
+        except (BrokenExecutor, CancelledError) as error:
+            raise PoolLost(f"lost the executor ({words_of_error(error)}); repeat the command to resume") from None
+        if isinstance(result, OptikError):
+            raise result
+        return result
+
+    def run_apart(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the outcome of work that shares no worker process with other work."""
+        future = self.submit(function, *arguments)
+        self.wait([future])
+        return self.outcome(future)
+
+    def close(self) -> None:
+        """End what this pool has started; unfinished work is lost."""
+
+
+class ThisProcess(Pool):
+    """The main process, which runs one part at a time, when it is submitted."""
+
+    is_here = True
+
+    def __init__(self, recorded: Sequence[Mapping[str, str]]) -> None:
+        super().__init__(None, 1, recorded)
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Run work."""
+        future: Future[Any] = Future()
+        future.set_result(attempt(self._recorded, function, *arguments))
+        return future
+
+
+# ---------------------------------------------------------------- worker processes
+
+
+class Processes(Pool):
+    """Worker processes. All of them are started anew after one has crashed, or after the time limit of some work.
+
+    The crash of a process does not tell whose work caused it. All work in hand then fails, for a second attempt apart.
+    """
+
+    def __init__(self, room: int, recorded: Sequence[Mapping[str, str]], limit: float | None = None) -> None:
+        super().__init__(None, room, recorded)
+        self._limit = limit
+        self._due: dict[Future[Any], float] = {}
+        self._why = ""
+        self._apart: Processes | None = None
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Submit work to the workers, of which at least one is idle."""
+        if self._executor is None:
+            self._start()
+        try:
+            future = super().submit(function, *arguments)
+        except BrokenProcessPool:  # an idle worker has ended
+            self._end()
+            return self.submit(function, *arguments)
+        self._due[future] = time.monotonic() + (self._limit or threading.TIMEOUT_MAX)
+        return future
+
+    def wait(self, futures: Collection[Future[Any]]) -> Collection[Future[Any]]:
+        """Wait until some of these futures are done, or until the time limit of one of them, which ends all."""
+        left = min(self._due[future] for future in futures) - time.monotonic()
+        done = wait(futures, min(max(left, 0.0), threading.TIMEOUT_MAX), FIRST_COMPLETED).done
+        if done and not any(isinstance(future.exception(), BrokenProcessPool) for future in done):
+            return done
+        self._end("" if done else f"no result within {self._limit:g} s")
+        return futures
+
+    def outcome(self, future: Future[Any]) -> Any:
+        """Return the result of work, or its `Failure`; raise its OptikError."""
+        del self._due[future]
+        if isinstance(future.exception(), BrokenProcessPool):
+            return Failure(self._why, again=True)
+        return super().outcome(future)
+
+    def run_apart(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the outcome of work that shares no worker process with other work."""
+        if self.room == 1:
+            return super().run_apart(function, *arguments)
+        self._apart = self._apart or Processes(1, self._recorded, self._limit)
+        return self._apart.run_apart(function, *arguments)
 
     def close(self) -> None:
         """Kill all workers; they hold no files."""
-        for worker in (*self._busy, *self._idle):
-            worker.end()
-        self._busy, self._idle = [], []
+        self._end()
+        if self._apart is not None:
+            self._apart.close()
 
-
-class _Worker:
-    """One process, its pipe and its current work."""
-
-    def __init__(self, recorded: list[Mapping[str, str]]) -> None:
-        context = get_context("spawn")
-        self.pipe, other = context.Pipe()
-        self.process: SpawnProcess = context.Process(target=_serve, args=(other, recorded))
-        start(self.process)
-        other.close()  # the end of the process then ends the pipe
-        self.ticket, self.ready, self._limit = -1, False, 0.0
-        self.until = time.monotonic() + START_SECONDS
-
-    def give(self, ticket: int, work: tuple[Kind, Any], limit: float) -> None:
-        self.ticket, self._limit = ticket, limit
-        if self.ready:
-            self.until = time.monotonic() + limit
-        with suppress(OSError):  # it has crashed: `outcome` reports that
-            self.pipe.send(work)
-
-    def outcome(self) -> Outcome | None:
-        """Return what the process sent; None for the message that it has started."""
+    def _start(self) -> None:
+        """Start all workers, so that the time limit of work does not include imports."""
+        with _safe_start():
+            self._executor = ProcessPoolExecutor(self.room, _Spawn())
         try:
-            came = self.pipe.recv()
-        except (EOFError, OSError):
-            self.process.join(timeout=5.0)
-            how = ending(self.process.exitcode)
-            self.end()
-            if not self.ready:
-                raise WorkerFailed(f"a worker process could not start: {how}") from None
-            return Failure(f"its process ended: {how}", again=True)
-        if self.ready:
-            return came  # type: ignore[no-any-return]
-        self.ready, self.until = True, time.monotonic() + self._limit
-        return None
+            for future in [self._executor.submit(bool) for _ in range(self.room)]:
+                future.result(START_SECONDS)
+        except (BrokenProcessPool, TimeoutError):
+            raise PoolLost(f"a worker process could not start: {self._end()}") from None
 
-    def overdue(self) -> Outcome | None:
-        """End the process if its time is over."""
-        if time.monotonic() < self.until:
-            return None
-        self.end()
-        if not self.ready:
-            raise WorkerFailed(f"a worker process did not start within {START_SECONDS:.0f} s")
-        return Failure(f"no result within {self._limit:g} s", again=True)
-
-    def end(self) -> None:
-        self.process.kill()
-        self.process.join(timeout=5.0)
-        self.pipe.close()
+    def _end(self, why: str = "") -> str:
+        """Kill all workers, and return why they have ended."""
+        if self._executor is not None:
+            processes = [*self._executor._processes.values()]
+            for process in processes:
+                process.kill()
+            self._executor._result_queue._writer.close()  # a thread may wait for the rest of a result
+            self._executor.shutdown()
+            for process in processes:
+                process.join()
+            self._executor = None
+            self._why = why or f"its process ended: {_ending(max((p.exitcode for p in processes), default=0))}"
+        return self._why
 
 
-def ending(status: int | None) -> str:
+def _ending(status: int) -> str:
     """Describe how a process ended."""
-    if status is not None and status < 0:
-        try:
-            return signal.Signals(-status).name
-        except ValueError:
-            return f"signal {-status}"
-    return f"exit status {status}"
-
-
-@contextmanager
-def interrupts_held_back() -> Iterator[None]:
-    """Block Ctrl-C for processes that start in this context; only the main process handles it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        return signal.Signals(-status).name if status < 0 else f"exit status {status}"
+    except ValueError:
+        return f"signal {-status}"
 
 
-def start(process: BaseProcess) -> None:
-    """Start a process that imports nothing from the working folder and does not receive Ctrl-C."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        with interrupts_held_back():
-            process.start()
-    finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before
+class Child(SpawnProcess):
+    """A process that ends with the main one, imports nothing from the working folder and does not receive Ctrl-C."""
+
+    def start(self) -> None:
+        """Start the process."""
+        with _safe_start():
+            super().start()
+
+    def run(self) -> None:
+        """Run the work of the process, in it."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        threading.Thread(target=_end_with_parent, daemon=True).start()
+        super().run()
 
 
-# ---------------------------------------------------------------- in the worker's process
+class _Spawn(SpawnContext):
+    """The way in which a pool starts its processes."""
+
+    Process = Child
 
 
-def _serve(pipe: Connection, recorded: Sequence[Mapping[str, str]]) -> None:
-    """Run work until the pipe closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    try:
-        pipe.send("ready")
-        while True:
-            kind, work = pipe.recv()
-            pipe.send(attempt(kind, work, recorded))
-    except (EOFError, OSError):
-        return
-
-
-def end_with_parent() -> None:
+def _end_with_parent() -> None:
     """Wait for the main process to end, then end this process."""
     parent = parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+@contextmanager
+def _safe_start() -> Iterator[None]:
+    """Block Ctrl-C for processes that start in this context, and let them import nothing from the working folder."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    masks = hasattr(signal, "pthread_sigmask")
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
+    try:
+        yield
+    finally:
+        if masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before

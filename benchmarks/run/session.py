@@ -1,33 +1,28 @@
-"""Run a suite: first parts for any process, then blocks that are timed alone."""
+"""Run a suite: first parts in any process, then blocks that are timed alone."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from contextlib import closing, nullcontext
 from functools import partial
 from typing import Any
 
 from benchmarks.blocks.base import Kind, Part
-from benchmarks.provenance import provenance
-from benchmarks.records import ARMS, FORMAT, JOURNAL, Journal, RunFolder
-from benchmarks.run.alone import Apart, Mark, finish_apart
-from benchmarks.run.aside import compiled_aside
-from benchmarks.run.cluster import OnDask
-from benchmarks.run.lock import locked
-from benchmarks.run.parts import Done, solved
-from benchmarks.run.places import Here, OnExecutor
-from benchmarks.run.pool import Workers
-from benchmarks.run.work import Failure, Place, words_of_error
+from benchmarks.records import RunFolder, failures, record_failures, update_manifest
+from benchmarks.run.alone import DEATHS, compiled_aside, run_block_apart
+from benchmarks.run.cluster import Cluster
+from benchmarks.run.lock import Lock
+from benchmarks.run.manifest import begun, new_manifest, resumed
+from benchmarks.run.parts import solve_parts
+from benchmarks.run.pool import IN_FLIGHT, Failure, Pool, Processes, ThisProcess, words_of_error
 from benchmarks.suite import Suite
 from optik.arm.library import load
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import expect
-from optik.plugins.usage import check_allowed, record_plugins
+from optik.plugins.usage import check_allowed
 from optik.registry import own_names, short_name
 
 Progress = Callable[[int, int, str], None]
@@ -38,43 +33,6 @@ MOST_WORKERS = 4096
 
 PART_SECONDS = 1800.0
 """Default time limit of a part in a worker process [s]: a part of the slowest method takes minutes."""
-
-
-@dataclass(frozen=True)
-class Where:
-    """What runs the parts of a run.
-
-    Attributes
-    ----------
-    workers : int
-        Number of processes.
-    executor : Executor or None
-        An executor in place of processes.
-    dask : str
-        Address of a Dask scheduler in place of processes; empty for none.
-    limit : float or None
-        Time limit of a part in a worker process [s].
-    """
-
-    workers: int = 1
-    executor: Executor | None = None
-    dask: str = ""
-    limit: float | None = None
-
-    def __post_init__(self) -> None:
-        check_count(self.workers, "workers", 1, MOST_WORKERS)
-        if self.limit is not None and check_number(self.limit, "part_timeout", "a time [s] above 0") <= 0.0:
-            raise InvalidInput("part_timeout", self.limit, "a time [s] above 0")
-
-    def place(self, recorded: list[dict[str, str]]) -> Place:
-        """Start the processes, or connect to the cluster."""
-        if self.executor is not None:
-            return OnExecutor(self.executor, recorded)
-        if self.dask:
-            return OnDask(self.dask, recorded)
-        if self.workers == 1 and self.limit is None:
-            return Here()
-        return Workers(self.workers, recorded, self.limit or PART_SECONDS)
 
 
 def run_suite(
@@ -124,160 +82,127 @@ def run_suite(
         damaged or foreign table in the folder; no cluster at that address.
     """
     check_allowed(suite.plugins, suite.allow_plugins)
-    where = Where(workers, executor, dask, part_timeout)
-    folder = RunFolder(out)
-    manifest = _manifest(suite, workers, command)
-    folder.checked(manifest)
-    with _begun(folder, manifest) as begun, closing(where.place(manifest["plugins"])) as place:
-        expect(manifest["plugins"])
-        run = _Session(suite, folder, begun, progress or (lambda done, total, what: None))
-        with compiled_aside(suite, wanted=isinstance(place, Workers)):
+    folder, manifest = RunFolder(out), new_manifest(suite, workers, command)
+    resumed(folder, manifest)
+    recorded = manifest["plugins"]
+    with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begun(folder, manifest) as lock:
+        expect(recorded)
+        run = _Session(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
+        with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
             run.prepare()
-            run.do_parts(place)
+            run.do_parts(pool)
+        pool.close()  # timed blocks share this machine with no worker
         run.do_alone()
         run.finish()
     return folder
 
 
-@contextmanager
-def _begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Lock and create a run folder; undo that if a new run fails before its first part."""
-    existed, fresh = folder.path.exists(), folder.empty
-    try:
-        with locked(folder.path):
-            now = folder.create(manifest)
-            try:
-                yield now
-            except Exception:
-                if fresh and not folder.begun:
-                    folder.discard()
-                raise
-    finally:
-        if not existed and folder.path.is_dir() and not any(folder.path.iterdir()):
-            folder.path.rmdir()
+def _pool(
+    workers: int, executor: Executor | None, dask: str, limit: float | None, recorded: list[dict[str, str]]
+) -> Pool:
+    """Return what runs the parts."""
+    check_count(workers, "workers", 1, MOST_WORKERS)
+    if limit is not None and check_number(limit, "part_timeout", "a time [s] above 0") <= 0.0:
+        raise InvalidInput("part_timeout", limit, "a time [s] above 0")
+    if executor is not None:
+        return Pool(executor, IN_FLIGHT, recorded)
+    if dask:
+        return Cluster(dask, recorded)
+    if workers == 1 and limit is None:
+        return ThisProcess(recorded)
+    return Processes(workers, recorded, limit or PART_SECONDS)
 
 
 class _Session:
     """A run in progress."""
 
-    def __init__(self, suite: Suite, folder: RunFolder, manifest: dict[str, Any], tell: Progress) -> None:
-        self._suite, self._folder, self._tell = suite, folder, tell
-        self._manifest = {"failed": []} | manifest
+    def __init__(
+        self, suite: Suite, folder: RunFolder, lock: Lock, recorded: list[dict[str, str]], tell: Progress
+    ) -> None:
+        self._suite, self._folder, self._lock, self._recorded, self._tell = suite, folder, lock, recorded, tell
         self._prepared: list[tuple[Kind, Any, Any]] = []
         self._alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
         self._done = self._total = 0
         self._lacking: set[str] = set()
-        self._mark, self._recorded = Mark(folder), record_plugins(suite.plugins)
 
     def prepare(self) -> None:
-        """Prepare every block, and write the robots that do not come with optik, so that a report needs no other files."""
+        """Prepare every block, and record the robots that do not come with optik, so that a report needs no other files."""
         self._tell(0, 1, "problem sets")
         suite = self._suite
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
         if outside:
-            self._folder.write_json(ARMS, {short_name(name): load(name).to_dict() for name in outside})
+            update_manifest(self._folder, robots={short_name(name): load(name).to_dict() for name in outside})
+
+    def do_parts(self, pool: Pool) -> None:
+        """Run all unfinished parts; a part that crashed the main process runs in a worker process."""
+        self._total = len(self._alone)
+        deadly = []
+        for kind, part in self._todo():
+            self._total += 1
+            if pool.is_here and self._lock.crashes(part.file) >= DEATHS:
+                deadly.append((kind, part))
+        with closing(self._process(PART_SECONDS)) as apart:
+            self._solve(deadly, apart)
+        self._solve(self._marked() if pool.is_here else self._todo(), pool)
+
+    def _process(self, limit: float | None) -> Processes:
+        """Return a pool with one worker process, which starts with its first work."""
+        return Processes(1, self._recorded, limit)
 
     def _todo(self) -> Iterator[tuple[Kind, Part]]:
         """Yield unfinished parts one by one, because each holds its problems in memory."""
         for kind, block, given in self._prepared:
             for part in kind.parts(block, given, self._folder):
-                if not self._folder.has(part.file):
+                if not self._folder.has(part.file) and part.file not in self._lacking:
                     yield kind, part
 
-    def do_parts(self, place: Place) -> None:
-        """Run all unfinished parts; a part that crashed the main process runs in a worker process."""
-        deadly = [(kind, part) for kind, part in self._counted() if self._mark.deadly(part.file)]
-        if deadly and isinstance(place, Here):
-            with closing(Workers(1, self._recorded, PART_SECONDS)) as apart:
-                self._keep(solved(deadly, apart))
-        rest = ((kind, part) for kind, part in self._todo() if part.file not in self._lacking)
-        self._keep(solved(self._marked(rest) if isinstance(place, Here) else rest, place))
-        self._mark.clear()
-
-    def _counted(self) -> Iterator[tuple[Kind, Part]]:
-        """Yield unfinished parts, and count them."""
-        self._total = len(self._alone)
+    def _marked(self) -> Iterator[tuple[Kind, Part]]:
+        """Yield parts for this process, and record each while it runs."""
         for kind, part in self._todo():
-            self._total += 1
-            yield kind, part
-
-    def _marked(self, parts: Iterable[tuple[Kind, Part]]) -> Iterator[tuple[Kind, Part]]:
-        """Yield parts for this process, each marked before it runs."""
-        for kind, part in parts:
-            self._mark.set(part.file)
             self._tell(self._done, self._total, part.label)
-            yield kind, part
+            with self._lock.at_work(part.file):
+                yield kind, part
 
-    def _keep(self, parts: Iterable[Done]) -> None:
-        """Write the rows and failures of parts."""
-        for done in parts:
-            if done.rows is None:
-                self._lacking.add(done.part.file)
+    def _solve(self, parts: Iterable[tuple[Kind, Part]], pool: Pool) -> None:
+        """Run parts, and write their rows and failures."""
+        for part, rows, crashes in solve_parts(parts, pool):
+            if rows is None:
+                self._lacking.add(part.file)
             else:
-                self._folder.write(done.part.file, done.rows)
-            self._record(done.part.file, done.part.label, done.crashes)
+                self._folder.write(part.file, rows)
+            record_failures(self._folder, part.file, part.label, crashes)
             self._done += 1
-            self._tell(self._done, self._total, done.part.label)
+            self._tell(self._done, self._total, part.label)
 
     def do_alone(self) -> None:
         """Run the blocks that are timed alone, one after another, in this process."""
         for kind, block in self._alone:
-            tell = partial(self._tell, self._done, self._total)
-            failure = self._timed(kind, block, tell)
+            failure = self._timed(kind, block)
             if failure is not None:
                 self._lacking.add(kind.file(block))
-            self._record(kind.file(block), block.title, [] if failure is None else [failure.why])
-            journal = Journal(self._folder, kind.file(block, JOURNAL))
-            for label, why in journal.crashed.items():
-                self._record(journal.crashes, f"{block.title}: {label}", [why])
+            record_failures(self._folder, kind.file(block), block.title, [failure.why] if failure else [])
             self._done += 1
         self._tell(self._done, self._total, "done")
 
-    def _timed(self, kind: Kind, block: Any, tell: Callable[[str], None]) -> Failure | None:
-        """Complete a block; return its failure, or None."""
-        name = kind.file(block)
-        failed = any(one["file"] == name for one in self._manifest["failed"])  # it may crash this process again
-        apart = failed or self._mark.died_in(name)
-        self._mark.set(name)
-        try:
+    def _timed(self, kind: Kind, block: Any) -> Failure | None:
+        """Complete a block; return its failure, or None. A block that has failed may crash: it runs in another process."""
+        name, seed, folder = kind.file(block), self._suite.seed, self._folder
+        failed = (name, block.title) in [(one["file"], one["label"]) for one in failures(folder)]
+        apart = failed or self._lock.crashes(name) > 0
+        with self._lock.at_work(name):
             if apart:
-                work = Apart(kind, block, self._suite.seed, self._folder, self._recorded)
-                return finish_apart(work, kind.file(block, JOURNAL), tell)
-            kind.run(block, self._suite.seed, self._folder, tell)
-        except OptikError:
-            raise
-        except Exception as error:  # a method or a peer may raise any
-            return Failure(words_of_error(error), again=False)
-        finally:
-            self._mark.clear()
+                self._tell(self._done, self._total, f"{block.title}, in a separate process")
+                with closing(self._process(None)) as pool:
+                    return run_block_apart(pool, kind, block, seed, folder)
+            try:
+                kind.run(block, seed, folder, partial(self._tell, self._done, self._total))
+            except OptikError:
+                raise
+            except Exception as error:  # a method or a peer may raise any
+                return Failure(words_of_error(error), again=False)
         return None
-
-    def _record(self, file: str, label: str, crashes: list[str]) -> None:
-        """Record crashes in ``run.json``."""
-        before = [one for one in self._manifest["failed"] if (one["file"], one["label"]) != (file, label)]
-        now = [{"file": file, "label": label, "why": why, "times": n} for why, n in Counter(crashes).items()]
-        if now or len(before) < len(self._manifest["failed"]):
-            self._manifest["failed"] = before + now
-            self._folder.write_json("run.json", self._manifest)
 
     def finish(self) -> None:
         """Record whether the run is complete."""
-        self._folder.write_json("run.json", self._manifest | {"complete": not self._lacking})
-
-
-def _manifest(suite: Suite, workers: int, command: str) -> dict[str, Any]:
-    """Return the content of ``run.json`` at the start of a run."""
-    return {
-        "format": FORMAT,
-        "suite": suite.name,
-        "title": suite.title,
-        "fingerprint": suite.fingerprint,
-        "settings": suite.settings,
-        "plugins": record_plugins(suite.plugins),
-        "command": command,
-        "provenance": provenance(suite.seed, workers),
-        "continued": [],
-        "failed": [],
-        "complete": False,
-    }
+        update_manifest(self._folder, complete=not self._lacking)

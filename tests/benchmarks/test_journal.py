@@ -53,7 +53,7 @@ def test_what_is_kept_is_read_again_unless_it_is_damaged_and_crashes_outlive_the
         (tmp_path / "x.journal" / "long.arrow").write_bytes(b"no table")
         assert journal.kept("long") is None
         journal.blame("a", "its process ended: SIGSEGV")
-    assert [file.name for file in (tmp_path / "x.journal").iterdir()] == ["crashed.json"]
+    assert not (tmp_path / "x.journal").exists()
     assert Journal(folder, "x.journal").crashed == {"a": "its process ended: SIGSEGV"}
 
 
@@ -217,7 +217,7 @@ def test_a_peer_that_ends_the_process_costs_its_own_rows_alone(
     assert first.returncode == status, first.stderr
     second = run(tmp_path, suite)
     assert second.returncode == 0, second.stderr
-    assert f"warm: deadly (kinds/calls/warm.journal/crashed.json): its process ended: {why}" in second.stderr
+    assert f"failed: deadly (kinds/calls/warm.parquet): its process ended: {why}" in second.stderr
     folder = RunFolder(tmp_path / "run")
     rows = folder.parts("speed", "warm")
     assert rows is not None

@@ -194,10 +194,11 @@ def test_a_disk_that_is_read_only_is_one_line(small_disk: Path) -> None:
 # ---------------------------------------------------------------- errors in parts
 
 
-def test_a_part_that_raises_is_recorded_and_the_run_says_so(tmp_path: Path) -> None:
-    folder = run(tmp_path / "run", bad={"5": "raises"})
+@pytest.mark.parametrize(("how", "why"), [("raises", "ZeroDivisionError: on purpose"), ("exits", "SystemExit: 3")])
+def test_a_part_that_raises_is_recorded_and_the_run_says_so(tmp_path: Path, how: str, why: str) -> None:
+    folder = run(tmp_path / "run", bad={"5": how})
     assert folder.manifest()["complete"] is True
-    assert [(o["why"], o["times"]) for o in folder.manifest()["failed"]] == [("ZeroDivisionError: on purpose", 1)]
+    assert [(o["why"], o["times"]) for o in folder.manifest()["failed"]] == [(why, 1)]
     rows = folder.parts("toy", "squares")
     assert rows is not None
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [5]

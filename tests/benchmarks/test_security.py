@@ -66,7 +66,7 @@ def test_reports_and_comparisons_run_no_file_that_a_run_folder_names(
 
 
 def test_an_arm_that_the_run_has_not_stored_is_named(small_run: RunFolder, tmp_path: Path) -> None:
-    with pytest.raises(OptikError, match=r"robots\.json.*repeat the run"):
+    with pytest.raises(OptikError, match=r"run\.json.*repeat the run"):
         Run(small_run).robot(str(tmp_path / "arm.urdf"))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
+from pydantic import Field
 
 from benchmarks.blocks.base import KINDS, Block, Kind, Part
 from benchmarks.records import RunFolder
@@ -50,30 +51,25 @@ def act(how: str, once: str) -> None:
         time.sleep(3600)
     if how == "raises":
         raise ZeroDivisionError("on purpose")
+    if how == "exits":
+        sys.exit(3)
     if how == "waits":
         time.sleep(0.05)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ToyBlock(Block):
-    count: int
-    part: int
-    bad: dict[int, str]
-    divisible: bool
-    once: str
+    count: int = 12
+    part: int = 4
+    bad: dict[int, str] = Field(default_factory=dict)
+    divisible: bool = True
+    once: str = ""
 
 
 class Toy(Kind):
     name = "toy"
     title = "Squares"
+    block = ToyBlock
     alone = False
-
-    def settings(self, data: Any) -> ToyBlock:
-        bad = {int(key): how for key, how in data.get("bad", {}).items()}
-        count, part, apart = data.get("count", 12), data.get("part", 4), data.get("divisible", True)
-        return ToyBlock(
-            id=data["id"], title=data["id"], count=count, part=part, bad=bad, divisible=apart, once=data.get("once", "")
-        )
 
     def parts(self, block: ToyBlock, prepared: Any, folder: RunFolder) -> Iterator[Part]:
         made = Divisible if block.divisible else ToyWork
