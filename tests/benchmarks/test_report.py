@@ -25,8 +25,7 @@ from benchmarks.report.board import strict
 from benchmarks.report.numbers import number
 from benchmarks.report.packing import unpack
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.laws import _limit_words, broken_limits, ratio_words, worst
-from benchmarks.report.timing.plans.look import law_control
+from benchmarks.report.timing.plans.tables import _limit_words, broken_limits, law_control, ratio_words, worst
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.browser import Browser

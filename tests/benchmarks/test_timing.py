@@ -31,7 +31,7 @@ from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.numbers import ratio
 from benchmarks.report.run import Run
-from benchmarks.report.timing.laws.winners import kind_winners
+from benchmarks.report.timing.laws import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Target

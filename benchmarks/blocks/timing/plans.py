@@ -55,6 +55,11 @@ class LineTask(Block):
     )
 
 
+def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Item]:
+    """The first plan of each law, that of the first IK method, in the order of the plans."""
+    return list({law(p): p for p in reversed(plans)}.values())[::-1]
+
+
 @dataclass(frozen=True)
 class LinePlans(BlockRows):
     """The line by every IK method and law; ``facts["plans"]`` holds the summary of each plan."""
@@ -75,9 +80,9 @@ class LinePlans(BlockRows):
         return str((self.solved or self.plans)[0]["solver"])
 
     @cached_property
-    def laws(self) -> list[str]:
-        """Names of all laws, in the order of the plans."""
-        return list(dict.fromkeys(p["law"] for p in self.plans))
+    def of_laws(self) -> list[dict[str, Any]]:
+        """The first plan of each law that has a trajectory."""
+        return first_of_laws(self.solved, lambda p: str(p["law"]))
 
 
 def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
@@ -132,11 +137,6 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
 def _around(task: LineTask) -> dict[str, Any]:
     """Arguments of `plan` on the scene: none where the task has none."""
     return {"scene": scene_named(task.scene, task.margin)} if task.scene else {}
-
-
-def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Item]:
-    """The first plan of each law, that of the first IK method, in the order of the plans."""
-    return list({law(p): p for p in reversed(plans)}.values())[::-1]
 
 
 def _summary(planned: Plan, seconds: float) -> dict[str, Any]:

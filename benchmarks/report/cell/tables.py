@@ -10,10 +10,19 @@ import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.cell.laws import OWN_TIME, SAME_TIME
-from benchmarks.blocks.cell.settings import PATH_TEST, POSE_TEST, IsoBlock, LawsBlock, figures_of, within
+from benchmarks.blocks.cell.settings import (
+    PATH_TEST,
+    POSE_TEST,
+    CellBlock,
+    IsoBlock,
+    LawsBlock,
+    Noise,
+    SpotsBlock,
+    figures_of,
+    within,
+)
 from benchmarks.records import slug
 from benchmarks.report.base import Column, Table
-from benchmarks.report.cell.look import cell_blocks, spots_blocks
 from benchmarks.report.run import Run
 from benchmarks.statistics import quantiles, wilson
 from optik.types import Array
@@ -21,6 +30,17 @@ from planners.cell.iso9283 import SIMULATED, PoseFigures
 
 if TYPE_CHECKING:
     from benchmarks.report.base import Cell
+
+NOISE_WORDS = {
+    "laser_angle": ("σ of the laser's pan and tilt", 1e3, "mrad"), "laser_range": ("σ of its range", 1e3, "mm"),
+    "laser_position": ("σ of each coordinate of its calibrated position", 1e3, "mm"),
+    "laser_rotation": ("σ of each component of its calibrated orientation", 1e3, "mrad"),
+    "friction": ("friction of each joint, uniform ±", 1e2, "%"), "payload": ("payload, uniform ±", 1e2, "%"),
+    "encoder_counts": ("encoder resolution", 1.0, "counts per turn"),
+    "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
+}  # fmt: skip
+"""What varies, in words, with the factor to its unit."""
+
 
 SPOT_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -72,6 +92,35 @@ COST_COLUMNS = (
     Column("status", "Status", show="text", aside=True),
 )
 """Columns of a table of time laws."""
+
+
+def cell_blocks(run: Run, kind: type[CellBlock]) -> list[BlockRows]:
+    """Blocks of one class that have rows."""
+    return [b for b in run.of("cell") if isinstance(b.block, kind)]
+
+
+def spots_blocks(run: Run) -> list[BlockRows]:
+    """Blocks of spots that have rows."""
+    return cell_blocks(run, SpotsBlock)
+
+
+def noise_words(noise: Noise) -> str:
+    """What varies from trial to trial, in words."""
+    words = []
+    for name in NOISE_WORDS:
+        value = getattr(noise, name)
+        what, scale, unit = NOISE_WORDS[name]
+        if value:
+            gap = "" if what.endswith("±") else " "
+            words.append(f"{what}{gap}{scale * value:.7g}{' ' + unit if unit else ''}")
+    return ", ".join(words)
+
+
+def drives_of(b: BlockRows) -> str:
+    """The drive of a block in words."""
+    names = b.rows["drive"].drop_nulls().unique().sort().to_list()
+    ideal = " (without masses: no servo error, torque or energy; friction and payload have no effect)"
+    return " and ".join(name + (ideal if name == "ideal" else "") for name in names)
 
 
 def tables(run: Run) -> Sequence[Table]:

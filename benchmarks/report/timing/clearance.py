@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +17,21 @@ from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.steps import steps_of
-from benchmarks.statistics import quantiles, wilson
+from benchmarks.statistics import percentage, quantiles
 
 if TYPE_CHECKING:
     from benchmarks.report.base import Cell
 
 TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 """Numbers on the axes of times [ms]."""
+
+HOW = (
+    "Motions are straight in joint space, one quintic from rest to rest, between two collision-free configurations. The proof "
+    "is for every instant. Sampling is Pinocchio's computeCollisions with coal at configurations equally spaced in joint space "
+    "or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact if coal finds "
+    "one at some sample, or confirms the one of the proof at its instant."
+)
+"""What was judged, and how."""
 
 CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -44,7 +51,7 @@ CLEARANCE_COLUMNS = (
 def section(run: Run) -> dict[str, Any] | None:
     """Plots of all scenes, and a table for each."""
     blocks = run.of("clearance")
-    return {"boards": [_board(blocks, run)], "tables": tables(run)} if blocks else None
+    return {"boards": [_board(blocks, run)], "tables": run.tables_of("clearance"), "after": [HOW]} if blocks else None
 
 
 def tables(run: Run) -> Sequence[Table]:
@@ -79,9 +86,9 @@ def _table(b: BlockRows) -> Table:
     for label, part in _by_method(b):
         contacts, ms = int(part["contact"].sum()), part["ms"].to_numpy()
         row: dict[str, Cell] = {
-            "label": label, "missed": _share(int(part["missed"].sum()), contacts) if contacts else None, "count": contacts,
-            "free": _share(int((part["says"] == "free").sum()), len(part)),
-            "undecided": _share(int((part["says"] == "undecided").sum()), len(part)),
+            "label": label, "missed": percentage(int(part["missed"].sum()), contacts) if contacts else None, "count": contacts,
+            "free": percentage(int((part["says"] == "free").sum()), len(part)),
+            "undecided": percentage(int((part["says"] == "undecided").sum()), len(part)),
             "per_second": float(np.median(ms / part["duration"].to_numpy())),
             "false_contacts": int(part["false_contact"].sum()),
         }  # fmt: skip
@@ -97,16 +104,11 @@ def _table(b: BlockRows) -> Table:
     return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
 
 
-def _share(count: int, of: int) -> tuple[float, float, float]:
-    low, high = wilson(count, of)
-    return 100.0 * count / of, 100.0 * low, 100.0 * high
-
-
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     """Contacts called free against the time of a motion; and how times are distributed."""
     ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
-    most = max((_share(*pair)[2] for pair in each if pair[1]), default=100.0)
+    most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = Plot(
         "clearance-missed", "Missed contacts against the time of a motion",
         {
@@ -124,7 +126,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
             contacts, ms = int(rows["contact"].sum()), rows["ms"].to_numpy()
             when = {"scene": [b.block.title]}
             if contacts:
-                share, low, high = _share(int(rows["missed"].sum()), contacts)
+                share, low, high = percentage(int(rows["missed"].sum()), contacts)
                 missed.add(
                     line(
                         mode="markers", x=lean([np.median(ms)], 4), y=lean([share], 4), name=label,
@@ -153,9 +155,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     )  # fmt: skip
 
 
-SECTIONS = (
-    Section("Contact between samples", "clearance", section, Path(__file__).with_name("clearance.html.j2"), 25),
-)
+SECTIONS = (Section("Contact between samples", "clearance", section, order=25),)
 """Plots and a table for each scene."""
 
 LIMITATIONS_OF_CLEARANCE = (

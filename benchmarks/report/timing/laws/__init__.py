@@ -2,15 +2,160 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock
-from benchmarks.report.base import KindReport, Section
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.timing.laws.rows import LawRows, in_group
+from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock, LimitSet
+from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.numbers import number, percent
+from benchmarks.report.ranked import ranked
 from benchmarks.report.run import Run
-from benchmarks.report.timing.laws.section import findings, timing
-from benchmarks.report.timing.laws.tables import all_tables
-from benchmarks.report.timing.laws.winners import winners
+from benchmarks.report.timing.laws.plots import against_singularity, durations, example_boards, torques
+from benchmarks.report.timing.laws.tables import all_tables, compared, law_tables, or_infinite, plan_times, violations
+from benchmarks.report.words import listed, quoted
+from benchmarks.statistics import median_interval, not_longer
+from optik.registry import short_name
+from optik.types import Array
+from planners.limits import FIELD_LIMITS
+
+
+def timing(run: Run) -> dict[str, Any]:
+    """For every block: plots, a table for each kind of line, limit violations, whole plans, and one line in detail."""
+    return {"blocks": [_block(b, run) for b in run.of("laws")]}
+
+
+def findings(run: Run) -> list[str]:
+    """Durations and times of every law of ours, and of the peers that were installed, on all lines."""
+    return [words for b in run.of("laws") if (words := _medians(b))]
+
+
+def _medians(b: LawRows) -> str:
+    words, lines = [], b.rows["line"].n_unique()
+    for label in b.entries:
+        rows = b.rows.filter((pl.col("law") == label) & pl.col("solved"))
+        if rows.is_empty():
+            continue
+        kept = int(rows["keeps_all"].sum())
+        keeps = "within every limit"
+        if kept < len(rows):
+            keeps += f" on {percent(100.0 * kept / len(rows))}"
+        ratio_, ms = (float(np.median(rows[column].to_numpy())) for column in ("over_optimum", "ms_law"))
+        over = int(rows["over_torque"].sum())
+        if over:
+            keeps += f", exceeds a torque limit on {percent(100.0 * over / len(rows))}"
+        off = len(rows) - int(rows["follows"].sum())
+        if off:
+            keeps += f", leaves the path on {off:,} of {len(rows):,}"
+        asked = b.rows.filter(pl.col("law") == label)["line"].n_unique()
+        given = f" on {asked:,} motions" if asked < lines else ""
+        words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
+    if not words:
+        return ""
+    return (
+        f"{b.block.title}, medians of {lines:,} motion{'s' if lines != 1 else ''}, unchanged: " + "; ".join(words) + "."
+    )
+
+
+def _block(b: LawRows, run: Run) -> dict[str, Any]:
+    block, tables = b.block, law_tables(b)
+    alone = len(block.kinds)
+    return {
+        "id": block.id, "title": block.title, "samples": block.samples, "rounds": block.rounds,
+        "solver": short_name(block.solver),
+        "limits": [limit_words(part) for part in block.limits], "reference": _reference(b),
+        "done": b.rows["line"].n_unique(), "count": sum(part.count for part in block.lines),
+        "sets": [(part.arm, part.kind.replace("_", "-"), part.count) for part in block.lines],
+        "boards": [board for board in (durations(b, run), torques(b, run), against_singularity(b, run)) if board is not None],
+        "tables": tables[:alone], "more": tables[alone:],
+        "others": [table for table in (violations(b), plan_times(b), compared(b)) if table is not None],
+        "example": example_boards(b, run),
+    }  # fmt: skip
+
+
+def limit_words(part: LimitSet) -> str:
+    """What a set of limits is, in words."""
+    own = listed([name.replace("_", " ") for name in part.own])
+    words = [f"{own} of the robot"] if own else []
+    for kind in FIELD_LIMITS:
+        value = part.limits.value(kind.name)
+        if value is not None:
+            each = ", ".join(f"{x:g}" for x in np.atleast_1d(value).ravel())
+            words.append(f"{kind.name.replace('_', ' ')} {each} {kind.units[0]}")
+    return f"{quoted(part.label)} ({'; '.join(words)})"
+
+
+def _reference(b: LawRows) -> str:
+    entry = b.block.reference
+    if entry is None:
+        return ""
+    return f"{entry.name} ({entry.words})" if entry.words else str(entry.name)
+
+
+DECIDED_BY = (
+    "bootstrap 95 % intervals; differences by Wilcoxon's signed-rank test, for which fewer than six motions are too few"
+)
+"""How laws are ranked, in words."""
+
+FEWEST_SHARED = 5
+"""Motions that all ranked laws were asked for, from which they are ranked: of fewer a median says nothing."""
+
+
+def winners(run: Run) -> Sequence[Winner]:
+    """Two questions for each kind of line of each block."""
+    return [winner for b in run.of("laws") for kind in b.block.kinds for winner in kind_winners(b, kind)]
+
+
+def kind_winners(b: LawRows, kind: str) -> list[Winner]:
+    """Which law has the shortest motions on a kind of line, and which of these laws is computed fastest.
+
+    Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
+    path. All are compared on the motions that all of them were asked for.
+    """
+    rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
+    able, unable = _rankable(b, rows)
+    who = ranked({label: rows.filter(pl.col("law") == label).height for label in able})
+    rows = rows.filter(pl.col("law").is_in(who.labels))
+    rows = rows.filter(pl.len().over("line", "limits") == len(who.labels)).sort("line", "limits")
+    count = len(rows) // max(len(who.labels), 1)
+    if len(who.labels) < 2 or count < FEWEST_SHARED:
+        return []
+    parts = {label: rows.filter(pl.col("law") == label) for label in who.labels}
+    note = f"medians of the same {count:,} motions for all"
+    where, note = f"{b.block.title}, {kind.replace('_', '-')}", note + unable + who.left_out
+    lengths = {label: or_infinite(part["kept_over_optimum"]) for label, part in parts.items()}
+    times = {label: or_infinite(part["ms_law"]) for label, part in parts.items()}
+    return [
+        _winner(f"Shortest motions, all stretched to meet the limits: {where}", "× T*", lengths, note),
+        _winner(f"Shortest computing time: {where}", "ms", times, note),
+    ]
+
+
+def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
+    """Labels of the laws that can be ranked, and why the others cannot, in words that go on."""
+    unbounded = [
+        label
+        for label in b.entries
+        if np.isinf(rows.filter(pl.col("law") == label)["least_duration"].drop_nulls().to_numpy()).any()
+    ]
+    asked = set(rows["law"])
+    on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["law"])
+    off = [label for label in b.entries if label in asked - on_path]
+    reasons = (("jerk unbounded", unbounded), ("no motion on its path", off))
+    unable = "".join(f"; {why}, not ranked: {listed(labels)}" for why, labels in reasons if labels)
+    return [label for label in b.entries if label in on_path and label not in unbounded], unable
+
+
+def _winner(question: str, unit: str, values: Mapping[str, Array], note: str) -> Winner:
+    """The least median of paired values, and those that Wilcoxon's test does not show to be longer."""
+    entries = sorted(((label, *median_interval(x)) for label, x in values.items()), key=lambda entry: entry[1])
+    level, count = not_longer(entries[0][0], values), len(values[entries[0][0]])
+    return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, level, count)
+
 
 SECTIONS = (Section("Time laws on many lines", "timing", timing, Path(__file__).with_name("section.html.j2"), 20),)
 """The one section."""

@@ -2,23 +2,104 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
-from benchmarks.report.base import KindReport, Section
+import numpy as np
+
+from benchmarks.report.base import KindReport, Section, Table, Winner
+from benchmarks.report.numbers import number
+from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.arm import moving_arm
-from benchmarks.report.timing.plans.best import tables, winners
-from benchmarks.report.timing.plans.head import findings, limitations, summary
-from benchmarks.report.timing.plans.laws import laws
 from benchmarks.report.timing.plans.motion import motion
 from benchmarks.report.timing.plans.space import space
+from benchmarks.report.timing.plans.tables import broken_limits, law_table, laws, line_plans
+from benchmarks.report.words import listed
 from optik.registry import short_name
 
+
+def summary(run: Run) -> dict[str, Any] | None:
+    """What was planned; None where the suite has no line."""
+    task = next(iter(run.suite.of("plans")), None)
+    if task is None:
+        return None
+    move = ", ".join(number(1e3 * x) for x in task.move_m)
+    start = ", ".join(f"{x:g}".replace("-", "−") for x in task.start_deg)
+    words = (
+        f"The line: {number(1e3 * float(np.linalg.norm(task.move_m)))} mm by ({move}) mm in the base frame at constant "
+        f"orientation, from q = ({start})°, {task.samples} samples; inverse kinematics by {', '.join(task.solvers)}; time laws "
+        f"{', '.join(task.laws)}."
+    )
+    return {"words": [words]}
+
+
+def findings(run: Run) -> list[str]:
+    """Durations of the laws with the limits that each breaks, for the first IK method."""
+    line = line_plans(run)
+    if line is None or not line.solved:
+        return []
+    solver = line.solved[0]["solver"]
+    words = []
+    for p in line.solved:
+        if p["solver"] == solver:
+            breaks = broken_limits(p["certificate"])
+            kept = f"exceeds limits: {', '.join(breaks)}" if breaks else "within every limit"
+            words.append(f"{p['law']} {p['duration']:.3f} s ({kept})")
+    return [f"Line of {number(1e3 * line.solved[0]['length'])} mm with {solver}: " + "; ".join(words) + "."]
+
+
+def limitations(run: Run) -> list[str]:
+    """What a reader should know before quoting a motion's figures."""
+    line = line_plans(run)
+    if line is None or not line.solved:
+        return []
+    items = [
+        "The tool's distance from the line is a proved bound for every instant, at most 5 % (or a nanometre) above the "
+        "largest value found. Peak velocities, accelerations and jerks are exact, from the roots of "
+        "the polynomials' derivatives.",
+        "The velocity, acceleration and jerk limits are those of the robot file; the paper gives none. Dynamics, torque "
+        "limits, the controller and a real arm are not included.",
+    ]
+    if any(p["law"] == "toppra" for p in line.solved):
+        items.append(
+            "TOPP-RA enforces its limits at grid points. Between them a ratio may exceed 1 by a few millionths, less on a "
+            "finer grid. It has no jerk limit by design."
+        )
+    return items
+
+
+def winners(run: Run) -> list[Winner]:
+    """The law with the shortest motion, out of those that keep every limit."""
+    found = line_plans(run)
+    if found is None:
+        return []
+    solved = [p for p in found.solved if p["solver"] == found.solver]
+    within = [p for p in solved if not broken_limits(p["certificate"])]
+    if not within:
+        return []
+    entries = [(p["law"], p["duration"], p["duration"], p["duration"]) for p in within]
+    out = [p["law"] for p in solved if p not in within]
+    note = f"one line of {number(1e3 * within[0]['length'])} mm, exact durations"
+    return [
+        Winner(
+            "Shortest motion along the line within every limit", "s", "less",
+            tuple(sorted(entries, key=lambda entry: entry[1])), "laws",
+            note + (f"; not ranked (limit exceeded): {listed(out)}" if out else ""),
+        )
+    ]  # fmt: skip
+
+
+def tables(run: Run) -> list[Table]:
+    """The time laws side by side."""
+    found = line_plans(run)
+    return [] if found is None else [law_table(found)]
+
+
 SECTIONS = (
-    Section("The line", "plans", summary, Path(__file__).with_name("summary.html.j2"), 70, place="summary"),
-    Section("The line in space (Fig. 5 and 6)", "line", moving_arm, Path(__file__).with_name("arm.html.j2"), 70),
-    Section("Joint and tool motion", "motion", motion, Path(__file__).with_name("motion.html.j2"), 80),
-    Section("Clearance", "clearance-line", space, Path(__file__).with_name("space.html.j2"), 75),
-    Section("Time laws", "laws", laws, Path(__file__).with_name("laws.html.j2"), 90),
+    Section("The line", "plans", summary, order=70, place="summary"),
+    Section("The line in space (Fig. 5 and 6)", "line", moving_arm, order=70),
+    Section("Joint and tool motion", "motion", motion, order=80),
+    Section("Clearance", "clearance-line", space, order=75),
+    Section("Time laws", "laws", laws, order=90),
 )
 """Sections, and a sentence after the key findings."""
 

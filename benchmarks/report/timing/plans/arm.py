@@ -9,8 +9,9 @@ import polars as pl
 
 from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import GRID_COLOUR, HOVER, MUTED_COLOUR, lean, line_3d
+from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.look import law_control, line_plans
+from benchmarks.report.timing.plans.tables import law_control, line_plans
 from optik.types import Array
 
 EYE_DISTANCE = 2.4
@@ -58,7 +59,8 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
         f"Base frame, equal scales for the arm, {up} up (against the robot's gravity). Points are the origins of the joint "
         "frames and the tool. Played at half the real speed. Drag to turn.",
     )  # fmt: skip
-    return {"boards": [board], "length": plan["length"], "start": start, "goal": goal}
+    ends = [", ".join(number(x, 4) for x in point) for point in (start, goal)]
+    return {"words": [f"From ({ends[0]}) mm to ({ends[1]}) mm."], "boards": [board]}
 
 
 def _scene(gravity: Array, direction: Array, points: Array) -> Json:

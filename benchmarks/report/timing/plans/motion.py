@@ -14,8 +14,7 @@ from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.laws import worst
-from benchmarks.report.timing.plans.look import law_control, line_plans
+from benchmarks.report.timing.plans.tables import law_control, line_plans, worst
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.limits import ALL_LIMITS
@@ -64,12 +63,12 @@ def motion(run: Run) -> dict[str, Any] | None:
     if tool is not None:
         tool = tool.filter(pl.col("solver") == pl.col("solver").first().over("law"))
         boards.append(_tool_board(found, tool, run))
-    return {"boards": boards, "beyond": _beyond(found)}
+    return {"boards": boards, "notes": _beyond(found)}
 
 
 def _active_board(found: LinePlans) -> Board:
     """The active constraint along the path, of every law."""
-    plans = list({p["law"]: p for p in reversed(found.solved)}.values())[::-1]
+    plans = found.of_laws
     frames = []
     for p in plans:
         b = p["certificate"]["binding"]
@@ -92,7 +91,7 @@ def _active_board(found: LinePlans) -> Board:
 def _beyond(found: LinePlans) -> list[str]:
     """What the plots cannot show: in words, from the certificates."""
     out = []
-    for p in {p["law"]: p for p in reversed(found.solved)}.values():
+    for p in found.of_laws:
         acceleration, jerk = (worst(p["certificate"], f) for f in ("acceleration", "jerk"))
         words = [
             f"the {name} of {w.joint} reaches {number(w.value)} {unit} at t = {w.time:.3f} s, {number(w.ratio)} times its limit"
@@ -107,7 +106,7 @@ def _beyond(found: LinePlans) -> list[str]:
             )
         if words:
             out.append(f"{p['law']}: " + "; ".join(words) + ".")
-    return out[::-1]
+    return out
 
 
 def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:

@@ -22,7 +22,7 @@ from benchmarks.report.figures import (
     line_3d,
 )
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.look import law_control, line_plans
+from benchmarks.report.timing.plans.tables import law_control, line_plans
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -46,10 +46,12 @@ def space(run: Run) -> dict[str, Any] | None:
     if rows is None or found is None or not found.solved or not pictures:
         return None
     robot = run.robot(found.block.robot)
+    pairs = _left_out(found.solved[0]["certificate"]["clearance"]["left_out"])
+    left_out = f" Pairs not examined: {pairs}." if pairs else ""
     return {
         "boards": [_over_time(rows, pictures, run), _in_space(pictures, robot)],
-        "words": [f"{picture['law']}: {picture['words']}." for picture in pictures],
-        "left_out": _left_out(found.solved[0]["certificate"]["clearance"]["left_out"]),
+        "notes": [f"{picture['law']}: {picture['words']}." for picture in pictures],
+        "after": ["The shapes are capsules that enclose the links, so real clearances are larger." + left_out],
     }
 
 

@@ -1,20 +1,36 @@
-"""Section: the time laws side by side, from their certificates."""
+"""The line as the report takes it: its plans, and the table of time laws from their certificates."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
 from benchmarks.report.base import Column, Table
+from benchmarks.report.board import Control
 from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.look import line_plans
 from optik.arm.limits import LIMIT_TOLERANCE
 from planners.limits import DERIVATIVES, LOADED
+
+DEFAULT_LAW = "optimal"
+"""The law that a control selects first: the default of `planners.plan`."""
+
+
+def law_control(laws: Sequence[str], *more: str) -> Control:
+    """Return the control of laws; it selects the default law first, if the run has it."""
+    return Control.of("law", "Time law", (*laws, *more), DEFAULT_LAW if DEFAULT_LAW in laws else "")
+
+
+def line_plans(run: Run) -> LinePlans | None:
+    """The plans of the line."""
+    found: list[LinePlans] = run.of("plans")
+    return found[0] if found else None
+
 
 LIMIT_UNITS = {
     "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³", "torque": "N·m", "torque_rate": "N·m/s",
@@ -128,7 +144,7 @@ def laws(run: Run) -> dict[str, Any] | None:
     found = line_plans(run)
     if found is None:
         return None
-    return {"tables": [law_table(found)], "matters": ik_matters(found)}
+    return {"tables": run.tables_of("plans"), "after": [words for words in (ik_matters(found),) if words]}
 
 
 def law_table(found: LinePlans) -> Table:

@@ -1,0 +1,371 @@
+"""Sections on spots: the task in space, the sources of the error, and spot and tool on each axis (Fig. 10 to 13)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.cell.settings import AXES, WITHIN_M
+from benchmarks.records import slug
+from benchmarks.report.board import Board, Control, Key, Plot
+from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
+from benchmarks.report.figures import (
+    HOVER,
+    INK_COLOUR,
+    MUTED_COLOUR,
+    axis,
+    colour,
+    iterations,
+    lean,
+    line,
+    line_3d,
+    log_axis,
+    shades,
+)
+from benchmarks.report.run import Run
+from benchmarks.report.timing.plans.space import axes_in_space
+from benchmarks.statistics import quantiles
+from optik.types import Array
+
+PART_WORDS = {
+    "laser": "laser: target − spot", "ik": "IK: its answer − target", "path": "path: planned − answer",
+    "servo": "servo: executed − planned",
+}  # fmt: skip
+"""Parts of the error in words."""
+
+PART_COLOURS = dict(zip(PART_WORDS, (colour(0), colour(1), colour(2), colour(3)), strict=True))
+"""Their colours."""
+
+TOTAL_COLOUR = INK_COLOUR
+"""Colour of the whole error."""
+
+WHOLE = "whole"
+"""In place of a budget, of methods that are called as they come."""
+
+
+def done(b: BlockRows) -> pl.DataFrame:
+    """Rows of spots with a known solution that were executed."""
+    rows = b.rows.filter(pl.col("known") & pl.col("position_error").is_not_null())
+    return rows.with_columns(after=pl.col("budget").cast(pl.String).fill_null(WHOLE))
+
+
+def settings_of(blocks: Sequence[BlockRows], *, whole: bool | None = None) -> list[str]:
+    """Labels of the methods of some blocks, each once."""
+    return list(dict.fromkeys(m.label for b in blocks for m in b.block.methods if whole is None or m.whole is whole))
+
+
+def after_control(b: BlockRows) -> Control:
+    """The choice of a budget, where a method is chosen that has one."""
+    options = tuple((str(k), iterations(k)) for k in b.block.budgets)
+    return Control("after", "After", options, when={"method": settings_of([b], whole=False)})
+
+
+def shown_at(setting: str, after: str) -> dict[str, list[str]]:
+    """Values of the controls at which one method is shown at one budget."""
+    return {"method": [setting]} | ({} if after == WHOLE else {"after": [after]})
+
+
+def millimetres(values: pl.Series) -> np.ndarray:
+    """Lengths for a plot."""
+    return 1e3 * values.to_numpy()
+
+
+SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = "var(--c1)", "var(--c2)", "var(--alarm)"
+"""Colours of the spot, the planned path and the beam; the executed path is in the colour of ink."""
+
+
+EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
+"""Where the eye is, in units of the scene: far enough that the laser unit and all spots are in view."""
+
+
+def space(run: Run) -> dict[str, Any] | None:
+    """A picture in space of every block of spots."""
+    boards = [_space_board(b, run) for b in spots_blocks(run) if not _kept(b).is_empty()]
+    return {"words": (), "boards": boards, "tables": ()} if boards else None
+
+
+def _kept(b: BlockRows) -> pl.DataFrame:
+    return done(b).filter(pl.col("planned").is_not_null()).sort("distance")
+
+
+def _everywhere(rows: pl.DataFrame, labels: list[str]) -> list[int]:
+    """Spots to which every method has a path, the nearest first; all spots where there is none."""
+    every = rows.group_by("problem", maintain_order=True).agg(pl.col("setting").n_unique())
+    found: list[int] = every.filter(pl.col("setting") == len(labels))["problem"].to_list()
+    return found or every["problem"].to_list()
+
+
+def _points(values: Any) -> Array:
+    """Flat numbers as points (k, 3) [mm]."""
+    return 1e3 * np.array(values, dtype=float).reshape(-1, 3)
+
+
+def _space_board(b: BlockRows, run: Run) -> Board:
+    rows, name, labels = _kept(b), slug(b.block.id), settings_of([b])
+    everything = np.vstack([_points(v) for column in ("planned", "tool", "beam") for v in rows[column]])
+    all_spots = 1e3 * done(b).unique("problem").sort("problem").select("x", "y", "z").to_numpy()
+    scene = axes_in_space(run.robot(b.block.robot).gravity, np.vstack([everything, all_spots]))
+    scene["camera"] |= {"eye": EYE, "center": dict.fromkeys("xyz", 0.0)}
+    plot = Plot(
+        f"cell-space-{name}",
+        "Planned and executed paths of the tool",
+        {"scene": scene, "margin": dict.fromkeys("lrtb", 0)},
+        560,
+    )
+    plot.add(_spots(all_spots))
+    problems = _everywhere(rows, labels)
+    for row in rows.iter_rows(named=True):
+        when = shown_at(row["setting"], row["after"]) | {"spot": [str(row["problem"])]}
+        for column, words, drawn, width in (
+            ("beam", "laser beam", BEAM_COLOUR, 2), ("planned", "planned path", PLANNED_COLOUR, 7),
+            ("tool", "executed path", INK_COLOUR, 3),
+        ):  # fmt: skip
+            plot.add(_curve(_points(row[column]), words, drawn, width), when)
+    for (problem,), part in rows.group_by("problem", maintain_order=True):
+        spot = 1e3 * np.array(part.select("x", "y", "z").row(0))
+        plot.add(_spot(spot), {"spot": [str(problem)]})
+    far = dict(rows.select("problem", "distance").iter_rows())
+    spots = Control("spot", "Spot", tuple((str(p), f"{1e3 * far[p]:.0f} mm away") for p in problems), str(problems[-1]))
+    legend = (
+        Key("true spot", SPOT_COLOUR, "dot"), Key("other spots", MUTED_COLOUR, "dot"),
+        Key("laser beam, measured", BEAM_COLOUR), Key("planned path", PLANNED_COLOUR),
+        Key("executed path", INK_COLOUR),
+    )  # fmt: skip
+    methods = Control.of("method", "Method", labels, next(iter(settings_of([b], whole=True)), labels[0]))
+    return Board(
+        f"cell-space-board-{name}", (plot,), (methods, after_control(b), spots), legend,
+        "Base frame, equal scales; drag to turn. With a budget of iterations the planned path is a move in joint space to the "
+        "answer, so it is not straight.",
+    )  # fmt: skip
+
+
+def _spots(points: Array) -> dict[str, Any]:
+    x, y, z = (lean(points[:, i], 5) for i in range(3))
+    marker = {"size": 2, "color": MUTED_COLOUR}
+    return line_3d(x=x, y=y, z=z, mode="markers", name="spots", marker=marker, hovertemplate=f"another spot{HOVER}")
+
+
+def _curve(points: Array, words: str, colour: str, width: int) -> dict[str, Any]:
+    x, y, z = (lean(points[:, i], 5) for i in range(3))
+    return line_3d(x=x, y=y, z=z, name=words, line={"color": colour, "width": width}, hovertemplate=f"{words}{HOVER}")
+
+
+def _spot(at: Array) -> dict[str, Any]:
+    x, y, z = (lean([value], 5) for value in at)
+    marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
+    return line_3d(x=x, y=y, z=z, mode="markers", name="true spot", marker=marker, hovertemplate=f"true spot{HOVER}")
+
+
+SPLIT_BINS = 8
+"""Bins of equal count over the distance."""
+
+MOST_REASONS = 4
+"""Reasons that are named why trials were not executed: the most frequent ones."""
+
+LEAST_MM = 1e-6
+"""Parts below a nanometre are drawn here: no plant is that exact, and the axis must end somewhere [mm]."""
+
+SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "position_error"}
+"""Columns of the lengths of the parts and of the whole."""
+
+
+def split(run: Run) -> dict[str, Any] | None:
+    """The parts of the error of every block of spots."""
+    blocks = [b for b in spots_blocks(run) if not done(b).is_empty()]
+    if not blocks:
+        return None
+    words = [
+        f"{b.block.title}: {b.rows['problem'].n_unique()} spots, each shown {_times(b.block.repeats)}, executed on the drive "
+        f"{drives_of(b)}. What varies from trial to trial: {noise_words(b.block.noise) or 'nothing'}. With a budget of "
+        "iterations the arm moves in joint space to the method's best iterate. A whole line uses the planning pipeline from "
+        "laser to execution."
+        for b in blocks
+    ]
+    worst = max(float(np.nanmax(b.rows["split_rest"].to_numpy())) for b in blocks)
+    words += [lost for b in blocks if (lost := _not_executed(b))]
+    words.append(f"In every trial the four vectors add up to the total error within {worst:.1e} m.")
+    return {"words": words, "boards": [_split_board(b) for b in blocks], "tables": [spots_table(b) for b in blocks]}
+
+
+def _not_executed(b: BlockRows) -> str:
+    """How many trials of each method were not executed, and why, the place left out."""
+    lost = b.rows.filter(pl.col("known") & pl.col("position_error").is_null())
+    if lost.is_empty():
+        return ""
+    why = lost.with_columns(why=pl.col("reason").str.split(" at s = ").list.first())
+    counts = why.group_by("setting", "why", maintain_order=True).len().sort("len", descending=True)
+    words = [f"{count} of {setting}: {reason}" for setting, reason, count in counts.head(MOST_REASONS).iter_rows()]
+    trials = "1 trial was" if len(lost) == 1 else f"{len(lost)} trials were"
+    return f"{b.block.title}: {trials} not executed. {'; '.join(words)}."
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _split_board(b: BlockRows) -> Board:
+    rows, name = done(b), slug(b.block.id)
+    labels = settings_of([b])
+    low = {"range": [np.log10(LEAST_MM) - 0.3, 3.0]}
+    budgets = Plot(
+        f"split-budget-{name}", "Against the iteration budget",
+        {"xaxis": axis("iteration budget", type="category"), "yaxis": log_axis("median length [mm]", **low)}, 400,
+    )  # fmt: skip
+    far = Plot(
+        f"split-distance-{name}", "Against the distance of the spot",
+        {"xaxis": axis("distance from the start [mm]"), "yaxis": log_axis("median length [mm]", **low)}, 400,
+    )  # fmt: skip
+    for label in labels:
+        part = rows.filter(pl.col("setting") == label)
+        _by_budget(budgets, part, label)
+        for (after,), at in part.group_by("after", maintain_order=True):
+            _by_distance(far, at, label, str(after))
+    legend = [Key(words, PART_COLOURS[part]) for part, words in PART_WORDS.items()]
+    legend.append(Key("total: executed − spot", TOTAL_COLOUR, "dashed"))
+    controls = (Control.of("method", "Method", labels), after_control(b))
+    return Board(
+        f"split-{name}", (budgets, far), controls, tuple(legend),
+        "Median lengths of the vectors over the executed trials. The vectors add up, their lengths do not. Lengths below a "
+        "nanometre are shown as a nanometre: a move in joint space ends exactly at the answer, and if no iterate is better "
+        "than the start, nothing is executed.",
+    )  # fmt: skip
+
+
+def _medians(rows: pl.DataFrame) -> dict[str, float]:
+    return {
+        part: max(1e3 * quantiles(rows[column].to_numpy(), (0.5,))[0], LEAST_MM)
+        for part, column in SPLIT_COLUMNS.items()
+    }
+
+
+def _by_budget(plot: Plot, rows: pl.DataFrame, label: str) -> None:
+    at = [(str(after), _medians(part)) for (after,), part in rows.group_by("after", maintain_order=True)]
+    x = ["the whole line" if after == WHOLE else after for after, _ in at]
+    for part in SPLIT_COLUMNS:
+        plot.add(_line(part, x, [found[part] for _, found in at]), {"method": [label]})
+
+
+def _by_distance(plot: Plot, rows: pl.DataFrame, label: str, after: str) -> None:
+    order = np.argsort(rows["distance"].to_numpy(), kind="stable")
+    parts = [rows[i.tolist()] for i in np.array_split(order, SPLIT_BINS) if len(i)]
+    x = lean(1e3 * np.array([float(np.median(p["distance"].to_numpy())) for p in parts]))
+    medians = [_medians(p) for p in parts]
+    for part in SPLIT_COLUMNS:
+        plot.add(_line(part, x, [found[part] for found in medians]), shown_at(label, after))
+
+
+def _line(part: str, x: list[Any], y: list[float]) -> dict[str, Any]:
+    total = part == "total"
+    return line(
+        x=x, y=lean(y), mode="lines+markers", marker={"size": 6},
+        line={"color": TOTAL_COLOUR if total else PART_COLOURS[part], "width": 2, "dash": "dot" if total else "solid"},
+        hovertemplate=f"{'all' if total else PART_WORDS[part]}<br>%{{y:.3g}} mm{HOVER}",
+    )  # fmt: skip
+
+
+FIGURES = {"x": 11, "y": 12, "z": 13}
+"""The paper's figure of each axis."""
+
+FINE_SCALE, WHOLE_SCALE = "near", "all"
+"""Choices of the scale of errors."""
+
+NEAR_MM = 6.0
+"""End of the fine scale: three times the paper's 2 mm [mm]."""
+
+MOST_BUDGETS = 5
+"""Budgets that one plot shows: more markers cannot be told apart."""
+
+
+def axes(run: Run) -> dict[str, Any] | None:
+    """Fig. 10, and Fig. 11 to 13, of every block of spots."""
+    blocks = [b for b in spots_blocks(run) if not done(b).is_empty() and settings_of([b], whole=False)]
+    if not blocks:
+        return None
+    words = [
+        "The paper plots the positions of laser point and robot end (Fig. 10), and their difference on X, Y and Z for several "
+        "numbers of iterations over the workspace (Fig. 11 to 13). It prints no values. These plots have the same axes and the "
+        "values of this simulation: executed tool − spot, in the base frame."
+    ]
+    return {"words": words, "boards": [board for b in blocks for board in (_positions(b), _errors(b))], "tables": ()}
+
+
+def _positions(b: BlockRows) -> Board:
+    """Spots and executed tools, seen along each base axis."""
+    rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
+    plots = []
+    for normal in AXES:
+        u, v = (a for a in AXES if a != normal)
+        plot = Plot(
+            f"cell-positions-{normal}-{name}", f"Seen along {normal.upper()}",
+            {
+                "xaxis": axis(f"{u.upper()} [mm]", constrain="domain"),
+                "yaxis": axis(f"{v.upper()} [mm]", scaleanchor="x", constrain="domain"),
+            }, 0,
+        )  # fmt: skip
+        spots = rows.unique("problem").sort("problem")
+        plot.add(
+            line(
+                x=lean(millimetres(spots[u])), y=lean(millimetres(spots[v])), mode="markers",
+                marker={"symbol": "circle-open", "size": 8, "color": "var(--c1)"},
+                hovertemplate=f"spot at %{{x}}, %{{y}} mm{HOVER}",
+            )
+        )  # fmt: skip
+        for (setting, after), part in rows.filter(pl.col("budget").is_not_null()).group_by(
+            "setting", "after", maintain_order=True
+        ):
+            tools = line(
+                x=lean(millimetres(part[u] + part[f"error_{u}"])), y=lean(millimetres(part[v] + part[f"error_{v}"])),
+                mode="markers", marker={"size": 4, "color": INK_COLOUR},
+                hovertemplate=f"executed tool at %{{x}}, %{{y}} mm{HOVER}",
+            )  # fmt: skip
+            plot.add(tools, {"method": [str(setting)], "after": [str(after)]})
+        plots.append(plot)
+    legend = (Key("laser spot", "var(--c1)", "ring"), Key("executed tool", INK_COLOUR, "dot"))
+    return Board(
+        f"cell-positions-{name}", tuple(plots), (Control.of("method", "Method", labels), after_control(b)), legend,
+        "Fig. 10 as executed: laser spots with a known solution and the final positions of the tool, in the base frame.",
+    )  # fmt: skip
+
+
+def _errors(b: BlockRows) -> Board:
+    """Error on each axis against the distance, for several budgets."""
+    rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
+    budgets = list(b.block.budgets)
+    if len(budgets) > MOST_BUDGETS:
+        budgets = [budgets[round(i * (len(budgets) - 1) / (MOST_BUDGETS - 1))] for i in range(MOST_BUDGETS)]
+    colours = dict(zip(budgets, shades(len(budgets)), strict=True))
+    plots = []
+    for a, figure in FIGURES.items():
+        plot = Plot(
+            f"cell-error-{a}-{name}", f"{a.upper()} error (Fig. {figure})",
+            {
+                "xaxis": axis("distance from the start [mm]", rangemode="tozero"),
+                "yaxis": axis(f"error in {a.upper()} [mm]"), "shapes": [_bound(s * 1e3 * WITHIN_M) for s in (-1, 1)],
+            }, 360,
+        )  # fmt: skip
+        plot.vary({"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
+        for label in labels:
+            for budget in budgets:
+                part = rows.filter((pl.col("setting") == label) & (pl.col("budget") == budget))
+                trace = line(
+                    x=lean(millimetres(part["distance"])), y=lean(millimetres(part[f"error_{a}"])), mode="markers",
+                    marker={"size": 5, "color": colours[budget]},
+                    hovertemplate=f"{iterations(budget)}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm{HOVER}",
+                )  # fmt: skip
+                plot.add(trace, {"method": [label]})
+        plots.append(plot)
+    scale = Control("scale", "Scale", ((FINE_SCALE, f"± {NEAR_MM:g} mm"), (WHOLE_SCALE, "all errors")))
+    legend = [Key(iterations(n), c, "dot") for n, c in colours.items()] + [Key("± 2 mm", "var(--alarm)")]
+    return Board(
+        f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale), tuple(legend),
+        "Fig. 11, 12 and 13 as executed, one point for each trial. The fine scale clips larger errors.",
+    )  # fmt: skip
+
+
+def _bound(at: float) -> dict[str, Any]:
+    look = {"color": "var(--alarm)", "width": 1}
+    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": at, "y1": at, "line": look}
