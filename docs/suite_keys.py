@@ -23,7 +23,7 @@ OF_EVERY_BLOCK = {"id", "title", "targets"}
 """Keys that the page explains once."""
 
 TABLES: dict[str, type[Settings]] = {
-    **{name: load_kind(name).block for name in KINDS if name != "cell"},
+    **{name: load_kind(name).block for name in KINDS if KINDS[name].startswith("benchmarks.") and name != "cell"},
     "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
     "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of timing": LawPeer,
     "lines": LineSet, "limits of timing": LimitSet, "example": Example, "target": Target,

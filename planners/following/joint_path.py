@@ -262,7 +262,8 @@ class Course:
         if len(breaks) > 2:
             s = np.union1d(s, breaks[1:-1])
         gap = np.diff(s)
-        step = step[np.clip(np.searchsorted(breaks, s[:-1] + 0.5 * gap, side="right") - 1, 0, len(step) - 1)]
+        # a gap begins in its piece; its middle may be rounded into the next, where breaks are one rounding apart
+        step = step[np.clip(np.searchsorted(breaks, s[:-1], side="right") - 1, 0, len(step) - 1)]
         parts = np.maximum(np.ceil(gap / step), 1.0).astype(np.int64)
         if parts.max() > 1:
             if parts.sum() > MOST_INSERTED:

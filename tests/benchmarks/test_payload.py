@@ -153,7 +153,7 @@ MOVE = (
     ("options", "words"),
     [
         (["--payload", "x"], "--payload"),
-        (["--payload", "3:1"], "3:1"),
+        (["--payload", "3:1"], "3 to 1 kg"),
         (["--payload", "1:2:3"], "0:3"),
         (["--torque", "1,2"], "7 numbers"),
         (["--torque-rate", "fast"], "--torque-rate"),
