@@ -1,1 +1,1 @@
-"""benchmarks: which method, on what, how well; suites, runs, the report, and the command line."""
+"""The package benchmarks: suites that compare methods, their runs, the report, and the command line."""

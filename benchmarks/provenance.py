@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly", "mujoco")
-"""This package, its dependencies and the simulator where it is installed; versions of peers stand next to their results."""
+"""This package, its dependencies, and the simulator if installed; versions of peers are stored with their results."""
 
 
 def provenance(seed: int, workers: int) -> dict[str, Any]:
-    """Code, versions, machine and settings that are needed to judge and repeat a run, as plain data."""
+    """Return code, versions, machine and settings, which are needed to judge and repeat a run, as plain data."""
     commit, dirty = _commit()
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -41,7 +41,7 @@ def _version(package: str) -> str | None:
 
 
 def _commit() -> tuple[str | None, bool | None]:
-    """Commit of the checkout that contains this code and whether it has local changes; None if it is installed."""
+    """Return the commit of the checkout with this code and whether it has local changes; None if the package is installed."""
     here = Path(__file__).resolve().parent.parent
     if not (here / ".git").exists():
         return None, None

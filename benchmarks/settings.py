@@ -32,7 +32,7 @@ NAMED_KEYS = {
     "solver": ("optik.ik", "IK method"),
     "law": ("planners.timing", "time law"),
 }
-"""Keys whose value is a name or the path of a file: group, and what errors call it. They mean the same in every kind."""
+"""Keys whose value is a name or the path of a file: group, and noun in errors. They have the same meaning in every kind."""
 
 
 class Settings(BaseModel):
@@ -40,11 +40,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, coerce_numbers_to_str=True)
     fixed: ClassVar[frozenset[str]] = frozenset()
-    """Fields that a file may not give."""
+    """Fields that a file must not set."""
 
     @classmethod
     def keys(cls) -> dict[str, Any]:
-        """Fields by the keys of a file."""
+        """Return the fields by the keys of a file."""
         return {f.alias or name: f for name, f in cls.model_fields.items() if name not in cls.fixed}
 
     @model_validator(mode="before")
@@ -62,7 +62,7 @@ def key(meaning: str, default: Any = ..., unit: str = "", **more: Any) -> Any:
 
 
 def read(model: type[Model], data: Any, where: str) -> Model:
-    """Read a table; errors of misuse say where the wrong value stands."""
+    """Read a table; errors of wrong use name the place of the wrong value."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -79,7 +79,7 @@ def read(model: type[Model], data: Any, where: str) -> Model:
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Say in errors of misuse where the wrong value stands: of several blocks a reader must know which."""
+    """Add the place of the wrong value to errors of wrong use, because a suite may have several blocks."""
     try:
         yield
     except InvalidInput as error:
@@ -90,7 +90,7 @@ def naming(where: str) -> Iterator[None]:
 
 
 def named(group: str, noun: str) -> BeforeValidator:
-    """A name out of a group, or the path of a plug-in's file, which is made absolute; no code is run."""
+    """Return a name of a group, or the absolute path of a plug-in's file; no code is run."""
     return BeforeValidator(lambda value: check_name(group, value, noun))
 
 
@@ -108,7 +108,7 @@ LawName = Annotated[str, named(*NAMED_KEYS["law"])]
 
 
 def counted(least: int) -> BeforeValidator:
-    """A whole number of at least some value."""
+    """Return the type of a whole number of at least some value."""
 
     def check(value: Any) -> int:
         check_count(value, "", least)
@@ -121,16 +121,16 @@ Count = Annotated[int, counted(1)]
 """A whole number of at least 1."""
 
 MaybeCount = Annotated[int | None, counted(1)]
-"""A whole number of at least 1, or no bound."""
+"""A whole number of at least 1, or unlimited."""
 
 
 def numbered(expected: str, *, above: float | None = None, least: float | None = None) -> BeforeValidator:
-    """A finite number inside a range."""
+    """Return the type of a finite number inside a range."""
     return BeforeValidator(lambda value: check_number(value, "", expected, above=above, least=least))
 
 
 def one_of(*known: str) -> BeforeValidator:
-    """A word out of a few."""
+    """Return the type of a word from a list."""
 
     def check(value: Any) -> str:
         if value not in known:
@@ -157,7 +157,7 @@ def _table(value: Any) -> dict[str, Any]:
 
 
 Options = Annotated[dict[str, Any], BeforeValidator(_table)]
-"""Options of a method or a set, which it checks itself."""
+"""Options of a method or a set, which checks them."""
 
 
 def _listed(value: Any) -> tuple[Any, ...]:
@@ -167,7 +167,7 @@ def _listed(value: Any) -> tuple[Any, ...]:
 
 
 LISTED = BeforeValidator(_listed)
-"""Makes a tuple of a list that is not empty."""
+"""Converts a list that is not empty to a tuple."""
 
 
 def _increasing(values: tuple[int, ...]) -> tuple[int, ...]:
@@ -190,11 +190,11 @@ Three = Annotated[tuple[float, ...], BeforeValidator(_three)]
 """Three numbers."""
 
 Joints = Annotated[tuple[Annotated[float, numbered("degrees or mm, one number a joint")], ...], LISTED]
-"""Joint coordinates [degrees, mm]; their number is checked where the arm is loaded."""
+"""Joint coordinates [degrees, mm]; their number is checked when the arm is loaded."""
 
 
 class Entries:
-    """A list of tables of a model, or one table, as the entries that its `entry` makes of them, with different labels."""
+    """A list of tables of a model, or one table, converted to entries with different labels."""
 
     def __init__(self, model: type[Any], *, single: bool = False, **about: Any) -> None:
         self.model, self._single, self._about = model, single, about
@@ -241,5 +241,5 @@ def check_labels(entries: tuple[Any, ...]) -> None:
 
 
 def default_label(named: str) -> Callable[[dict[str, Any]], str]:
-    """The default of a label: the name that another key gives."""
+    """Return the default of a label: the name under another key."""
     return lambda given: short_name(given[named])

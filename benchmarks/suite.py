@@ -1,4 +1,4 @@
-"""Suites: what a TOML file asks for, checked before anything runs."""
+"""Suites: content of a TOML file, checked before anything runs."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ SUITES = "benchmarks.suites"
 """The package in which a suite is found by its name."""
 
 ALIASES = {"blocks": "budgets", "line": "plans", "speed": "calls", "timing": "laws"}
-"""Keys of a suite that are not the name of their kind: they are older than the kinds' names."""
+"""Keys of a suite that differ from the name of their kind."""
 
 OWN_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
     "seed": ("Seed of all random numbers, 0 or more.", "0"),
 }
-"""Keys of a suite that ask for no kind of block: meaning and default."""
+"""Keys of a suite that are no kind of block: meaning and default."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Suite:
     allow_plugins: bool = False
 
     def of(self, kind: str) -> tuple[Any, ...]:
-        """All blocks of a kind.
+        """Return all blocks of a kind.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class Suite:
         return self.asked.get(kind, ())
 
     def pairs(self) -> Iterator[tuple[Kind, Any]]:
-        """Every block with its kind, in the order in which they run."""
+        """Return every block with its kind, in the order of execution."""
         for kind in self.kinds:
             for block in self.of(kind.name):
                 yield kind, block
@@ -142,13 +142,13 @@ def suite_of(name: str, data: dict[str, Any]) -> Suite:
 
 
 def _known_keys() -> list[str]:
-    """Keys that ask for a kind of block, as suites write them."""
+    """Return the keys of all kinds of blocks in a suite."""
     written = {kind: key for key, kind in ALIASES.items()}
     return [written.get(kind, kind) for kind in KINDS]
 
 
 def _kind_keys(data: dict[str, Any]) -> dict[Kind, str]:
-    """The key of every kind that a suite has blocks of."""
+    """Return the key of every kind of block in a suite."""
     found: dict[Kind, str] = {}
     for key in data:
         if key in OWN_KEYS:
@@ -164,7 +164,7 @@ def _kind_keys(data: dict[str, Any]) -> dict[Kind, str]:
 
 
 def _blocks(kind: Kind, key: str, data: Any) -> tuple[Block, ...]:
-    """All blocks of a kind: one table where it is single, else a list of tables."""
+    """Return all blocks of a kind: a single table, or a list of tables."""
     if kind.single:
         return (kind.settings(data),)
     if not isinstance(data, list):
@@ -173,7 +173,7 @@ def _blocks(kind: Kind, key: str, data: Any) -> tuple[Block, ...]:
 
 
 def _check_files(ids: list[str]) -> None:
-    """Refuse ids that would share their files: a file's name keeps letters a–z and digits apart, and no more."""
+    """Raise InvalidInput for ids that would share files: file names distinguish only letters a–z and digits."""
     named: dict[str, str] = {}
     for one in ids:
         name = slug(one)

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Measure:
-    """One figure of merit: its name, its unit, how it is computed and how it is shown.
+    """A figure of merit: its name, its unit, its computation and its format.
 
     Attributes
     ----------
@@ -48,17 +48,17 @@ class Measure:
 
     @property
     def title(self) -> str:
-        """What reports call it."""
+        """Title in reports."""
         return self.words or self.name
 
     def values(self, rows: pl.DataFrame) -> tuple[float, ...]:
-        """All values of the measure on the rows of one entry."""
+        """Return all values of the measure on the rows of one entry."""
         found = self.compute(rows)
         return tuple(float(value) for value in found) if isinstance(found, tuple) else (float(found),)
 
 
 def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:
-    """One of some measures by its name."""
+    """Find a measure by its name."""
     found = next((measure for measure in measures if measure.name == name), None)
     if found is None:
         raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.name for measure in measures)}")
@@ -66,7 +66,7 @@ def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure
 
 
 class Target(Settings):
-    """A bound that a measure of a block must keep."""
+    """A bound on a measure of a block."""
 
     measure: str = key("Measure of the block; the end of its name is the unit.")
     method: str = key("Label of the entry that the bound applies to; by default the first.", "")
@@ -86,7 +86,7 @@ class Target(Settings):
     def fitted(
         self, where: str, measures: tuple[Measure, ...], labels: tuple[str, ...], groups: tuple[str, ...]
     ) -> Target:
-        """The target, checked against its block; one that names no entry asks the first."""
+        """Return the target, checked against its block; without a named entry it applies to the first."""
         at = f"{where}: targets"
         measure = measure_named(measures, self.measure, at)
         method = self.method or (labels[0] if labels and "method" not in self.model_fields_set else "")
@@ -129,7 +129,7 @@ class Outcome:
 
     @property
     def held(self) -> bool | None:
-        """Whether the bound is kept; None where nothing was measured."""
+        """Whether the bound is met; None if nothing was measured."""
         if np.isnan(self.value):
             return None
         if self.target.at_most is not None:

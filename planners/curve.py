@@ -36,7 +36,7 @@ class Curve(ABC):
 
     @abstractmethod
     def _evaluate(self, x: Array, order: int) -> Array:
-        """Values (k, ...) of the derivative at x (k,), which lies in the interval."""
+        """Return the values (k, ...) of the derivative at x (k,), which lies in the interval."""
 
     def __call__(self, x: float | ArrayLike, order: int = 0) -> Array:
         """Return the value or a derivative at x.

@@ -23,7 +23,7 @@ from planners.trajectory import Trajectory
 
 
 class PlanStatus(StrEnum):
-    """How planning ended: a status of path following or of timing.
+    """Outcome of planning: a status of path following or of timing.
 
     CONTACT: the arm is in contact with the scene or itself, or within the margin. TIMING_INFEASIBLE: the law found no motion.
     LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,

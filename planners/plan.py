@@ -41,7 +41,7 @@ MOST_SECONDS = 1e9
 
 
 class PlanSeconds(NamedTuple):
-    """How long planning took: following the path, finding the law's motion, and certifying it [s]."""
+    """Times of planning: following the path, finding the law's motion, and certifying it [s]."""
 
     joints: float = 0.0
     timing: float = 0.0

@@ -1,1 +1,1 @@
-"""Blocks of a suite: what is solved, executed or timed, and the rows that come of it. Nothing in here knows of reports."""
+"""Blocks of a suite: they solve, execute or time something and write rows. They do not depend on the report."""

@@ -1,4 +1,4 @@
-"""Arms with a payload, as blocks of a suite have them."""
+"""Arms with a payload, as blocks of a suite name them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optik.registry import short_name
 
 
 def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
-    """What reports call an arm."""
+    """Return the name of an arm in reports."""
     if payload is None:
         return short_name(robot)
     low, high = payload_masses(payload)
@@ -36,4 +36,4 @@ def _payload(value: Any) -> float | tuple[float, float]:
 
 
 Payload = Annotated[float | tuple[float, float] | None, BeforeValidator(_payload)]
-"""Mass in the tool [kg], or the lightest and the heaviest; that of the robot's own file where None."""
+"""Mass of the payload [kg], or the lightest and the heaviest; by default that of the robot's own file."""

@@ -1,4 +1,4 @@
-"""Calls timed side by side: in rounds, in turn, each as a whole, with the garbage collector off."""
+"""Side-by-side timing of calls: in rounds, in turn, each call as a whole, with the garbage collector off."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optik.plugins.files import is_path
 Item = TypeVar("Item")
 
 CLOCK_CALLS = 2000
-"""Calls of nothing by which the cost of timing itself is found: enough for a median that repeats to a few nanoseconds."""
+"""Number of empty calls that measure the cost of timing itself: enough for a median that repeats to a few nanoseconds."""
 
 
 def timed(
@@ -56,26 +56,26 @@ def timed(
 
 
 def turns(contestants: Sequence[Item], rounds: int) -> Iterator[tuple[int, Item]]:
-    """Who is called when: in every round each contestant once, another one first each time."""
+    """Return the order of calls: every round calls each contestant once and begins with a different one."""
     for turn in range(rounds):
         for k in range(len(contestants)):
             yield turn, contestants[(turn + k) % len(contestants)]
 
 
 def clock_cost() -> float:
-    """Time that timing itself adds to a call [ns], the median for a call that does nothing; it is left in all times."""
+    """Return the time that timing itself adds to a call [ns]: the median for an empty call. It is included in all times."""
     took, _ = timed(lambda target, q0: None, [(None, None)] * CLOCK_CALLS)
     return float(np.median(took))
 
 
 def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
-    """What a run keeps on an entry of ours, for the report."""
+    """Return the facts on one of our entries that a run stores for the report."""
     words = entry.words or "default settings"
     return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
 
 
 def version_words(about: Mapping[str, Any]) -> str:
-    """What a report says as the version of an entry."""
+    """Return the version of an entry for the report."""
     name = str(about.get("name", ""))
     if about["version"]:
         return str(about["version"])
@@ -85,7 +85,7 @@ def version_words(about: Mapping[str, Any]) -> str:
 
 
 def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:
-    """What is known of a block beside its rows: ``clock_ns``, and ``entries`` by label."""
+    """Return the facts on a block besides its rows: ``clock_ns``, and ``entries`` by label."""
     facts: dict[str, Any] | None = folder.read_json(file)
     if facts is None:
         top = file.partition("/")[0]

@@ -36,19 +36,19 @@ class Method(Settings):
     max_problems: MaybeCount = key("Largest number of problems, for slow methods; by default all.", None)
 
     def entry(self) -> Entry:
-        """The method as the block compares it."""
+        """Return the method as an entry of the block."""
         return Entry(self.label, self.solver, self.options, self.max_problems)
 
 
 class BudgetedMethod(Method):
-    """An IK method that nothing but a budget stops; or one that is called as it comes, ``whole = true``."""
+    """An IK method that only a budget stops, or with ``whole = true`` one with its default settings."""
 
     whole: Flag = key(
         "Whether each problem is one call with default settings and restarts, instead of one attempt.", False
     )
 
     def entry(self) -> Entry:
-        """The method as the block compares it."""
+        """Return the method as an entry of the block."""
         for fixed in ("max_iterations", "max_restarts", "time_limit"):
             if fixed in self.options and not self.whole:
                 expected = "budgets in place of it: one attempt, stopped at each budget; or whole = true"
@@ -73,7 +73,7 @@ class Law(Settings):
     )
 
     def entry(self, role: str = "law") -> Entry:
-        """The law as the block compares it."""
+        """Return the law as an entry of the block."""
         return Entry(self.label, self.law, self.options, role=role, without=self.without)
 
 
@@ -88,7 +88,7 @@ class IKPeer(Settings):
     iterations: MaybeCount = key("Largest number of iterations, for methods that accept one.", None)
 
     def entry(self) -> Entry:
-        """The peer as the block compares it."""
+        """Return the peer as an entry of the block."""
         options = {} if self.iterations is None else {"iterations": self.iterations}
         return Entry(self.label, self.peer, options, self.max_problems, "peer")
 
@@ -105,5 +105,5 @@ class LawPeer(Settings):
     max_lines: MaybeCount = key("Largest number of motions of each set, for slow laws; by default all.", None)
 
     def entry(self) -> Entry:
-        """The peer as the block compares it."""
+        """Return the peer as an entry of the block."""
         return Entry(self.label, self.peer, {}, self.max_lines, "peer")

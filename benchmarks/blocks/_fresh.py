@@ -1,4 +1,4 @@
-"""Fresh processes: run a few lines of Python that print JSON, and raise where they end with an error."""
+"""Fresh processes: run a few lines of Python that print JSON, and raise an error if they fail."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Any
 from optik.errors import OptikError
 
 ROOT = Path(__file__).resolve().parents[2]
-"""Where our packages lie, so that a fresh process imports the same."""
+"""Folder of our packages, so that a fresh process imports the same code."""
 
 
 class ProcessFailed(OptikError, RuntimeError):
-    """A fresh process ended with an error; its last line is told."""
+    """A fresh process ended with an error; the message is its last line."""
 
 
 def fresh(arguments: list[str], what: str, **environment: str) -> Any:

@@ -1,4 +1,4 @@
-"""Blocks of IK problems: one problem set on one robot, as several kinds have them."""
+"""Base of blocks of IK problems: one problem set on one robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
 
 TRIAL_PROBLEMS = 5
-"""Problems that are drawn to check the options of a set: enough to meet every option, few enough to cost nothing."""
+"""Number of problems sampled to check the options of a set: enough to use every option, few enough to cost nothing."""
 
 
 class ProblemBlock(Block):
@@ -40,7 +40,7 @@ class ProblemBlock(Block):
 
 
 def check_set(block: ProblemBlock) -> None:
-    """Refuse wrong options of a problem set, by drawing a few problems of it."""
+    """Raise InvalidInput for wrong options of a problem set, by sampling a few problems of it."""
     with naming(f"block {block.id!r}: options"):
         _draw_few(block)
 
@@ -55,12 +55,12 @@ def _draw_few(block: ProblemBlock) -> None:
 
 
 def about_file(block: Block) -> str:
-    """Name of the file with the hash of the problems of a block."""
+    """Return the name of the file with the hash of the problems of a block."""
     return f"problems/{slug(block.id)}.json"
 
 
 def check_same(block: Block, before: str | None, now: str) -> None:
-    """Refuse to continue a run with other problems."""
+    """Raise InvalidInput if a resumed run would have other problems."""
     if before is not None and before != now:
         expected = f"{before[:16]}…, as when the run began; use another --out"
         raise InvalidInput(f"block {block.id!r}", f"problems with SHA-256 {now[:16]}…", expected)
@@ -69,7 +69,7 @@ def check_same(block: Block, before: str | None, now: str) -> None:
 def store_problems(
     folder: RunFolder, block: ProblemBlock, robot: Robot, problems: ProblemSet, *, poses: bool = True
 ) -> None:
-    """Write the problems of a block and their hash, or check that those of a continued run are the same."""
+    """Write the problems of a block and their hash, or check that those of a resumed run are the same."""
     name, about = f"problems/{slug(block.id)}.parquet", about_file(block)
     before = folder.read_json(about)
     check_same(block, None if before is None else str(before.get("sha256")), problems.sha256)

@@ -1,4 +1,4 @@
-"""Scenes as blocks of a suite name them: those that come with the suites, and files."""
+"""Scenes of suites: built-in ones by name, and files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optik.plugins.usage import resolve_data_file
 from optik.scene import Scene
 
 SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "scenes").glob("*.toml"))}
-"""Files of the scenes that come with the suites, by name."""
+"""Files of the built-in scenes by name."""
 
 
 def _name(value: Any) -> str:
@@ -25,7 +25,7 @@ def _name(value: Any) -> str:
 
 
 SceneName = Annotated[str, BeforeValidator(_name)]
-"""A scene that comes with the suites, or the path of a file."""
+"""The name of a built-in scene, or the path of a file."""
 
 
 def scene_named(name: str, margin: float = 0.0) -> Scene:

@@ -1,4 +1,4 @@
-"""Random numbers of methods and peers, keyed by problem, method and trial: parts, workers and order do not matter."""
+"""Random seeds by problem, method and trial: results do not depend on parts, workers or order."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def trial_seed(seed: int, problem: int, method: str, trial: int = 0) -> int:
 
 
 def reseed(method: Any, seed: int, problem: int, label: str, trial: int = 0) -> None:
-    """Set all random numbers that a method may use, before one trial of it.
+    """Seed all random number generators that a method may use, before one trial of it.
 
     These are Python's `random`, NumPy's global generator, and whatever the method's own ``reseed(number)`` sets, where it
     has one.

@@ -1,4 +1,4 @@
-"""Torques of a motion at instants, for plots, and the limits on joints; what a motion keeps its certificate says."""
+"""Torques of a motion at instants, for plots, and the limits on joints; the certificate has the proved bounds."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from planners.limits import DERIVATIVES, LOADED
 from planners.trajectory import Trajectory
 
 JOINT_LIMITS = (*DERIVATIVES, *LOADED)
-"""Limits on every joint: reports have the worst ratio of each, its joint and its time."""
+"""Limits on every joint: for each, reports show the largest ratio to it, with its joint and its time."""
 
 
 def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
-    """Torques and their rates at instants."""
+    """Return torques and their rates at instants."""
     states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
     found = []
     for load in robot.loads:

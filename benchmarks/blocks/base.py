@@ -1,4 +1,4 @@
-"""What a suite is made of: blocks, what they compare, parts of their work, and their rows."""
+"""The interface of a block of a suite: its settings, its entries, the parts of its work, and its rows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from benchmarks.targets import Measure, Outcome, Target, measure_named
 from optik.errors import UnknownName
 
 Tell = Callable[[str], None]
-"""Called with what is done next, for the progress bar."""
+"""Called with a description of the next work, for the progress bar."""
 
 KINDS = {
     **{name: f"benchmarks.blocks.ik.{name}" for name in ("budgets", "answers", "calls", "batch", "first_use")},
@@ -28,12 +28,12 @@ KINDS = {
 
 
 class Block(Settings):
-    """One block of a suite, as its file has it."""
+    """One block of a suite, as its file defines it."""
 
     noun: ClassVar[str] = "block"
-    """What errors call it, before its id."""
+    """Name of the block in errors, before its id."""
     measures: ClassVar[tuple[Measure, ...]] = ()
-    """Measures that its targets may name."""
+    """Measures that its targets can name."""
 
     id: str = key("Names the block's files.")
     title: str = Field(default_factory=lambda given: given["id"], description="Name of the block in reports.")
@@ -50,17 +50,17 @@ class Block(Settings):
 
     @property
     def is_sweep(self) -> bool:
-        """Whether it varies the options of one method: what it compares takes no colour that a method needs."""
+        """Whether the block varies the options of one method; its entries then take no colour of a method."""
         return False
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Names of the arms that it runs on."""
+        """Names of the arms of the block."""
         return (self.robot,) if hasattr(self, "robot") else ()
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """What it compares, in the order of the suite."""
+        """Methods, laws and peers that the block compares, in the order of the suite."""
         return ()
 
     @property
@@ -70,13 +70,13 @@ class Block(Settings):
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Parts of its problems that a target may name."""
+        """Groups of its problems that a target can name."""
         return ()
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One thing that a block compares: a method or law of ours, or a peer.
+    """One competitor of a block: a method or law of ours, or a peer.
 
     Attributes
     ----------
@@ -167,13 +167,13 @@ class Compared:
 
     @property
     def is_share(self) -> bool:
-        """Whether its values are truth values, of which the share is compared."""
+        """Whether the values are truth values, whose rates are compared."""
         return self.unit == "%"
 
 
 @dataclass(frozen=True)
 class BlockRows:
-    """A block with its rows, and with facts beside them: those on each entry are in ``entries`` by label."""
+    """A block with its rows and facts; the facts on each entry are in ``entries`` by label."""
 
     block: Any
     rows: pl.DataFrame
@@ -188,7 +188,7 @@ class BlockRows:
 
 
 class Kind:
-    """A kind of block: it reads settings, divides or does the work, and reads the rows. Its module names it ``METHOD``.
+    """A kind of block: it reads the settings, divides or does the work, and reads the rows. Its module names it ``METHOD``.
 
     Attributes
     ----------
@@ -230,15 +230,15 @@ class Kind:
         return self.block.read(data)
 
     def prepare(self, block: Any, seed: int) -> Any:
-        """Check what only trying shows, before anything is written; `parts` is given what it returns."""
+        """Check before anything is written what needs a trial; the result is passed to `parts`."""
         return None
 
     def warm(self, block: Any) -> None:
-        """Make the first calls of a block, in another process, so that compiled kernels are in the cache when it is run."""
+        """Make the first calls of a block, in another process, so that compiled kernels are in the cache before its run."""
         return
 
     def parts(self, block: Any, prepared: Any, folder: RunFolder) -> Iterable[Part]:
-        """All parts of a block, those that are done among them; none where a block is only timed by itself."""
+        """Return all parts of a block, including finished ones; none if the block is only timed alone."""
         return ()
 
     def solve(self, work: Any) -> pl.DataFrame:
@@ -246,11 +246,11 @@ class Kind:
         raise NotImplementedError(f"{type(self).__name__} has parts and no solve()")
 
     def measure(self, block: Any, seed: int, tell: Tell) -> pl.DataFrame:
-        """Do all work of a block, timed by itself, and return its rows with the label of the entry in ``method``."""
+        """Do all work of a block that is timed alone, and return its rows with the label of the entry in ``method``."""
         raise NotImplementedError(f"{type(self).__name__} has neither measure() nor run()")
 
     def run(self, block: Any, seed: int, folder: RunFolder, tell: Tell) -> None:
-        """Do what a block still lacks, timed by itself: by default, write what `measure` returns."""
+        """Do the unfinished work of a block that is timed alone: by default, write the result of `measure`."""
         if not folder.has(self.file(block)):
             tell(block.id)
             folder.write(self.file(block), self.measure(block, seed, tell))
@@ -264,7 +264,7 @@ class Kind:
 
     @property
     def parts_folder(self) -> str:
-        """Folder of its parts in a run, by which failures are told from those of another kind's block of the same name."""
+        """Folder of its parts in a run; it separates their failures from those of another kind's block with the same name."""
         return self.folder
 
     def file(self, block: Any, ending: str = "parquet") -> str:
@@ -272,25 +272,25 @@ class Kind:
         return f"{self.folder}/{slug(block.id)}.{ending}"
 
     def rows(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
-        """All rows of a block; None where nothing was run."""
+        """Return all rows of a block; None if it was not run."""
         return folder.read(self.file(block))
 
     def compared_rows(self, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
-        """Rows of a block as two runs are compared on them, with the columns ``label`` and ``problem``."""
+        """Return the rows on which two runs are compared, with the columns ``label`` and ``problem``."""
         return rows.rename({"method": "label"})
 
     def rows_to_compare(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
-        """Rows of a block as `compared_rows` has them; None where nothing was run."""
+        """Return the rows of `compared_rows`; None if the block was not run."""
         rows = self.rows(folder, block)
         return None if rows is None else self.compared_rows(block, rows)
 
     def read(self, folder: RunFolder, block: Any) -> BlockRows | None:
-        """A block with its rows for the report; None where nothing was run."""
+        """Return a block with its rows for the report; None if it was not run."""
         rows = self.rows(folder, block)
         return None if rows is None else BlockRows(block, rows, folder, {})
 
     def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        """Value of a target on the rows of a block, and from how many rows, or why there is none (then NaN)."""
+        """Return the value of a target and the number of rows that it was computed on, or NaN and the reason for no value."""
         if rows is None:
             return float("nan"), "it was not run"
         measure = measure_named(self.measures, target.measure, "measure")
@@ -303,7 +303,7 @@ class Kind:
         return float(value), f"{len(chosen):,} rows"
 
     def outcomes(self, block: Any, folder: RunFolder) -> list[Outcome]:
-        """The outcome of every target of a block."""
+        """Return the outcome of every target of a block."""
         if not block.targets:
             return []
         rows = self.rows(folder, block)

@@ -72,7 +72,7 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
 
 
 def _check(block: Block) -> None:
-    """Check what only data files show."""
+    """Check what needs the data files."""
     if isinstance(block, ProblemBlock) and not _code(block.set) and not _code(block.robot):
         check_set(block)
     for line in block.lines if isinstance(block, LawBlock) else ():
@@ -98,7 +98,7 @@ def _table(model: type[Settings], table: dict[str, Any], at: str, absent: bool =
 
 
 def _model(field: Any) -> type[Settings] | None:
-    """The model of the tables that a key has."""
+    """Return the model of the tables that a key has."""
     for one in field.metadata:
         if isinstance(one, Entries):
             return one.model
@@ -107,7 +107,7 @@ def _model(field: Any) -> type[Settings] | None:
 
 
 def _named(model: type[Settings], table: dict[str, Any], key: str) -> tuple[str, str, Any]:
-    """Group, noun and name of what the options of a table are of."""
+    """Return group, noun and name of the object whose options a table has."""
     name = next(
         n for n in (("set",) if key == "options" and "set" in table else ("solver", "law", "peer")) if n in table
     )
@@ -116,7 +116,7 @@ def _named(model: type[Settings], table: dict[str, Any], key: str) -> tuple[str,
 
 
 def _default(field: Any) -> str:
-    """The default of a key: ``required`` where it has none."""
+    """Return the default of a key: ``required`` if it has none."""
     if field.is_required():
         return "required"
     return "" if field.default is PydanticUndefined else _shown(field.default)

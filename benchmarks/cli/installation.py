@@ -49,7 +49,7 @@ LAST_WORDS = 400
 
 
 class Check(NamedTuple):
-    """What was checked: its group and name, its state (usable, absent or problem), and its version or what to type."""
+    """One check: its group and name, its state (usable, absent or problem), and the version or the command that helps."""
 
     part: str
     name: str

@@ -21,5 +21,5 @@ CLAIMS = (
 
 
 def judge(folder: RunFolder) -> list[Finding]:
-    """Findings on every claim; a claim without data in the run is "not tested"."""
+    """Return the findings on all claims; a claim without data in the run is "not tested"."""
     return [claim(folder) for claim in CLAIMS]

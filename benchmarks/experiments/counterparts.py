@@ -1,4 +1,4 @@
-"""What of the paper stands where in a report: its figures, equations and claims beside what answers them."""
+"""Counterparts of the paper in a report: its figures, equations and claims, each with the place that answers it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PAPER_TITLE = "Research on Trajectory Planning of a 6R Robotic Manipulator based
 
 
 class Counterpart(NamedTuple):
-    """A part of the paper and what answers it.
+    """A part of the paper and its counterpart in the report.
 
     Attributes
     ----------

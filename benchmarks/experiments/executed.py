@@ -1,4 +1,4 @@
-"""The paper's claims about the workspace, judged on executed motions: by the same rules, with the noise of a whole cell."""
+"""The paper's claims about the workspace on executed motions: the same rules, with the noise of a whole cell."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READINGS = {
 """The two readings of section 4.1 of the paper, by the column ``along``."""
 
 OTHER_PARTS = ("laser_error", "path_error", "servo_error")
-"""Lengths of the parts of the error that no iteration changes."""
+"""Lengths of the parts of the error that do not depend on the iteration."""
 
 
 def executed_claims(rows: pl.DataFrame) -> list[Finding]:
@@ -50,7 +50,7 @@ def executed_claims(rows: pl.DataFrame) -> list[Finding]:
 
 
 def _axis() -> pl.Expr:
-    """Largest error on one axis; infinite where nothing was executed."""
+    """Return the largest error on one axis; infinite if nothing was executed."""
     return pl.max_horizontal(*(pl.col(f"error_{axis}").abs() for axis in "xyz")).fill_null(float("inf"))
 
 
@@ -90,7 +90,7 @@ def _within(rows: pl.DataFrame) -> Finding:
 
 
 def _why_missed(last: pl.DataFrame) -> str:
-    """Which part of the error is the largest in the trials that miss."""
+    """Name the largest part of the error in the trials that miss."""
     missed = last.filter(pl.col("axis") > TWO_MM)
     executed = missed.filter(pl.col("position_error").is_not_null())
     parts = {
@@ -143,7 +143,7 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
 
 
 def needed_budgets(rows: pl.DataFrame) -> pl.DataFrame:
-    """The least budget of each trial from which on the executed tool is within 2 mm on each axis."""
+    """Return the least budget of each trial from which on the executed tool is within 2 mm on each axis."""
     return (
         rows.sort("budget", descending=True)
         .with_columns(ok=(pl.col("axis") <= TWO_MM).cum_min().over("problem", "repeat"))
@@ -184,6 +184,6 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
 
 
 def _iteration_leads(part: pl.DataFrame) -> bool:
-    """Whether the error of the iteration is more than all others together, in most trials."""
+    """Return whether the error of the iteration exceeds the sum of all others in most trials."""
     others = part.select(rest=pl.sum_horizontal(*OTHER_PARTS))["rest"]
     return bool((part["ik_error"] > others).mean() > 0.5)  # type: ignore[operator]

@@ -24,7 +24,7 @@ START_DEG, MOVE_M = _LINE.start_deg, np.array(_LINE.move_m)
 
 
 def evidence(folder: RunFolder) -> list[Misprint]:
-    """Every misprint with its evidence: computed here, or read from the run where it takes many solves."""
+    """Return every misprint with its evidence: computed here, or read from the run if it needs many solves."""
     return [_table_1(), _eq_5(), _eq_9(folder), _eq_12(), _eq_14(), _eq_16()]
 
 

@@ -20,7 +20,7 @@ ON_LINE_M, ON_LINE_RAD = 1e-4, np.deg2rad(0.01)
 
 
 def quintic_plan(folder: RunFolder) -> dict[str, Any] | None:
-    """First solved plan with the time law of the paper."""
+    """Return the first solved plan with the time law of the paper."""
     plans = folder.read_json("line/plans.json") or []
     return next((p for p in plans if p["law"] == "quintic" and p["status"] == "solved"), None)
 
@@ -95,7 +95,7 @@ def on_the_line(folder: RunFolder) -> Finding:
 
 
 def _jump(size: float, unit: str) -> str:
-    """A jump with its unit; one up to `ROUNDING` is not a result."""
+    """Format a discontinuity with its unit; one up to `ROUNDING` is not a result."""
     return f"≤ 1e-12 {unit}" if size <= ROUNDING else f"{size:.1g} {unit}"
 
 

@@ -15,25 +15,25 @@ from benchmarks.statistics import wilson
 from optik.types import Array, Flags
 
 WORKSPACE = "workspace"
-"""Name of the block that the claims are evaluated on."""
+"""Name of the block on which the claims are evaluated."""
 TWO_MM = 2e-3
 """Accuracy that the paper claims on each axis [m]."""
 ALMOST_ALL = 0.99
-"""Least lower end of the interval of the share of targets within the accuracy, for the claim to hold."""
+"""Least lower end of the interval of the rate of targets within the accuracy, for the claim to hold."""
 ROTATION_RAD = np.deg2rad(0.1)
-"""Rotation error up to which a target counts as reached in orientation too [rad]; the paper claims none."""
+"""Rotation error up to which a target also counts as reached in orientation [rad]; the paper claims none."""
 STOP_TOLERANCE = 1e-6
 """Tolerance at which the iteration stops [m, rad]: errors below it do not show how the error grows."""
 
 
 LEAST_IN_BIN = 3
-"""Solved targets of each of the ten bins of claim (b): fewer have no median that says something."""
+"""Solved targets in each of the ten bins of claim (b): a median of fewer is not informative."""
 
 AXIS_ERRORS = ("error_x", "error_y", "error_z")
 """Columns of the errors on the axes."""
 
 JUDGED_ERRORS = {"error_x": "X", "error_y": "Y", "error_z": "Z", "position_error": "distance"}
-"""Columns of the errors of claim (c), and what the report calls them."""
+"""Columns of the errors of claim (c), and their names in the report."""
 
 
 class Fit(NamedTuple):
@@ -50,7 +50,7 @@ class Fit(NamedTuple):
 
 
 def baseline(folder: RunFolder) -> pl.DataFrame | None:
-    """Rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
+    """Return the rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
     rows = folder.rows(WORKSPACE)
     if rows is None:
         return None
@@ -98,7 +98,7 @@ def within_two_millimetres(folder: RunFolder) -> Finding:
 
 
 def nearest_that_hold(within: Flags) -> int:
-    """How many of the nearest targets, as many as possible, hold claim (a) among themselves."""
+    """Return the largest number of nearest targets for which claim (a) holds."""
     solved = np.cumsum(within)
     return next((k for k in range(len(within), 0, -1) if wilson(int(solved[k - 1]), k)[0] >= ALMOST_ALL), 0)
 
@@ -178,7 +178,7 @@ def linear_error(folder: RunFolder) -> Finding:
 
 
 def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
-    """The fits of every setting at its most linear budget, in words."""
+    """Describe the fits of every setting at its most linear budget."""
     words = []
     for method, at in fits.items():
         if at:
@@ -188,12 +188,12 @@ def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
 
 
 def fit_words(fit: dict[str, Fit]) -> str:
-    """The fits of one setting at one budget, in words."""
+    """Describe the fits of one setting at one budget."""
     return ", ".join(f"{name} R² {fit[c].r2:.2f} ~d^{fit[c].exponent:.2f}" for c, name in JUDGED_ERRORS.items())
 
 
 def linear_verdict(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:
-    """Verdict on claim (c)."""
+    """Return the verdict on claim (c)."""
     axes = {m: [b for b, fit in at.items() if all(fit[c].linear for c in AXIS_ERRORS)] for m, at in fits.items()}
     whole = {m: [b for b, fit in at.items() if fit["position_error"].linear] for m, at in fits.items()}
     if all(axes.values()):
@@ -213,7 +213,7 @@ def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:
 
 
 def fit(distance: Array, error: Array, bins: int = 12) -> Fit:
-    """Fit medians of error in bins of equal count over distance: robust against targets that do not converge."""
+    """Fit the medians of the error over the distance in bins of equal count, which is robust against diverging targets."""
     parts = np.array_split(np.argsort(distance, kind="stable"), bins)
     d = np.array([np.median(distance[p]) for p in parts])
     e = np.maximum([np.median(error[p]) for p in parts], 1e-12)

@@ -1,1 +1,1 @@
-"""The usual calls, run once: to compile their kernels on a machine in advance, or to ship them in the wheel."""
+"""Common calls whose kernels are compiled in advance, on a machine or for the wheel."""

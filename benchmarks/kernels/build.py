@@ -1,4 +1,4 @@
-"""Compile the usual calls for every processor of this kind, and pack them: ``python -m benchmarks.kernels.build``."""
+"""Compile common calls for every supported processor, and pack the kernels: ``python -m benchmarks.kernels.build``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 
 BASELINE = {"x86_64": "x86-64-v3", "amd64": "x86-64-v3", "arm64": "apple-m1"}
-"""Processors to compile for by the machine, as LLVM names them; elsewhere the least of the architecture."""
+"""Processors to compile for, by machine and with LLVM's names; otherwise the baseline of the architecture."""
 
 
 def main() -> None:
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def _kernels(cache: Path) -> Iterator[tuple[str, tuple[str, bytes]]]:
-    """Fingerprint, name and code of each cached kernel of our packages; the documentation also compiles plug-in files."""
+    """Yield fingerprint, name and code of each cached kernel of our packages, without plug-ins of the documentation."""
     files = (file for package in ("optik", "planners", "benchmarks") for file in (ROOT / package).rglob("*.py"))
     for folder in sorted({_CacheLocator.get_suitable_cache_subpath(str(file)) for file in files}):
         for file in sorted((cache / folder).glob("*.nbk")):

@@ -1,4 +1,4 @@
-"""The usual calls, in parts that separate processes can run."""
+"""Common calls, in parts that separate processes can run."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def panda() -> None:
 
 
 def cell() -> None:
-    """Move to what a laser points at, with corrections."""
+    """Move to a laser spot, with corrections."""
     from planners.cell import Cell, PanTiltLaser
 
     robot, q0 = optik.load("paper6r"), np.deg2rad([20, -35, 40, 25, 50, -30])
@@ -105,4 +105,4 @@ def pages() -> None:
 
 
 WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
-"""The parts that an installed package can run, in the order that two processes share best."""
+"""The parts that an installed package can run, in the best order for two processes."""

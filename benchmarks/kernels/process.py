@@ -1,4 +1,4 @@
-"""One part in a process of its own: ``python -m benchmarks.kernels.process PART`` prints each kernel that it compiles."""
+"""Run one part in a separate process: ``python -m benchmarks.kernels.process PART`` prints each kernel that it compiles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Teller(event.Listener):  # type: ignore[misc]
         self._out = out
 
     def on_start(self, event: Any) -> None:
-        """Nothing is known yet."""
+        """Do nothing, because the name of the kernel is not known yet."""
 
     def on_end(self, event: Any) -> None:
         """Print the kernel's name."""
@@ -29,7 +29,7 @@ class Teller(event.Listener):  # type: ignore[misc]
 
 
 def main(part: str) -> None:
-    """Run a part; what it prints itself is thrown away."""
+    """Run a part, and discard its output."""
     with os.fdopen(os.dup(1), "w") as out, open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         with event.install_listener("numba:compile", Teller(out)):

@@ -13,11 +13,11 @@ from tempfile import TemporaryFile
 from benchmarks.blocks._fresh import ROOT
 
 PROGRESS_SECONDS = 10.0
-"""Between two lines of progress where the error stream is no terminal [s]."""
+"""Interval between two lines of progress if the error stream is no terminal [s]."""
 
 
 class Progress:
-    """Counts compiled kernels on the error stream: in one line of a terminal, elsewhere in a line now and then."""
+    """Counter of compiled kernels on the error stream: one line on a terminal, otherwise a line from time to time."""
 
     def __init__(self) -> None:
         self.count, self._begin = 0, time.monotonic()
@@ -38,7 +38,7 @@ class Progress:
             self._last = now
 
     def end(self) -> str:
-        """Clear the line, and return what was done."""
+        """Clear the line, and return a summary."""
         print("\r\x1b[K" if sys.stderr.isatty() else "", end="", file=sys.stderr, flush=True)
         return f"{self.count} kernels in {time.monotonic() - self._begin:.0f} s"
 

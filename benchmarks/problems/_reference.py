@@ -1,4 +1,4 @@
-"""Known solutions, which define the reachable targets, computed before the comparison and independently of it."""
+"""Known solutions, which define the reachable targets; they are computed before the comparison and independently of it."""
 
 from __future__ import annotations
 

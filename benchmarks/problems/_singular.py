@@ -14,7 +14,7 @@ WRIST, ELBOW, SHOULDER = 4, 2, 1
 DET_SAMPLES, DET_BISECTIONS = 61, 60
 """Values of a joint at which the sign of det J is sampled, and bisections of a sign change, down to rounding."""
 DRAWS, RANK_STEPS = 40, 30
-"""Attempts until an arm counts as having no singular configurations, and Gauss–Newton steps of each."""
+"""Number of attempts before an arm counts as without singular configurations, and Gauss–Newton steps of each."""
 RANK_LOST = 1e-9
 """Smallest singular value below which a configuration counts as singular [1]: rounding of the searches."""
 

@@ -32,7 +32,7 @@ UNIT_ERROR = 1e-3
 
 
 class Poses(NamedTuple):
-    """What a file of poses holds.
+    """Content of a file of poses.
 
     Attributes
     ----------

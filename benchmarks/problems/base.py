@@ -24,7 +24,7 @@ SETS = "benchmarks.problems"
 
 @dataclass(frozen=True)
 class ProblemSet:
-    """IK problems: reach `targets` from `starts`.
+    """IK problems: targets, and the initial guesses `starts`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Run folders: what a run writes, and how it is read back."""
+"""Run folders: the files of a run, and their readers."""
 
 from benchmarks.records.folder import (
     FORMAT,

@@ -16,7 +16,7 @@ from optik.errors import OutputError
 from optik.file_io import write_atomically
 
 JOURNAL = "journal"
-"""Ending of the name of a journal, a folder beside the table of its block."""
+"""Ending of the name of a journal, a folder next to the table of its block."""
 
 WORTH_KEEPING = 0.5
 """Least time of work that is written at once [s]: writing more often would disturb the next method's first calls."""
@@ -100,4 +100,4 @@ class Journal:
 
 
 UNKEPT = Journal(None)
-"""A journal that keeps nothing, for work outside a run."""
+"""A journal without files, for work outside a run."""

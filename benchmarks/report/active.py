@@ -1,4 +1,4 @@
-"""Which limit of which joint is active where on a path: the plot that lines in detail share."""
+"""The plot of active limits along a path, which all lines in detail share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.report.figures import HOVER, axis, lean, line
 from planners.limits import ALL_LIMITS
 
 ACTIVE = 0.99
-"""A constraint counts as active where the motion comes this near to its limit [1]."""
+"""Distance to a limit up to which a constraint counts as active, relative to the limit [1]."""
 
 LIMIT_COLOURS = {
     "velocity": 0, "acceleration": 1, "jerk": 2, "tool_speed": 3, "rotation_speed": 4, "torque": 5, "torque_rate": 6,
@@ -20,7 +20,7 @@ LIMIT_COLOURS = {
 
 
 def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Plot:
-    """Where which joint is at which of its limits, one row of the plot for each joint and limit."""
+    """Return a plot of the active limits along the path, with one row for each joint and limit."""
     rows = sorted(
         {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
         key=lambda row: (ALL_LIMITS.index(row[1]), row[0]),
@@ -46,5 +46,5 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
 
 
 def limit_colour(limit: str) -> str:
-    """Colour of a limit."""
+    """Return the colour of a limit."""
     return f"var(--c{LIMIT_COLOURS[limit]})"

@@ -1,4 +1,4 @@
-"""What the report is made of: sections, tables, winners, and what it shows of each kind of block."""
+"""The interface of the report: sections, tables, winners, and the report of a kind of block."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
 QUESTION = Path(__file__).parent / "templates" / "question.html.j2"
-"""The template of a section that answers a question: an answer, plots, tables, then prose."""
+"""Template of a section that answers a question: an answer, plots, tables, then text."""
 
 Cell = str | float | int | None | tuple[float, float, float]
-"""A value of a table: text, a number, None where there is none, or a value with the ends of its interval."""
+"""A value of a table: text, a number, None if there is none, or a value with the ends of its interval."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Winner:
-    """Who is best at something, with the others, for the first screen of the page.
+    """The winner of a question and the other entries, for the first screen of the page.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Winner:
 
     @property
     def sample(self) -> str:
-        """Number of values in the paired test, and whether they are too few for it; empty without a test."""
+        """Number of values in the paired test, with a note if they are too few; empty without a test."""
         if self.count is None:
             return ""
         few = ": too few for a test" if is_too_few(self.count, len(self.entries) - 1) else ""
@@ -126,7 +126,7 @@ class Winner:
 
     @property
     def tied(self) -> tuple[str, ...]:
-        """Labels of the best and of all that the paired test does not tell from it, or whose interval overlaps with its own."""
+        """Labels of the best and of all not significantly different from it, by the paired test or overlapping intervals."""
         if self.level is not None:
             return self.level
         _, _, low, high = self.entries[0]
@@ -135,7 +135,7 @@ class Winner:
 
 @dataclass(frozen=True)
 class Section:
-    """One section of the report, or one piece of a section: pieces with the same anchor stand under one heading.
+    """One section of the report, or one piece of a section: pieces with the same anchor have a common heading.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ def _nothing(run: Run) -> Sequence[Any]:
 
 @dataclass(frozen=True)
 class KindReport:
-    """What the report shows of one kind of block. The module of the kind's report names it ``REPORT``.
+    """The report of one kind of block. The kind's module in `report` names it ``REPORT``.
 
     Attributes
     ----------

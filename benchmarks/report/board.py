@@ -1,4 +1,4 @@
-"""Boards: plots that share controls; what a browser needs to draw them, as strict JSON."""
+"""Boards: plots that share controls, and their data for the browser as strict JSON."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from benchmarks.report.packing import pack
 
 Json = dict[str, Any]
 When = Mapping[str, Sequence[str]]
-"""Values of controls at which something is shown; a control that is not named does not matter."""
+"""Values of controls at which something is shown; controls that are not named do not matter."""
 
 STROKES = {"solid": "", "dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3"}
-"""Strokes and gaps of the dashes of a legend, as SVG has them."""
+"""Strokes and gaps of the dashes of a legend, in SVG's form."""
 
 MARKER_CHARACTERS = {
     "circle": "●", "square": "■", "diamond": "◆", "triangle-up": "▲", "cross": "✚", "star": "★", "x": "✖", "pentagon": "⬟",
@@ -36,23 +36,23 @@ class Control:
 
     @property
     def value(self) -> str:
-        """The value that is chosen at first."""
+        """Value that is selected initially."""
         return self.initial or self.options[0][0]
 
     @staticmethod
     def of(key: str, label: str, values: Sequence[str], initial: str = "") -> Control:
-        """A choice among values that are their own names."""
+        """Return a choice among values that are their own names."""
         return Control(key, label, tuple((v, v) for v in values), initial)
 
     @staticmethod
     def of_blocks(blocks: Sequence[Any]) -> Control:
-        """A choice among blocks with their rows."""
+        """Return a choice among blocks with their rows."""
         return Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks))
 
 
 @dataclass(frozen=True)
 class Key:
-    """One entry of a legend: a line, with its dash and marker where it has them, or a filled square.
+    """One entry of a legend: a line, with its dash and marker if it has them, or a filled square.
 
     Attributes
     ----------
@@ -120,11 +120,11 @@ class Plot:
         self.traces.append(entry)
 
     def vary(self, when: When, layout: Json) -> None:
-        """Change the layout at some choices; later changes win."""
+        """Change the layout at some choices; later changes override earlier ones."""
         self.layouts.append({"when": when, "layout": layout})
 
     def to_data(self) -> Json:
-        """What a browser needs to draw it; nothing is drawn below the least result of a logarithmic axis."""
+        """Return the data for the browser; nothing is drawn below the least result of a logarithmic axis."""
         layout, traces = dict(self.layout), self.traces
         for key, values in (("xaxis", "x"), ("yaxis", "y")):
             floor = layout.get(key, {}).get("meta")
@@ -139,7 +139,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Board:
-    """Plots that share controls, a legend and a caption, with a heading of their own where a section has several."""
+    """Plots that share controls, a legend and a caption, with a heading if a section has several boards."""
 
     id: str
     plots: tuple[Plot, ...]
@@ -155,23 +155,23 @@ class Board:
 
     @property
     def animated(self) -> bool:
-        """Whether a plot of it moves."""
+        """Whether one of its plots is animated."""
         return any(p.frames for p in self.plots)
 
     @property
     def state(self) -> dict[str, str]:
-        """The value of every control that is chosen at first."""
+        """Initial value of every control."""
         return {c.key: c.value for c in self.controls}
 
     @property
     def chosen(self) -> str:
-        """What is chosen at first, in words, for a figure on paper; empty where there is no choice."""
+        """Initial choices in words, for a figure on paper; empty without a choice."""
         here = [c for c in self.shown if all(self.state.get(key) in values for key, values in c.when.items())]
         named = "; ".join(f"{c.label}: {dict(c.options)[c.value]}" for c in here)
         return f"Shown for {named}." if named else ""
 
     def each(self, key: str) -> tuple[Board, ...]:
-        """One board for each value of a control, to be drawn one after another."""
+        """Return one board for each value of a control, to be drawn one after another."""
         if all(c.key != key for c in self.shown):
             return (self,)
         values = [value for c in self.controls if c.key == key for value, _ in c.options]
@@ -185,14 +185,14 @@ class Board:
         )
 
     def packed(self, labels: Sequence[str] = ()) -> str:
-        """Everything the page's script needs to draw the plots, compressed."""
+        """Return all data that the page's script needs to draw the plots, compressed."""
         marked = sorted((label for label in labels if set(label) & set("<>&")), key=len, reverse=True)
         data = [plot.to_data() for plot in self.plots]
         return pack(_escaped(data, marked) if marked else data)
 
 
 def _escaped(data: Any, names: Sequence[str]) -> Any:
-    """Data in which some names stand as Plotly shows them unchanged."""
+    """Return data whose names Plotly shows unchanged."""
     if isinstance(data, str):
         for name in names:
             data = data.replace(name, html.escape(name, quote=False))
@@ -205,7 +205,7 @@ def _escaped(data: Any, names: Sequence[str]) -> Any:
 
 
 def _raised(trace: Json, values: str, floor: float) -> Json:
-    """A trace whose values are not below what is a result."""
+    """Return a trace whose values are raised to the least result."""
     found = trace.get(values)
     if not isinstance(found, list | tuple):
         return trace
@@ -213,7 +213,7 @@ def _raised(trace: Json, values: str, floor: float) -> Json:
 
 
 def _floor_mark(values: str, floor: float) -> Json:
-    """The mark at the end of an axis: what is drawn there is this or less."""
+    """Return the mark at the end of an axis: values drawn there are at most this."""
     text = f"≤ 10<sup>−{-round(math.log10(floor))}</sup>"
     here = {"xref": "paper", "x": 0, "yref": "y", "y": math.log10(floor), "xanchor": "left", "yanchor": "bottom"}
     if values == "x":
@@ -222,7 +222,7 @@ def _floor_mark(values: str, floor: float) -> Json:
 
 
 def strict(data: Any) -> str:
-    """JSON without NaN that is safe inside a script element and an attribute."""
+    """Return JSON without NaN that is safe inside a script element and an attribute."""
     text = json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

@@ -1,4 +1,4 @@
-"""Two runs compared: each method with itself, better, worse or within noise, with tests that fit what was measured."""
+"""Comparison of two runs: each method with itself, better, worse or within noise, by tests for each type of value."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ FALSE_ALARMS = 0.05
 """Probability that a comparison of two runs without any difference calls anything better or worse."""
 
 UNCHANGED = 1e-6
-"""Relative difference of two values that is no change: laws that iterate stop within it."""
+"""Relative difference of two values that counts as no change: iterative laws stop within it."""
 
 SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits", "start_deg", "move_m", "samples")
-"""Keys of a block that decide its problems, with the suite's seed, where a run has stored no hash of them."""
+"""Keys of a block that determine its problems, with the suite's seed, for a run without a stored hash of them."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Comparison:
     settings: tuple[SettingDifference, ...] = ()
 
     def worse_than(self, threshold: float) -> list[Difference]:
-        """What is worse beyond noise by more than a threshold."""
+        """Return the measures that are worse beyond noise by more than a threshold."""
         return [d for d in self.differences if d.verdict == WORSE_VERDICT and d.loss > threshold]
 
 
@@ -130,7 +130,7 @@ def _flat(value: Any, key: str) -> Iterator[tuple[str, Any]]:
 
 
 def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Difference, Compared, bool]]:
-    """Every difference, with whether unpaired values lie beyond their noise."""
+    """Yield every difference, and whether unpaired values differ by more than their noise."""
     others = {(kind.name, block.id): block for kind, block in b.suite.pairs()}
     for kind, block in a.suite.pairs():
         other = others.pop((kind.name, block.id), None)
@@ -168,7 +168,7 @@ def _of_block(
 
 
 def same_problems(a: Run, block: Block, b: Run, other: Block) -> bool:
-    """Whether two blocks have the same problems: by their hash, else by the settings that decide them."""
+    """Return whether two blocks have the same problems: by their hash, else by the settings that determine them."""
     stored = [run.folder.read_json(f"problems/{slug(one.id)}.json") for run, one in ((a, block), (b, other))]
     if all(isinstance(about, dict) and "sha256" in about for about in stored) and (
         stored[0].get("sha256_of")
@@ -183,7 +183,7 @@ def same_problems(a: Run, block: Block, b: Run, other: Block) -> bool:
 
 
 def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: bool) -> tuple[Difference, bool] | None:
-    """One measure of one label; None where there is nothing to compare."""
+    """Return one measure of one label; None if there is nothing to compare."""
     column, repeated = measure.column, any(frame["problem"].is_duplicated().any() for frame in (a, b))
     a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
     if paired and not repeated:
@@ -206,14 +206,14 @@ def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: boo
 
 
 def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Rows of the problems that both have, in the same order; where `only` is true in both."""
+    """Return the rows of the problems that both runs have, in the same order, and where `only` is true in both."""
     if only:
         a, b = a.filter(only), b.filter(only)
     return a.join(b, on="problem", how="semi").sort("problem"), b.join(a, on="problem", how="semi").sort("problem")
 
 
 def _spread(measure: Compared, rows: pl.DataFrame) -> float:
-    """Half the relative spread of the rounds of a call, the median of all calls."""
+    """Return half the relative spread of the rounds of a call: the median over all calls."""
     if not measure.rounds or not set(measure.rounds) <= set(rows.columns):
         return 0.0
     timed = rows.filter(pl.all_horizontal(pl.col(measure.column, *measure.rounds) > 0))
@@ -245,7 +245,7 @@ def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float) -> 
 
 
 def _exact(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
-    """Values without noise: a change beyond rounding counts."""
+    """Compare values without noise: a change beyond rounding counts."""
     a, b = (100.0 * float(v.mean()) if measure.is_share else float(np.median(v)) for v in (x, y))
     change = b - a if measure.is_share else _percent(b / a if a else math.nan)
     base = Difference("", "", measure.words, measure.unit, a, b, change, pairs=pairs)
@@ -257,7 +257,7 @@ def _percent(ratio: float) -> float:
 
 
 def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Difference:
-    """The verdict: a difference that its test shows, larger than the rounds of the same calls differ."""
+    """Return the verdict: a difference must be significant in its test and exceed the spread of repeated rounds."""
     loss = d.change if measure.better == "less" else -d.change
     shown = apart if math.isnan(p) else p < FALSE_ALARMS
     beyond = abs(d.change) > d.noise and d.change != 0.0
@@ -266,5 +266,5 @@ def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Differen
 
 
 def as_data(d: Difference) -> dict[str, Any]:
-    """A difference as plain data for JSON."""
+    """Return a difference as plain data for JSON."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in vars(d).items()}

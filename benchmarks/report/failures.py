@@ -1,4 +1,4 @@
-"""What failed in a run: who, how often and why, in the section of the question that it belongs to."""
+"""Failures of a run: methods, counts and reasons, in the section of their kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.report.run import Run
 from benchmarks.report.words import listed
 
 _FAILURES = Path(__file__).parent / "templates" / "failures.html.j2"
-"""What shows the table."""
+"""Template of the table."""
 
 FAILURE_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -28,7 +28,7 @@ Failures = list[dict[str, Any]]
 
 
 def failures(run: Run) -> dict[str, Failures]:
-    """What `run.json` says of failures, by the name of the kind whose block they are of."""
+    """Return the failures in `run.json` by the name of their block's kind."""
     found: dict[str, Failures] = {}
     for one in run.manifest.get("failed", []):
         kind, block = _whose(run, str(one["file"]))
@@ -37,7 +37,7 @@ def failures(run: Run) -> dict[str, Failures]:
 
 
 def _whose(run: Run, file: str) -> tuple[Kind, str]:
-    """The kind that wrote or should have written a file, and the title of the block."""
+    """Return the kind that wrote or should have written a file, and the title of the block."""
     folder, _, name = file.rpartition("/")
     pairs = list(run.suite.pairs())
     for kind, block in pairs:
@@ -50,7 +50,7 @@ def _whose(run: Run, file: str) -> tuple[Kind, str]:
 
 
 def failure_table(kind: Kind, run: Run) -> Table | None:
-    """What failed of a kind, each method and reason once."""
+    """Return the failures of a kind, each method and reason once."""
     counted: dict[tuple[str, str, str], list[int]] = {}
     for one in failures(run).get(kind.name, []):
         of = counted.setdefault((str(one["label"]), str(one["block"]), str(one["why"])), [0, 0])
@@ -65,7 +65,7 @@ def failure_table(kind: Kind, run: Run) -> Table | None:
 
 
 def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
-    """A piece of a kind's own section, which has the table of what failed."""
+    """Return a piece of a kind's own section with the table of failures."""
     table = failure_table(kind, run)
     if table is None:
         return None
@@ -73,12 +73,12 @@ def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
 
 
 def home_of(kind: Kind, sections: Sequence[Section]) -> Section:
-    """The section of a kind in which its failures stand: the one that has its title, else the first."""
+    """Return the section of a kind that shows its failures: the one with the kind's title, else the first."""
     own = sorted((s for s in sections if s.place == "section"), key=lambda section: section.order)
     return next((section for section in own if section.title == kind.title), own[0])
 
 
 def failure_words(run: Run) -> str:
-    """How much failed, in a sentence for the head of the report."""
+    """Describe the failures in a sentence for the head of the report."""
     labels = dict.fromkeys(str(one["label"]) for found in failures(run).values() for one in found)
     return f"Failures or crashes: {listed(labels)}." if labels else ""

@@ -1,4 +1,4 @@
-"""How figures look: colours that follow the page's theme, axes with units, lean numbers."""
+"""Style of figures: colours of the page's theme, axes with units, rounded numbers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 Json = dict[str, Any]
 
 METHOD_COLOURS = 20
-"""Number of colours that the page's style has for methods and laws, and for nothing else."""
+"""Number of colours that the page's style reserves for methods and laws."""
 
 COLOURS = 8
-"""Number of muted colours that the page's style has for what is no method: joints, limits, ways in which a solve ends."""
+"""Number of muted colours in the page's style for everything except methods: joints, limits, endings of a solve."""
 
 DASHES = ("solid", "dash", "dot", "dashdot")
 """Dashes of lines, as Plotly calls them. Methods with the same dash have colours that colour-blind readers tell apart."""
@@ -25,73 +25,73 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star", "x", "
 """Markers, as Plotly calls them."""
 
 NOISE = 1e-12
-"""Lengths [m] and angles [rad] below this are rounding of double precision, not results: they are shown as ≤ this."""
+"""Lengths [m] and angles [rad] below this are rounding of double precision and no results; they are shown as ≤ this."""
 
 PER_BASE_UNIT = {"m": 1.0, "mm": 1e3, "µm": 1e6, "nm": 1e9, "rad": 1.0, "mrad": 1e3, "µrad": 1e6, "°": 180.0 / math.pi}
-"""Units of lengths and angles, as multiples of which one metre or radian is given."""
+"""Units of lengths and angles: the number of units in one metre or radian."""
 
 GRID_COLOUR = "var(--grid)"
 """Colour of the lines of a grid."""
 
 INK_COLOUR = "var(--ink)"
-"""Colour of text and of what stands out."""
+"""Colour of text and of emphasised lines."""
 
 MUTED_COLOUR = "var(--muted)"
-"""Colour of axes and of what stands back."""
+"""Colour of axes and of secondary lines."""
 
 BAND_COLOUR = "var(--band)"
-"""Colour of what lies beyond a limit."""
+"""Colour of the area beyond a limit."""
 
 HOVER = "<extra></extra>"
-"""Ends the words of a tooltip: Plotly shows no second box beside it."""
+"""Suffix of tooltip text, with which Plotly shows no second box beside it."""
 
 
 def method_colour(index: int) -> str:
-    """Colour of a method or law, as a variable that the page's theme defines."""
+    """Return the colour of a method or law, as a variable that the page's theme defines."""
     return f"var(--m{index % METHOD_COLOURS})"
 
 
 def method_dash(index: int) -> str:
-    """Dash of the lines of a method or law."""
+    """Return the dash of the lines of a method or law."""
     return DASHES[(index + index // METHOD_COLOURS) % len(DASHES)]
 
 
 def method_symbol(index: int) -> str:
-    """Marker of a method or law."""
+    """Return the marker of a method or law."""
     return SYMBOLS[(index + index // METHOD_COLOURS) % len(SYMBOLS)]
 
 
 def colour(index: int) -> str:
-    """A muted colour for what is no method (a joint, a limit), as a variable that the page's theme defines."""
+    """Return a muted colour of the page's theme for everything except methods (a joint, a limit)."""
     return f"var(--c{index % COLOURS})"
 
 
 def noise_floor(unit: str) -> float:
-    """Least value that is drawn and written as a result."""
+    """Return the least value that is drawn and written as a result."""
     if unit not in PER_BASE_UNIT:
         return 0.0
     return float(f"1e{math.ceil(round(math.log10(NOISE * PER_BASE_UNIT[unit]), 6))}")
 
 
 def shades(count: int) -> list[str]:
-    """Ordered colours, weak to strong."""
+    """Return ordered colours, from weak to strong."""
     return [f"var(--s{round(i * (SHADES - 1) / max(count - 1, 1))})" for i in range(count)]
 
 
 def axis(title: str, **options: Any) -> Json:
-    """An axis with its unit."""
+    """Return an axis with its unit."""
     lines = {"gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR}
     ticks = {"ticks": "outside", "tickcolor": MUTED_COLOUR}
     return lines | ticks | {"title": {"text": title, "standoff": 6}, "automargin": True, "ticklen": 4} | options
 
 
 def iterations(count: int) -> str:
-    """A number of iterations, in words."""
+    """Describe a number of iterations."""
     return f"{count} iteration" + ("s" if count != 1 else "")
 
 
 def log_axis(title: str, **options: Any) -> Json:
-    """A logarithmic axis with powers of ten; of lengths and angles it ends at what is a result, with a mark there."""
+    """Return a logarithmic axis with powers of ten; for lengths and angles it ends at the least result, with a mark there."""
     found = re.search(r"\[([^\[\]]+)\]$", title)
     floor = noise_floor(found[1]) if found else 0.0
     data = axis(title, type="log", exponentformat="power", **({"dtick": 2} | options))
@@ -102,7 +102,7 @@ def log_axis(title: str, **options: Any) -> Json:
 
 
 def line(**options: Any) -> Json:
-    """A line trace; its numbers are ours already, and Plotly would look at every one of them."""
+    """Return a line trace; the numbers are passed on unchecked, because Plotly would check each one."""
     import plotly.graph_objects as go
 
     numbers = {k: options.pop(k) for k in ("x", "y", "customdata") if k in options}
@@ -111,7 +111,7 @@ def line(**options: Any) -> Json:
 
 
 def heatmap(**options: Any) -> Json:
-    """A heat map; its numbers are ours already, and Plotly would look at every one of them."""
+    """Return a heat map; the numbers are passed on unchecked, because Plotly would check each one."""
     import plotly.graph_objects as go
 
     numbers = {k: options.pop(k) for k in ("z", "customdata") if k in options}
@@ -120,7 +120,7 @@ def heatmap(**options: Any) -> Json:
 
 
 def line_3d(**options: Any) -> Json:
-    """A line in space."""
+    """Return a line in space."""
     import plotly.graph_objects as go
 
     data: Json = go.Scatter3d(**({"mode": "lines", "showlegend": False} | options)).to_plotly_json()
@@ -128,7 +128,7 @@ def line_3d(**options: Any) -> Json:
 
 
 def bars(**options: Any) -> Json:
-    """Horizontal bars."""
+    """Return horizontal bars."""
     import plotly.graph_objects as go
 
     data: Json = go.Bar(**({"orientation": "h", "showlegend": False} | options)).to_plotly_json()
@@ -136,5 +136,5 @@ def bars(**options: Any) -> Json:
 
 
 def lean(values: Iterable[float | None], digits: int = 4) -> list[float | None]:
-    """Numbers rounded to some significant digits; None for what is not finite."""
+    """Round numbers to some significant digits; None for NaN and infinity."""
     return [None if v is None or not math.isfinite(v) else float(f"{v:.{digits}g}") for v in values]

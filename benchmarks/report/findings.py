@@ -19,7 +19,7 @@ BADGES = {HOLDS: "good", FAILS: "bad", PARTLY: "partly"}
 
 
 def claims(run: Run) -> dict[str, Any] | None:
-    """Every claim of the paper and what this run says of it; nothing where it only measures speed."""
+    """Show every claim of the paper with this run's verdict; nothing if the run only measures speed."""
     if not run.on_paper:
         return None
     return claims_of(run.findings)
@@ -39,7 +39,7 @@ def badge(verdict: str) -> str:
 
 
 def misprints(run: Run) -> dict[str, Any] | None:
-    """The paper's misprints with what computing them shows; nothing where the run only measures speed."""
+    """Show the paper's misprints with their evidence; nothing if the run only measures speed."""
     if not run.on_paper:
         return None
     from benchmarks.experiments.misprints import evidence
@@ -48,7 +48,7 @@ def misprints(run: Run) -> dict[str, Any] | None:
 
 
 def limitations(run: Run) -> dict[str, Any]:
-    """What a reader should know before quoting."""
+    """List the limitations of the results."""
     provenance = run.manifest["provenance"]
     workers, cores = provenance.get("workers"), provenance.get("cores")
     robots = sorted(map(short_name, run.suite.robots))
@@ -83,7 +83,7 @@ def asked(run: Run) -> dict[str, Any] | None:
 
 
 def provenance(run: Run) -> dict[str, Any]:
-    """Where the numbers come from, and how to get them again."""
+    """Show code, versions and machine of the run, and the command that repeats it."""
     p = run.manifest["provenance"]
     commit = p.get("commit")
     state = "" if not commit else (" with uncommitted changes" if p.get("dirty") else " (clean)")
@@ -106,7 +106,7 @@ def provenance(run: Run) -> dict[str, Any]:
 
 
 def _problem_rows(run: Run) -> list[tuple[str, str]]:
-    """Each block's problems: how many, and the hash by which two runs can be seen to have had the same ones."""
+    """Return the number of problems of each block and their hash, by which runs with the same problems are recognised."""
     rows = []
     for _, block in run.suite.pairs():
         about = run.folder.read_json(f"problems/{slug(block.id)}.json")
@@ -119,7 +119,7 @@ def _problem_rows(run: Run) -> list[tuple[str, str]]:
 
 
 def _plugin_words(row: Mapping[str, str]) -> str:
-    """File or package of a plug-in, and its version. Folders stay in the manifest: a report may be passed on."""
+    """Return file or package of a plug-in, and its version. Folders are not named, because a report may be published."""
     if "sha256" in row:
         return f"{PurePath(row['path'].replace(chr(92), '/')).name}, SHA-256 {row['sha256']}"
     return f"{row['distribution']} {row['version']}"

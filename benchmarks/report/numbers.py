@@ -1,17 +1,17 @@
-"""Numbers as people read them: significant digits, powers of ten, infinity, and a dash for what is not there."""
+"""Number formats for people: significant digits, powers of ten, infinity, and a dash for missing values."""
 
 from __future__ import annotations
 
 import math
 
 UNWRITTEN_EXCESS = 5e-13
-"""Excess over a limit [1] that is not written out: it is the rounding of the polynomials' extrema."""
+"""Excess over a limit [1] that is not shown: it is the rounding of the polynomials' extrema."""
 
 LEAST_P = 1e-6
-"""p-values below it [1] are written as less than it."""
+"""p-values below it [1] are written as an upper bound."""
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-"""Digits and the minus sign, raised."""
+"""Digits and the minus sign, superscript."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -31,7 +31,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def ratio(value: float) -> str:
-    """Format a value over its limit; above 1 with as many digits as show that, but not what is rounding."""
+    """Format the ratio of a value to its limit; above 1 with enough digits to show it, unless it is rounding."""
     off = value - 1.0
     if UNWRITTEN_EXCESS < off < 5e-4:
         return f"{value:.{1 - math.floor(math.log10(off))}f}"
@@ -39,10 +39,10 @@ def ratio(value: float) -> str:
 
 
 def p_value(p: float) -> str:
-    """Format a p-value: below 10⁻⁶ how small it is tells a reader no more, and depends on the test's assumptions."""
+    """Format a p-value; below 10⁻⁶ only as a bound, because smaller values depend on the test's assumptions."""
     return f"< {number(LEAST_P, 1).replace('1·', '')}" if p < LEAST_P else number(p, 2)
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """Format a share given in percent."""
+    """Format a rate given in percent."""
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"

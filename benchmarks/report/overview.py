@@ -1,4 +1,4 @@
-"""The head of the page: what was compared on what, and the key findings, every number computed."""
+"""The head of the page: subjects and scope of the comparison, and the key findings, with computed numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optik.registry import short_name
 
 
 def overview(run: Run) -> dict[str, Any]:
-    """What was compared, on what, and what came out."""
+    """Return subjects, scope and key findings of the comparison."""
     begun = [b.block for b in run.begun]
     # A kind that says who wins has its findings in that table.
     shown = [load_report(kind) for kind in run.suite.kinds]
@@ -42,7 +42,7 @@ def _axes(run: Run, name: str) -> str:
 
 
 def _subjects(run: Run) -> str:
-    """What was compared, in words; a subject that another one says more exactly is left out."""
+    """Describe the compared subjects; one that is part of a more specific subject is left out."""
     found = dict.fromkeys(
         words for kind in run.suite.kinds for words in load_report(kind).subjects(run.suite.of(kind.name))
     )
@@ -51,7 +51,7 @@ def _subjects(run: Run) -> str:
 
 
 def _verdicts(run: Run) -> str:
-    """How many claims hold."""
+    """Describe how many claims hold."""
     if not run.on_paper:
         return ""
     verdicts = Counter(PARTLY if f.verdict.startswith(PARTLY) else f.verdict for f in run.findings)

@@ -1,4 +1,4 @@
-"""Data inside the page: numbers as 32-bit floats beside their JSON, compressed, as text that a browser unpacks."""
+"""Data inside the page: numbers as 32-bit floats and the remaining data as JSON, compressed to text for the browser."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ LEAST_PACKED = 50
 """Lists of at least this many numbers are stored as floats; shorter ones stay in the JSON, where they cost less."""
 
 LEAST_FLOAT, MOST_FLOAT = 1e-37, 1e38
-"""Magnitudes that a 32-bit float holds with all its digits."""
+"""Magnitudes that a 32-bit float represents with all shown digits."""
 
 WHOLE_DIGITS = 2**24
 """Whole numbers up to this are exact as 32-bit floats."""
 
 PACKED = "f32"
-"""Key of what stands in the JSON in place of a list: where its floats begin, and its shape."""
+"""Key of the reference that replaces a list in the JSON: the offset of its floats, and its shape."""
 
 
 def pack(data: Any) -> str:
@@ -33,12 +33,12 @@ def pack(data: Any) -> str:
 
 
 def squeeze(content: bytes) -> str:
-    """Compress bytes to text, the same every time."""
+    """Compress bytes to text; the result is reproducible."""
     return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode()
 
 
 def unpack(text: str) -> Any:
-    """Read what `pack` wrote."""
+    """Read the output of `pack`."""
     content = gzip.decompress(base64.b64decode(text))
     (length,) = struct.unpack_from("<I", content)
     numbers = np.frombuffer(content, dtype="<f4", offset=4 + length)
@@ -64,7 +64,7 @@ class _Floats:
         self.places: dict[bytes, int] = {}
 
     def taken_out(self, data: Any) -> Any:
-        """Data with a reference in place of every long list of numbers."""
+        """Return data with a reference in place of every long list of numbers."""
         if isinstance(data, dict):
             return {key: self.taken_out(value) for key, value in data.items()}
         if not isinstance(data, list | tuple):
@@ -81,12 +81,12 @@ class _Floats:
         return {PACKED: [self.places[numbers], *shape]}
 
     def joined(self) -> bytes:
-        """All numbers one after another."""
+        """Return all numbers one after another."""
         return b"".join(self.parts)
 
 
 def _shape(data: list[Any] | tuple[Any, ...]) -> tuple[int, ...] | None:
-    """Shape of a list or a matrix that is stored as floats; None where it stays in the JSON."""
+    """Return the shape of a list or a matrix that is stored as floats; None if it stays in the JSON."""
     if len(data) >= LEAST_PACKED and all(map(_fits, data)):
         return (len(data),)
     if not data or not all(isinstance(row, list) and row and len(row) == len(data[0]) for row in data):
@@ -97,7 +97,7 @@ def _shape(data: list[Any] | tuple[Any, ...]) -> tuple[int, ...] | None:
 
 
 def _fits(value: Any) -> bool:
-    """Whether a 32-bit float holds a value of a list with all digits that are shown."""
+    """Return whether a 32-bit float represents a value of a list with all shown digits."""
     if value is None:
         return True
     if isinstance(value, int):

@@ -1,4 +1,4 @@
-"""From a run folder to one self-contained HTML page."""
+"""The report as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_report(folder: RunFolder) -> Path:
 
 
 def render(run: Run) -> str:
-    """The page as text."""
+    """Return the page as text."""
     environment = Environment(
         loader=PackageLoader("benchmarks.report"),
         autoescape=True,
@@ -56,7 +56,7 @@ def render(run: Run) -> str:
 
 
 def _template(environment: Environment, section: Section) -> Template:
-    """The template of a section: its file, or its text."""
+    """Return the template of a section: its file, or its text."""
     text = section.template.read_text(encoding="utf-8") if isinstance(section.template, Path) else section.template
     return environment.from_string(text)
 
@@ -67,7 +67,7 @@ def _asset(name: str) -> Markup:
 
 @cache
 def _plotly() -> Markup:
-    """The library that draws, compressed: the same for every page of this process."""
+    """Return Plotly's library, compressed: the same for every page of this process."""
     from plotly.offline import get_plotlyjs
 
     return Markup(squeeze(get_plotlyjs().encode()))

@@ -1,4 +1,4 @@
-"""Who can be ranked, and who solves most: a winner is decided on problems that all who are ranked were given."""
+"""Ranking of methods: winners are decided on problems that all ranked methods were given."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from benchmarks.statistics import mcnemar, not_told_apart, percentage
 from optik.types import Flags
 
 RANKED_PROBLEMS = 1000
-"""Problems that are enough to be ranked on: Wilson's interval of a share is then 6 points wide, 0.4 beside 100 %."""
+"""Number of problems that suffices for a ranking: Wilson's interval of a rate is then 6 points wide, 0.4 near 100 %."""
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """Who is compared with whom.
+    """The ranked methods and the problems of their comparison.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Ranked:
 
 
 def ranked(given: Mapping[str, int]) -> Ranked:
-    """Rank those that were given `RANKED_PROBLEMS`, or half as many as any: all are compared on the fewest of the ranked.
+    """Rank methods that were given `RANKED_PROBLEMS`, or half the largest number: all are compared on the fewest of the ranked.
 
     Where that leaves fewer than two, all are ranked.
     """
@@ -44,7 +44,7 @@ def ranked(given: Mapping[str, int]) -> Ranked:
 
 
 def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:
-    """Who solved most of the same problems, and from whom McNemar's test does not tell it."""
+    """Return the method that solved most of the same problems, and those not significantly different by McNemar's test."""
     entries = sorted(((label, *percentage(int(x.sum()), len(x))) for label, x in solved.items()), key=lambda e: -e[1])
     best = entries[0][0]
     p_values = {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best}

@@ -24,7 +24,7 @@ from optik.registry import short_name
 
 @dataclass(frozen=True)
 class Run:
-    """What the sections are computed from; each part is read once.
+    """The data of the sections; each file is read once.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Run:
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """Content of ``run.json``; InvalidInput where the folder is no run."""
+        """Content of ``run.json``; raises InvalidInput if the folder is no run."""
         return self.folder.manifest()
 
     @cached_property
@@ -68,7 +68,7 @@ class Run:
         return found
 
     def of(self, kind: str) -> list[Any]:
-        """Blocks of a kind that have rows."""
+        """Return the blocks of a kind that have rows."""
         return self._read.get(kind, [])
 
     @cached_property
@@ -76,7 +76,7 @@ class Run:
         return {}
 
     def tables_of(self, kind: str) -> list[Table]:
-        """Tables of a kind, computed once."""
+        """Return the tables of a kind, computed once."""
         if kind not in self._tables:
             self._tables[kind] = list(load_report(load_kind(kind)).tables(self))
         return self._tables[kind]
@@ -88,7 +88,7 @@ class Run:
 
     @cached_property
     def labels(self) -> list[str]:
-        """Everything that has a colour on the page, each once: what is ours first, then the peers, then the sweeps."""
+        """Everything with a colour on the page, each once: our methods first, then the peers, then the sweeps."""
         pairs = list(self.suite.pairs())
         peers = {entry.label for _, block in pairs for entry in block.entries if entry.role == "peer"}
         shown = [(block, load_report(kind).labels(block)) for kind, block in pairs]
@@ -97,19 +97,19 @@ class Run:
         return sorted(found, key=lambda label: (label not in compared, label in peers))
 
     def colour(self, label: str) -> str:
-        """Colour of a method or law, one on the whole page."""
+        """Return the colour of a method or law, the same on the whole page."""
         return method_colour(self.labels.index(label))
 
     def dash(self, label: str) -> str:
-        """Dash of the lines of a method or law: it tells methods apart where their colours look alike."""
+        """Return the dash of the lines of a method or law, which distinguishes methods with similar colours."""
         return method_dash(self.labels.index(label))
 
     def symbol(self, label: str) -> str:
-        """Marker of a method or law."""
+        """Return the marker of a method or law."""
         return method_symbol(self.labels.index(label))
 
     def key(self, label: str, when: When | None = None, *, marked: bool = True) -> Key:
-        """Entry of a legend for a method or law, with its colour, dash and marker."""
+        """Return the entry of a legend for a method or law, with its colour, dash and marker."""
         symbol = self.symbol(label) if marked else ""
         return Key(label, self.colour(label), "solid", dict(when or {}), self.dash(label), symbol)
 
@@ -120,13 +120,13 @@ class Run:
 
     @cached_property
     def on_paper(self) -> bool:
-        """Whether any block bears on the paper's claims, so that the run tests one of them."""
+        """Whether a block tests the paper's claims."""
         bears = any(kind.on_paper for kind, _ in self.suite.pairs())
         return bears and any(finding.verdict != UNTESTED for finding in self.findings)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """What the run says of the paper's claims."""
+        """Findings of the run on the paper's claims."""
         from benchmarks.experiments.claims import judge
 
         return judge(self.folder)

@@ -1,4 +1,4 @@
-"""The sections of the page, in their order: those of the kinds that were run, then what closes every page."""
+"""The sections of the page, in their order: those of the kinds that were run, then the common ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.report.findings import asked, claims, limitations, misprints, pr
 from benchmarks.report.run import Run
 
 _TEMPLATES = Path(__file__).parent / "templates"
-"""Where the templates of the frame are."""
+"""Folder of the templates of the frame."""
 
 CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
@@ -21,11 +21,11 @@ CLOSING = (
     Section("Acceptance targets", "asked", asked, _TEMPLATES / "asked.html.j2", 125),
     Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
 )
-"""What closes every page, whatever kinds were run."""
+"""Last sections of every page, for all kinds."""
 
 
 def all_sections(run: Run) -> list[Section]:
-    """Sections of all kinds that were run, and what closes the page."""
+    """Return the sections of all kinds that were run, and the last sections of the page."""
     found: dict[Section, None] = {}
     for kind in run.suite.kinds:
         own = load_report(kind).sections
@@ -35,7 +35,7 @@ def all_sections(run: Run) -> list[Section]:
 
 
 def built(run: Run, place: str) -> list[tuple[Section, list[tuple[Section, dict[str, Any]]]]]:
-    """Sections that have something to show, each with its pieces: those that have the same anchor."""
+    """Return the sections that are not empty, each with its pieces: those with the same anchor."""
     shown = []
     for _, group in groupby((s for s in all_sections(run) if s.place == place), key=lambda section: section.anchor):
         pieces = [(section, context) for section in group if (context := section.build(run)) is not None]

@@ -1,4 +1,4 @@
-"""Tables as a reader sees them: digits as one would publish them, the best marked, and what few ask for set aside."""
+"""Formatted tables: digits for publication, the best values marked, and columns shown on request."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from benchmarks.report.run import Run
 
 FIRST = "label"
-"""Key of the first column: of a method or law, whose colour the row has."""
+"""Key of the first column, of a method or law; the row has its colour."""
 
 LEAST_DIGITS, MOST_DIGITS = 2, 4
 """Significant digits of a value with an interval."""
@@ -26,7 +26,7 @@ DECIMALS_OF_SHARES = 3
 
 @dataclass(frozen=True)
 class ShownCell:
-    """One cell: what stands in it, its interval, its exact value and whether none in its column is surely better."""
+    """One cell: its text, its interval, its exact value, and whether no value of its column is significantly better."""
 
     text: str
     interval: str = ""
@@ -57,7 +57,7 @@ class ShownTable:
 
 
 def shown_table(table: Table, run: Run | None = None) -> ShownTable:
-    """A table with its cells as text."""
+    """Return a table with its cells as text."""
     best = {column.key: _best(column, table.rows) for column in table.columns}
     rows = []
     for k, row in enumerate(table.rows):
@@ -72,7 +72,7 @@ def shown_table(table: Table, run: Run | None = None) -> ShownTable:
 
 
 def _own(column: Column, row: Mapping[str, Cell]) -> Column:
-    """A column as it is in a row that has a unit of its own."""
+    """Return a column with the unit of a row that has a separate one."""
     if column.show != "mixed":
         return column
     unit = str(row.get("unit") or "")
@@ -80,7 +80,7 @@ def _own(column: Column, row: Mapping[str, Cell]) -> Column:
 
 
 def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
-    """A cell as text."""
+    """Return a cell as text."""
     if isinstance(value, str):
         return ShownCell(value)
     if value is None:
@@ -96,7 +96,7 @@ def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
 
 
 def written(show: str, middle: float, low: float = math.nan, high: float = math.nan) -> tuple[str, str]:
-    """A value and its interval with the digits that it deserves."""
+    """Format a value and its interval with their significant digits."""
     if low == middle == high:
         low = high = math.nan  # an exact value
     half = (high - low) / 2
@@ -127,7 +127,7 @@ def _interval(low: float, high: float, digits: int) -> str:
 
 
 def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
-    """Rows with the best value of a column and those that an interval does not tell from it; empty where it is all.
+    """Return the rows with the best value of a column and with overlapping intervals; empty if these are all rows.
 
     Told apart are two values of which neither is inside the other's interval: that is less than intervals without
     overlap, which small samples hardly ever have.
@@ -145,7 +145,7 @@ def _best(column: Column, rows: Sequence[Mapping[str, Cell]]) -> set[int]:
 
 
 def _ends(cell: Cell) -> tuple[float, float, float]:
-    """A value with the ends of its interval: itself, where it has none; NaN where it is no number."""
+    """Return a value with the ends of its interval: itself if it has none; NaN if it is no number."""
     if isinstance(cell, tuple):
         middle, low, high = (float(v) for v in cell)
         return middle, middle if math.isnan(low) else low, middle if math.isnan(high) else high

@@ -1,4 +1,4 @@
-"""Empirical distributions as plots draw them: every step of the data, or a bounded number of them."""
+"""Empirical distributions for plots: every step of the data, or a bounded number of them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 from optik.types import Array
 
 MOST_STEPS = 300
-"""Steps of a distribution that are drawn: as many as a plot of some hundred pixels shows."""
+"""Number of plotted steps of a distribution: enough for a plot of some hundred pixels."""
 
 
 def steps_of(values: ArrayLike, count: int, most: int = MOST_STEPS) -> tuple[Array, Array]:
-    """Share of `count` at or below each value: an empirical distribution, to be drawn with level steps.
+    """Return the fraction of `count` at or below each value: an empirical distribution, to be drawn with level steps.
 
     Of more steps than `most`, half are evenly spaced in their share, half become ever denser towards either end; the first
     and the last are always there, and each that is drawn is exact.

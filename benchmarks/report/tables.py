@@ -14,7 +14,7 @@ VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not measure
 
 
 def cells(measure: Measure, values: Sequence[float]) -> list[str]:
-    """The values of a measure as tables show them."""
+    """Return the values of a measure as tables show them."""
     if measure.show == "share":
         value, low, high = values
         return [percent(value), "–" if math.isnan(low) else f"[{low:.1f}, {high:.1f}]"]
@@ -26,7 +26,7 @@ def cells(measure: Measure, values: Sequence[float]) -> list[str]:
 
 
 def target_row(o: Outcome) -> dict[str, Any]:
-    """A target and its outcome as tables show them."""
+    """Return a target and its outcome as tables show them."""
     words, look = VERDICTS[o.held]
     if o.target.goal:
         words += " (a goal)"

@@ -1,4 +1,4 @@
-"""Every table of a run that leaves the report: of its kinds, what failed, the winners, and what this project asked."""
+"""Every table of a run for other formats: tables of its kinds, failures, winners, and acceptance targets."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ ASKED_COLUMNS = (
 """Columns of the table of targets."""
 
 HELD_WORDS = {True: "yes", False: "no", None: "not measured"}
-"""Words of an outcome in a table that leaves the report."""
+"""Words of an outcome in a table for other formats."""
 
 
 def all_tables(run: Run) -> list[Table]:
-    """Every table, each id once."""
+    """Return every table, each id once."""
     found = [winners_table(run)]
     for kind in run.suite.kinds:
         found += run.tables_of(kind.name)

@@ -1,4 +1,4 @@
-"""Who wins on what: one row for each question that the kinds of the run answer."""
+"""Winners: one row for each question that the kinds of the run answer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.report.shown import written
 from benchmarks.report.words import listed
 
 MOST_TIED = 3
-"""Ties that are named one by one; of more, their number is."""
+"""Number of ties that are named; of more only their number is given."""
 
 WINNER_COLUMNS = (
     Column("question", "Question", show="text"),
@@ -50,12 +50,12 @@ class Won:
 
 
 def winners(run: Run) -> list[Winner]:
-    """Every question with its entries, in the order of the kinds."""
+    """Return every question with its entries, in the order of the kinds."""
     return [winner for kind in run.suite.kinds for winner in load_report(kind).winners(run) if winner.entries]
 
 
 def won(run: Run) -> list[Won]:
-    """The winners as the first screen of the page shows them."""
+    """Return the winners as the first screen of the page shows them."""
     return [_won(winner, run) for winner in winners(run)]
 
 
@@ -75,7 +75,7 @@ def _won(winner: Winner, run: Run) -> Won:
 
 
 def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
-    """Labels of those tied with the best, and the first entry that is not; None where all are tied."""
+    """Return the labels tied with the best, and the first entry that is not; None if all are tied."""
     level = winner.tied
     tied = tuple(label for label in level if label != winner.entries[0][0])
     rest = [k for k, entry in enumerate(winner.entries) if entry[0] not in level]
@@ -91,12 +91,12 @@ def _place(winner: Winner, entry: tuple[str, float, float, float], run: Run) -> 
 
 
 def tied_words(labels: tuple[str, ...]) -> str:
-    """Those tied with the best, in words."""
+    """Name the entries tied with the best."""
     return listed(labels) if len(labels) <= MOST_TIED else f"{listed(labels[:2])} and {len(labels) - 2} more"
 
 
 def winners_table(run: Run) -> Table | None:
-    """The winners as a table that leaves the report."""
+    """Return the winners as a table for other formats."""
     rows: list[dict[str, Cell]] = []
     for winner in winners(run):
         label, *value = winner.entries[0]

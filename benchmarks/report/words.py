@@ -1,4 +1,4 @@
-"""Names and counts in sentences: a reader must see where one name ends and the next begins."""
+"""Names and counts in sentences, with clear boundaries between names."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 
 def quoted(label: str) -> str:
-    """A label as it stands in a list: in quotation marks where it has a comma or a semicolon of its own."""
+    """Return a label for a list: in quotation marks if it contains a comma or a semicolon."""
     return f"“{label}”" if set(label) & set(",;") else label
 
 
 def listed(labels: Iterable[str]) -> str:
-    """Labels in a sentence, with commas between them."""
+    """Return the labels in a sentence, with commas between them."""
     return ", ".join(map(quoted, labels))

@@ -53,7 +53,7 @@ class Lock:
         self._write("", 0)
 
     def _write(self, work: str, crashes: int) -> None:
-        """Overwrite the first line of the file; the rest of a longer one is not read."""
+        """Overwrite the first line of the file; only this line is read."""
         line = json.dumps({"process": os.getpid(), "work": work, "crashes": crashes})
         try:
             os.lseek(self._opened, 0, os.SEEK_SET)
@@ -62,7 +62,7 @@ class Lock:
             raise OutputError(self._file, f"cannot be written ({error.strerror})") from None
 
     def release(self) -> None:
-        """Release the lock, and remove its file unless it tells of a crash in work that this process has not repeated."""
+        """Release the lock, and remove its file unless it records a crash in work that this process has not repeated."""
         if sys.platform == "win32":
             os.close(self._opened)  # an open file cannot be removed
         if self.is_void:
@@ -126,7 +126,7 @@ def _taken(opened: int) -> bool:
 
 
 def _parse(content: bytes) -> dict[str, Any]:
-    """Return what the first line of the file of a lock says; nothing if it is damaged."""
+    """Return the content of the first line of a lock's file; nothing if it is damaged."""
     try:
         found = json.loads(content.partition(b"\n")[0])
     except ValueError:

@@ -79,7 +79,7 @@ def begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
 
 
 def _begin(folder: RunFolder, manifest: dict[str, Any]) -> None:
-    """Write the manifest, remove what a killed process left, and check all tables."""
+    """Write the manifest, remove the remains of a killed process, and check all tables."""
     try:
         folder.write_json(MANIFEST, resumed(folder, manifest))
         for left in folder.path.rglob(".*.part"):

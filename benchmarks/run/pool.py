@@ -34,7 +34,7 @@ class PoolLost(OptikError, RuntimeError):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why some work has no result.
+    """Reason why some work has no result.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Pool:
         return self.outcome(future)
 
     def close(self) -> None:
-        """End what this pool has started; unfinished work is lost."""
+        """End all processes that this pool started; unfinished work is lost."""
 
 
 class ThisProcess(Pool):

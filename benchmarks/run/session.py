@@ -100,7 +100,7 @@ def run_suite(
 def _pool(
     workers: int, executor: Executor | None, dask: str, limit: float | None, recorded: list[dict[str, str]]
 ) -> Pool:
-    """Return what runs the parts."""
+    """Return the pool that runs the parts."""
     check_count(workers, "workers", 1, MOST_WORKERS)
     if limit is not None and check_number(limit, "part_timeout", "a time [s] above 0") <= 0.0:
         raise InvalidInput("part_timeout", limit, "a time [s] above 0")

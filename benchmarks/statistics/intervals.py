@@ -17,17 +17,17 @@ RESAMPLES = 1000
 """Resamples of a bootstrap: the ends of a 95 % interval are then the 25th value from either end."""
 
 MOST_RESAMPLED = 2000
-"""Values that are resampled: of more, this many drawn from them; the interval is then wider than all would give."""
+"""Largest number of values that are resampled: of more, this many are sampled; the interval is then wider."""
 
 RESAMPLED_AT_ONCE = 250
 """Resamples that are computed at once, so that a bootstrap needs little memory."""
 
 STANDS_FOR_INFINITY = 1e100
-"""Stands for infinity in a bootstrap: quantiles between a number and infinity would be NaN; its square must be finite."""
+"""Value that represents infinity in a bootstrap: quantiles between a number and infinity would be NaN; its square is finite."""
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson score interval of a proportion.
+    """Return the Wilson score interval of a proportion.
 
     SciPy computes it only together with a binomial test, which takes a thousand times longer.
     """
@@ -41,13 +41,13 @@ def wilson(successes: int, trials: int, confidence: float = 0.95) -> tuple[float
 
 
 def percentage(successes: int, trials: int) -> tuple[float, float, float]:
-    """Proportion and its Wilson 95 % interval [%]; NaN without trials."""
+    """Return the proportion and its Wilson 95 % interval [%]; NaN without trials."""
     low, high = wilson(successes, trials)
     return (100.0 * successes / trials if trials else float("nan")), 100.0 * low, 100.0 * high
 
 
 def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Median and its percentile bootstrap interval."""
+    """Return the median and its percentile bootstrap interval."""
     x = np.minimum(np.asarray(values, dtype=float), STANDS_FOR_INFINITY)
     if x.size == 0:
         return (float("nan"),) * 3
@@ -55,7 +55,7 @@ def median_interval(values: ArrayLike, confidence: float = 0.95) -> tuple[float,
 
 
 def ratio_interval(first: ArrayLike, second: ArrayLike, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Ratio of two medians of paired values and its percentile bootstrap interval; pairs are resampled."""
+    """Return the ratio of two medians of paired values and its percentile bootstrap interval; pairs are resampled."""
     x, y = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     if x.size == 0:
         return (float("nan"),) * 3
@@ -65,7 +65,7 @@ def ratio_interval(first: ArrayLike, second: ArrayLike, confidence: float = 0.95
 def _percentile(
     samples: tuple[Array, ...], statistic: Callable[..., Any], confidence: float
 ) -> tuple[float, float, float]:
-    """A statistic of all values with its interval; the random numbers follow from the values alone."""
+    """Return a statistic of all values with its interval; the random numbers depend only on the values."""
     value = float(statistic(*samples, axis=-1))
     ends = (float("nan"), float("nan"))
     if len(samples[0]) > 1:
@@ -94,7 +94,7 @@ def _bootstrap(
 
 
 def _seed(samples: tuple[Array, ...]) -> int:
-    """A seed that follows from the values: the same rows have the same interval on every machine."""
+    """Return a seed computed from the values: the same rows have the same interval on every machine."""
     digest = hashlib.sha256()
     for sample in samples:
         digest.update(np.ascontiguousarray(sample, dtype="<f8").tobytes())

@@ -1,4 +1,4 @@
-"""Paired tests of two methods on the same problems, Holm's correction for several, and who ties with the best."""
+"""Paired tests of two methods on the same problems, Holm's correction for several tests, and ties with the best."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIGNIFICANT = 0.05
 
 @dataclass(frozen=True)
 class McNemar:
-    """McNemar's exact test: which of two methods solved which problems.
+    """McNemar's exact test of the problems that two methods solved.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:
 
 
 def mcnemar_p(only_first: int, only_second: int) -> float:
-    """Two-sided p-value of McNemar's exact test."""
+    """Return the two-sided p-value of McNemar's exact test."""
     if not only_first + only_second:
         return 1.0
     from scipy.stats import binomtest
@@ -51,7 +51,7 @@ def mcnemar_p(only_first: int, only_second: int) -> float:
 
 
 def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str, ...]:
-    """The best method and those that McNemar's test, corrected by Holm's procedure, does not tell from it.
+    """Return the best method and those not significantly different by McNemar's test with Holm's correction.
 
     Intervals of two shares may overlap although one method solves nearly all that the other solves and more: the test
     compares problem by problem.
@@ -64,7 +64,7 @@ def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str
 
 
 def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
-    """The best and those whose times Wilcoxon's test, corrected by Holm's procedure, does not show to be longer."""
+    """Return the best and those not significantly longer by Wilcoxon's test with Holm's correction."""
     mine = np.asarray(values[best], dtype=float)
     p_values = {label: signed_rank(x, mine) for label, x in values.items() if label != best}
     shorter = {label: 1.0 for label in p_values if np.sum(values[label] > mine) <= np.sum(values[label] < mine)}
@@ -72,7 +72,7 @@ def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
 
 
 def not_told_apart(best: str, p_values: Mapping[str, float]) -> tuple[str, ...]:
-    """The best and those that a test, corrected by Holm's procedure, does not tell from it."""
+    """Return the best and those not significantly different by a test with Holm's correction."""
     corrected = holm(list(p_values.values()))
     return (best, *(label for label, p in zip(p_values, corrected, strict=True) if not p < SIGNIFICANT))
 
@@ -86,7 +86,7 @@ def is_too_few(count: int, comparisons: int) -> bool:
 
 
 def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
-    """Two-sided p-value of Wilcoxon's signed-rank test on the logarithms of two paired samples of times or errors.
+    """Return the two-sided p-value of Wilcoxon's signed-rank test on the logarithms of two paired samples of times or errors.
 
     Logarithms, because times differ by factors: the test asks whether ratios above and below 1 balance.
     """
@@ -102,7 +102,7 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values of several tests corrected by Holm's step-down procedure (Holm 1979), which bounds the family-wise error."""
+    """Return p-values with Holm's step-down correction (Holm 1979), which bounds the family-wise error."""
     p = np.asarray(p_values, dtype=float)
     found = np.full(p.shape, np.nan)
     order = [int(i) for i in np.argsort(p, kind="stable") if not np.isnan(p[i])]

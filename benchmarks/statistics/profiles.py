@@ -9,7 +9,7 @@ from optik.types import Array
 
 
 def performance_profile(costs: ArrayLike, ratios: ArrayLike) -> Array:
-    """Share of problems that each method solves within a multiple of the least cost that any method had there.
+    """Return the fraction of problems that each method solves within a multiple of the least cost of any method there.
 
     A problem that no method solved counts among the problems and is solved by none.
     """

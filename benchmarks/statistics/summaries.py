@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 
 def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
-    """Quantiles by linear interpolation between order statistics."""
+    """Return quantiles by linear interpolation between order statistics."""
     x = np.asarray(values, dtype=float)
     if x.size == 0:
         return (float("nan"),) * len(levels)
@@ -21,7 +21,7 @@ def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
 
 
 def shifted_geometric_mean(values: ArrayLike, shift: float) -> float:
-    """Shifted geometric mean, exp(mean(log(x + shift))) − shift: for times, which spread over powers of ten.
+    """Return the shifted geometric mean, exp(mean(log(x + shift))) − shift: for times, which spread over powers of ten.
 
     The shift keeps values far below it from deciding the mean.
     """
@@ -32,7 +32,7 @@ def shifted_geometric_mean(values: ArrayLike, shift: float) -> float:
 def binned(
     rows: pl.DataFrame, by: str, column: str, *, width: float, least: int = 10, levels: Sequence[float] = (0.5, 0.95)
 ) -> pl.DataFrame:
-    """Quantiles of one column in bins of equal width of another."""
+    """Return quantiles of one column in bins of equal width of another."""
     return (
         rows.group_by(bin=(pl.col(by) / width).floor())
         .agg(

@@ -1,1 +1,1 @@
-"""Suites: one TOML file a suite, sets × robots × methods × budgets."""
+"""Suites: one TOML file each, sets × robots × methods × budgets."""

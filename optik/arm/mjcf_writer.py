@@ -50,7 +50,7 @@ def assume_masses(robot: Robot) -> tuple[Robot, str]:
 
 
 def _rod(end: Array, length: float, thickness: float) -> tuple[float, Array, Array]:
-    """A solid cylinder from a frame's origin to a point: mass, centre of mass, inertia about it."""
+    """Return a solid cylinder from a frame's origin to a point: mass, centre of mass, inertia about it."""
     radius, long = 0.5 * thickness, max(length, thickness)
     mass = ROD_DENSITY * np.pi * radius**2 * long
     along = end / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
@@ -200,7 +200,7 @@ def _root(robot: Robot, step: float, limits: bool) -> ET.Element:
 
 
 def _add_bodies(world: ET.Element, robot: Robot) -> None:
-    """The chain of bodies, each with its mass, joint and capsules; the payload and the tool in the last."""
+    """Add the chain of bodies, each with its mass, joint and capsules; the last one has the payload and the tool."""
     assert robot.inertia is not None
     _add_capsules(world, robot, 0)
     body = world
@@ -258,25 +258,25 @@ def _add_capsules(body: ET.Element, robot: Robot, link: int) -> None:
 
 
 def _principal(link: Body) -> Axes:
-    """Principal moments of a link, and their axes as columns of a rotation."""
+    """Return the principal moments of a link, and their axes as columns of a rotation."""
     moments, axes = np.linalg.eigh(link[2])
     return moments, axes * np.sign(np.linalg.det(axes))
 
 
 def _mend_moments(moments: Array) -> Array:
-    """The moments that MuJoCo takes, nearest to given ones, which ascend; the same where it takes those."""
+    """Return the moments nearest to the given ascending ones that MuJoCo accepts; the same if it accepts those."""
     low, middle, high = np.maximum(moments, SMALLEST_MASS)
     excess = max(high * (1.0 + TRIANGLE_MARGIN) - low - middle, 0.0) / 3.0
     return np.array([low + excess, middle + excess, high - excess])
 
 
 def _place(T: Array) -> dict[str, str]:
-    """Position and unit quaternion (w, x, y, z) of a pose, as attributes."""
+    """Return position and unit quaternion (w, x, y, z) of a pose, as XML attributes."""
     return {"pos": _words(T[:3, 3]), "quat": _words(se3.quaternion(T[:3, :3]))}
 
 
 def _words(numbers: Any) -> str:
-    """Numbers to the last bit, as an attribute holds them."""
+    """Return numbers with all their digits, as an XML attribute."""
     return " ".join(repr(float(x)) for x in numbers)
 
 

@@ -87,7 +87,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         self._enabled = True
 
     def disable(self) -> None:
-        """Neither read nor write the cache."""
+        """Disable the cache: kernels are neither read from it nor written to it."""
         self._enabled = False
 
     def flush(self) -> None:
@@ -170,10 +170,10 @@ class _PrivateFolder(_CacheLocator):  # type: ignore[misc]
         return self._folder
 
     def get_source_stamp(self) -> None:
-        """Modification times of sources are not used."""
+        """Return nothing: modification times of sources are not used."""
 
     def get_disambiguator(self) -> str:
-        """File names are composed by `KernelCache`."""
+        """Return nothing: `KernelCache` composes the file names."""
         return ""
 
 

@@ -1,4 +1,4 @@
-"""The paper's whole system: a laser that finds a spot, a main control that plans the motion to it, drives that execute it."""
+"""The paper's complete system: a laser locates a spot, a main control plans the motion to it, and a drive executes it."""
 
 from optik.arm.mjcf_writer import mujoco_model, to_mjcf
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate

@@ -1,4 +1,4 @@
-"""What a pan-tilt laser measures: a plane that its beam meets, a spot as it is read, and a sighting with its status."""
+"""Measurements of a pan-tilt laser: a plane that its beam meets, a reading of a spot, and a sighting with its status."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class PieceBounds(NamedTuple):
 
 @compiled
 def _bounds_on_stretch(limits: PieceBounds, low: float, high: float, out: Array) -> None:
-    """Compute bounds (2, 4) on the path's derivatives between two positions: the largest of the pieces between them."""
+    """Compute the largest bounds (2, 4) on the path's derivatives over all pieces between two positions."""
     last = limits.bounds.shape[0] - 1
     first = min(max(np.searchsorted(limits.breaks, low) - 1, 0), last)
     final = min(max(np.searchsorted(limits.breaks, high, side="right") - 1, 0), last)

@@ -20,7 +20,7 @@ MOST_TABLE_ROWS = 1_000_000
 
 
 class Csv(Format):
-    """A table for spreadsheets; the comment lines contain the motion itself, as polynomials.
+    """A table for spreadsheets; the comment lines contain the motion as polynomials.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Csv(Format):
         self._rate = rate if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`."""
+        """Write a motion as `Format.to_bytes`."""
         columns, rows = _table(motion, self._rate)
         out = io.StringIO()
         rate = {} if self._rate is None else {"rate": self._rate}
@@ -44,7 +44,7 @@ class Csv(Format):
         return out.getvalue().encode(errors="surrogatepass")
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`; the table must show the motion of the comment lines."""
+        """Read a motion as `Format.from_bytes`; the table must match the motion of the comment lines."""
         lines = decode_text(content).split("\n")
         count = next((i for i, line in enumerate(lines) if not line.startswith("# ")), len(lines))
         data = {}

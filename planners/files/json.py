@@ -13,12 +13,12 @@ class Json(Format):
     """Strict JSON (no NaN, no Infinity), for people and other programs."""
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`."""
+        """Write a motion as `Format.to_bytes`."""
         lines = (f'"{key}": {json.dumps(value, allow_nan=False)}' for key, value in to_plain(motion).items())
         return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`."""
+        """Read a motion as `Format.from_bytes`."""
         return from_plain(parse_json(decode_text(content), "content"))
 
 

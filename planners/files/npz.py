@@ -1,4 +1,4 @@
-"""The format NPZ of NumPy: arrays ``knots`` and ``coefficients``, the rest as JSON in ``header``; nothing is pickled."""
+"""The format NPZ of NumPy: arrays ``knots`` and ``coefficients``; other data as JSON in ``header``; nothing is pickled."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Npz(Format):
     """Arrays in binary: the smallest and fastest of the formats."""
 
     def to_bytes(self, motion: Motion) -> bytes:
-        """As `Format.to_bytes`."""
+        """Write a motion as `Format.to_bytes`."""
         out, parts = io.BytesIO(), to_parts(motion)
         header = json.dumps(parts.header | {"sha256": parts.digest}, allow_nan=False)
         np.savez(out, header=np.array(header), knots=parts.knots, coefficients=parts.coefficients)
         return out.getvalue()
 
     def from_bytes(self, content: bytes) -> Motion:
-        """As `Format.from_bytes`."""
+        """Read a motion as `Format.from_bytes`."""
         try:
             header, knots, coefficients = _read_arrays(content, ("header", "knots", "coefficients"))
         except InvalidInput:

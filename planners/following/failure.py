@@ -33,7 +33,7 @@ ZERO_FRACTION = 1e-10
 
 
 class FollowStatus(StrEnum):
-    """How following a path ended."""
+    """Outcome of following a path."""
 
     SOLVED = "solved"
     NO_IK = "no_ik"
@@ -46,7 +46,7 @@ class FollowStatus(StrEnum):
 
 @dataclass(frozen=True)
 class PlanFailure:
-    """Where and why a motion ended early.
+    """Place and reason of a motion's early end.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a limit reads of a motion and of a joint path, and the peak values that it returns."""
+"""Inputs of a limit, computed from a motion and a joint path, and its peak values."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def _skew(w: Array) -> Array:
 
 
 TURN_WEIGHT = 1e-3
-"""Distance [m] that a rotation by 1 rad counts for: negligible beside distances, but decisive where the tool only turns."""
+"""Distance [m] that corresponds to a rotation by 1 rad: negligible beside distances, but decisive if the tool only turns."""
 MOST_BEND = 1e-4
 """Largest distance of the path from the chords of the grid [m]: small beside arms, and a metre of arc needs few chords."""
 MOST_CELLS = 512
@@ -96,13 +96,13 @@ class PosesAlong(Protocol):
         """Values of s (k,) between which the path is smooth."""
 
     def piece_bounds(self) -> Array:
-        """Bounds (k − 1, 2, 4) on derivatives between breaks."""
+        """Return bounds (k − 1, 2, 4) on derivatives between breaks."""
 
     def pose(self, s: ArrayLike) -> Array:
-        """Poses (k, 4, 4) at s."""
+        """Return the poses (k, 4, 4) at s."""
 
     def twist(self, s: ArrayLike, order: int = 1) -> Array:
-        """Twists (k, 6) at s, or their derivatives."""
+        """Return the twists (k, 6) at s, or their derivatives."""
 
 
 def find_nearest(path: PosesAlong, poses: Array) -> Array:

@@ -177,7 +177,7 @@ class Arc(Path):
         return np.asarray(r * theta[chosen, np.arange(len(poses))])
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4) on the derivatives of position and rotation: curvature 1/r, constant turning."""
+        """Return bounds (2, 4) on the derivatives of position and rotation: curvature 1/r, constant turning."""
         k = np.arange(1, 5)
         return np.array([self.circle.radius ** (1.0 - k), np.linalg.norm(self._w) ** k])
 

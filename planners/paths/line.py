@@ -74,7 +74,7 @@ class Line(Path):
         return np.clip(middle + offset, 0.0, self._end)
 
     def derivative_bounds(self) -> Array:
-        """Bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
+        """Return bounds (2, 4) on the derivatives of position and rotation: constant velocity, constant turning."""
         speed, turning = np.linalg.norm(self._twist[:3]), np.linalg.norm(self._twist[3:])
         return np.array([[speed, 0.0, 0.0, 0.0], turning ** np.arange(1, 5)])
 

@@ -85,7 +85,7 @@ def _check_slowing(motion: Motion, needed: float, strict: bool) -> None:
 
 
 def _set_pace(trajectory: Trajectory, rate: float | None, factor: float, between: Array) -> tuple[Trajectory, Times]:
-    """Return the motion slowed by at least a factor, to whole periods or nanoseconds, and the times of the points [ns]."""
+    """Return the motion slowed by at least a factor to whole periods or whole nanoseconds, and the times of the points [ns]."""
     # Instants `between` the periods (k,) [s] are points too; they replace points at periods that are nearly there.
     duration = Fraction(trajectory.duration) * Fraction(factor)
     if rate is None:

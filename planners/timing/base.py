@@ -37,7 +37,7 @@ JERK_AGREES = 2e-3
 
 
 class StopKind(StrEnum):
-    """Kind of a stop: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion itself."""
+    """Kind of a stop: the time optimum, the sweep that brakes as hard as the limits allow, or the end of the motion."""
 
     OPTIMUM = "optimum"
     SWEEP = "sweep"
@@ -57,7 +57,7 @@ class PathState(NamedTuple):
 
 
 class ClassName:
-    """Default name of a class: its own name in lower case.
+    """Default name of a class: the class's name in lower case.
 
     It is not stored in the class, so that a class in a file can be given the name of its file.
     """
@@ -231,7 +231,7 @@ def check_law(law: object) -> TimeLaw:
 
 
 def laws() -> tuple[str, ...]:
-    """Names of all time laws."""
+    """Return the names of all time laws."""
     return names("planners.timing")
 
 

@@ -1,4 +1,4 @@
-"""Constant tool speed between two ramps: the whole path but its ends at one speed, of the tool itself."""
+"""Constant tool speed between two ramps: the tool's speed is constant on the whole path except its ends."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _slowdown_factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
 
 
 def _is_quick(ramp: Ramp, slow: float, shortest: float) -> bool:
-    """Whether the acceleration rises or falls in less than the shortest time, after slowing the motion."""
+    """Return whether the acceleration rises or falls in less than the shortest time, after slowing the motion."""
     duration = 2.0 * (ramp.s1 - ramp.s0) / (ramp.v0 + ramp.v1)
     return min(ramp.rise, ramp.fall) * duration * slow < shortest
 

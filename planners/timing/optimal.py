@@ -160,7 +160,7 @@ class Optimal(AnalysingLaw):
 
 
 def _unloaded(limits: MotionLimits) -> bool:
-    """Whether neither torques nor their rates are limited."""
+    """Return whether neither torques nor their rates are limited."""
     return limits.torque is None and limits.torque_rate is None
 
 

@@ -14,7 +14,7 @@ from benchmarks.blocks.cell.trials import CellWork, check_drive, drive_name
 from benchmarks.records import RunFolder
 
 EXECUTED = {SPOTS: spots, ISO: iso, LAWS: laws}
-"""Modules by what a block executes: each prepares a block, and divides its work into parts."""
+"""Modules by type of motion: each prepares a block, and divides its work into parts."""
 
 
 class _Cell(Kind):
@@ -34,7 +34,7 @@ class _Cell(Kind):
     )
 
     def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """One problem is one spot, cycle or line; what a block does not have is empty."""
+        """Return the rows on which two runs are compared: one problem is one spot, cycle or line."""
         keys = [
             key for key in ("problem", "repeat", "test", "cycle", "point", "motion", "timed") if key in rows.columns
         ]

@@ -1,4 +1,4 @@
-"""Cycles of ISO 9283: the five poses, each approached from the one before, and one line."""
+"""Cycles of ISO 9283: five poses, each approached from the previous one, and one line."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class IsoWork(CellWork):
     noise: bool
 
     def row(self) -> dict[str, Any]:
-        """Columns that say which cycle a row is of; all others are None."""
+        """Return the columns that identify the cycle; all others are None."""
         label = NOISY if self.noise else NOISELESS
         return dict.fromkeys(ISO_TYPES) | {
             "method": label, "noise": self.noise, "test": self.test, "cycle": self.cycle
         }  # fmt: skip
 
     def lost(self) -> list[dict[str, Any]]:
-        """The row of the cycle."""
+        """Return the row of the cycle."""
         return [self.row()]
 
     def solve(self) -> pl.DataFrame:
@@ -88,7 +88,7 @@ def _line(block: IsoBlock) -> Plan:
 
 
 def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFolder, top: str) -> Iterator[Part]:
-    """Divide the work: a cycle a part."""
+    """Divide the work into one part per cycle."""
     for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
         for noise in (True, False):
             for cycle in range(cycles if noise else 1):
@@ -97,7 +97,7 @@ def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFol
 
 
 def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
-    """Rows of one cycle through the poses; it ends at the first motion that fails."""
+    """Return the rows of one cycle through the poses; it ends at the first motion that fails."""
     cube = cube_poses(*start_of(work.block))
     rows: list[dict[str, Any]] = []
     drive = drive_of(work.block, work.drive, trial, cube.q[ORDER[0]], noise=work.noise)
@@ -118,7 +118,7 @@ def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
 
 
 def _path(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
-    """Rows of one cycle along the line."""
+    """Return the rows of one cycle along the line."""
     planned = _line(work.block)
     q = planned.trajectory(0.0)
     execution = drive_of(work.block, work.drive, trial, q, noise=work.noise).execute(planned)

@@ -1,4 +1,4 @@
-"""Time laws on the plant: what each costs in tracking error, torque, energy and time, on the same lines."""
+"""Time laws on the plant: tracking error, torque, energy and duration of each, on the same lines."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class LawsWork(CellWork):
     repeat: int
 
     def row(self, law: Entry, timed: str) -> dict[str, Any]:
-        """Columns that say which motion a row is of."""
+        """Return the columns that identify the motion."""
         return dict.fromkeys(LAW_TYPES) | {
             "motion": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
         }  # fmt: skip
 
     def lost(self) -> list[dict[str, Any]]:
-        """The row of each law."""
+        """Return the row of each law."""
         return [self.row(law, OWN_TIME) for law in self.block.laws]
 
     def solve(self) -> pl.DataFrame:
@@ -77,7 +77,7 @@ class LawsWork(CellWork):
 
 
 def prepare(block: LawsBlock, seed: int) -> None:
-    """Check that the arm has what the laws and the lines need."""
+    """Check that the arm has the limits and torques that the laws and the lines need."""
     for move_m in block.moves_m:
         robot, _, path = line_of(block, move_m)
         if not path.end:
@@ -95,7 +95,7 @@ def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFo
 
 
 def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:
-    """Facts on one motion."""
+    """Return the facts on one motion."""
     if not planned:
         return failure(work.drive, str(planned.status), why_not(planned))
     proof = planned.certificate

@@ -1,4 +1,4 @@
-"""Settings of blocks of the executed cell, and their measures: spots on graph paper, cycles of ISO 9283, laws on the plant."""
+"""Settings and measures of blocks of the executed cell: spots on graph paper, cycles of ISO 9283, laws on the plant."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ POSE_TEST, PATH_TEST = "pose", "path"
 
 
 def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
-    """Figures of one entry: those of each pose, then those of the path."""
+    """Return the figures of one entry: those of each pose, then those of the path."""
     done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "point")
     noise = bool(done["noise"].any())
     found: list[PoseFigures | PathFigures] = []
@@ -57,14 +57,14 @@ def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
 
 
 def _command(part: pl.DataFrame) -> Array:
-    """The commanded pose of some rows, which is the same for all; its orientation is the frame of their rotations."""
+    """Return the commanded pose of some rows, which is the same for all; rotations are relative to its orientation."""
     T = np.eye(4)
     T[:3, 3] = part.select("x", "y", "z").row(0)
     return T
 
 
 def _reached(part: pl.DataFrame) -> Array:
-    """The reached poses, their orientations relative to the commanded one, in the base frame."""
+    """Return the reached poses, their orientations relative to the commanded one, in the base frame."""
     poses = np.repeat(np.eye(4)[None], len(part), axis=0)
     poses[:, :3, 3] = part.select("reached_x", "reached_y", "reached_z").to_numpy()
     poses[:, :3, :3] = se3.exp_so3(part.select("turn_x", "turn_y", "turn_z").to_numpy())
@@ -75,11 +75,11 @@ WITHIN_M = 2e-3
 """Accuracy on each axis that the paper claims [m]."""
 
 AXES = ("x", "y", "z")
-"""Axes of the base frame, as columns of the rows end."""
+"""Suffixes of columns for the axes of the base frame."""
 
 
 def within(rows: pl.DataFrame) -> pl.Series:
-    """Whether each executed tool is within the paper's accuracy on each axis; a trial without an execution is not."""
+    """Return whether each executed tool is within the paper's accuracy on each axis; false without an execution."""
     found = rows.select(ok=pl.max_horizontal(*(pl.col(f"error_{a}").abs() for a in AXES)) <= WITHIN_M)["ok"]
     return found.fill_null(False)
 
@@ -103,7 +103,7 @@ def _quantile(column: str, share: float, scale: float = 1.0) -> Callable[[pl.Dat
 
 
 def _iso(what: type, field: str) -> Callable[[pl.DataFrame], float]:
-    """The largest of one figure of ISO 9283, over the poses or the path; NaN where it is not applicable."""
+    """Return the largest of one figure of ISO 9283, over the poses or the path; NaN if it is not applicable."""
 
     def value(rows: pl.DataFrame) -> float:
         found = [getattr(f, field) for f in figures_of(rows) if isinstance(f, what)]
@@ -120,7 +120,7 @@ OF_EXECUTIONS = (
     Measure("median_energy_j", "J", _quantile("energy", 0.5), "median energy"),
     Measure("median_duration_s", "s", _quantile("duration", 0.5), "median duration"),
 )  # fmt: skip
-"""What every executed motion has."""
+"""Measures of every executed motion."""
 
 OF_SPOTS = (
     Measure("within_2mm", "%", _within, "within 2 mm on each axis", parts=("value", "low", "high"), show="share"),
@@ -129,7 +129,7 @@ OF_SPOTS = (
     Measure("worst_servo_mm", "mm", _quantile("servo_error", 1.0, 1e3), "largest servo error at the end"),
     Measure("worst_split_m", "m", _quantile("split_rest", 1.0), "largest |total − sum of its parts|"),
 )
-"""What spots have beside."""
+"""Additional measures of spots."""
 
 OF_ISO = (
     Measure("ap_mm", "mm", _iso(PoseFigures, "accuracy"), "AP, largest of the five poses (simulated)"),
@@ -137,20 +137,20 @@ OF_ISO = (
     Measure("at_mm", "mm", _iso(PathFigures, "accuracy"), "AT (simulated)"),
     Measure("rt_mm", "mm", _iso(PathFigures, "repeatability"), "RT (simulated)"),
 )
-"""What cycles of ISO 9283 have beside."""
+"""Additional measures of cycles of ISO 9283."""
 
 MEASURES = {"spots": (*OF_SPOTS, *OF_EXECUTIONS), "iso": (*OF_ISO, *OF_EXECUTIONS), "laws": OF_EXECUTIONS}
-"""What a target of a block may ask for, by what the block executes."""
+"""Measures that a target of a block can name, by the type of motion."""
 
 ALL_MEASURES = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
-"""All of them, each once."""
+"""All measures, each once."""
 
 
 SPOTS, ISO, LAWS = "spots", "iso", "laws"
-"""What a block executes."""
+"""Types of motions of a block."""
 
 AUTO_DRIVE, DRIVES = "auto", ("auto", "ideal", "mujoco")
-"""Drives of a block; ``auto`` is mujoco where it is installed, else ideal. One that moves a real arm is none of them."""
+"""Drives of a block; ``auto`` is mujoco if it is installed, else ideal. None of them moves a real arm."""
 
 NOISY, NOISELESS = "with noise", "without noise"
 """Labels of the entries of a block of ISO 9283."""
@@ -173,7 +173,7 @@ Share = Annotated[Amount, AfterValidator(_below_1)]
 
 
 class Noise(Settings):
-    """What varies from trial to trial. Standard deviations of normal distributions, half widths of uniform ones."""
+    """Random quantities of a trial: standard deviations of normal distributions, half widths of uniform ones."""
 
     laser_angle: Amount = key("Standard deviation of pan and of tilt.", 0.0, "rad")
     laser_range: Amount = key("Standard deviation of the range.", 0.0, "m")
@@ -217,14 +217,14 @@ class CellBlock(Block):
 
 
 class CellMethod(BudgetedMethod):
-    """A method with budgets, from the start or (``along``) at each pose; or ``whole``, with its default settings."""
+    """A method with budgets, from the start or (``along``) at each pose; or with ``whole`` and its default settings."""
 
     along: Flag = key(
         "Whether the method iterates at each of 151 poses of the line, starting from its previous solution.", False
     )
 
     def entry(self) -> Entry:
-        """The method as the block compares it."""
+        """Return the method as an entry of the block."""
         if self.whole and self.along:
             raise InvalidInput("", "both `whole` and `along`", "only one of them (`along` has budgets)")
         found = super().entry()
@@ -233,7 +233,7 @@ class CellMethod(BudgetedMethod):
 
 
 class SpotsBlock(CellBlock, ProblemBlock):
-    """Spots on graph paper: the tool is sent to each by iterations of an IK method, and along the whole line.
+    """Spots on graph paper: iterations of an IK method move the tool to each spot, directly and along the line.
 
     A method that is ``whole`` takes the tool along the straight line. The others move it at each budget, in joint space to
     their own answer, or with ``along`` through their answers at each pose of the line.
@@ -250,7 +250,7 @@ class SpotsBlock(CellBlock, ProblemBlock):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Every method at every budget, as the suite has them."""
+        """Every method at every budget, in the order of the suite."""
         return tuple(
             Entry(
                 budget_label(m.label, k),
@@ -277,7 +277,7 @@ class IsoBlock(CellBlock):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """With noise, and without."""
+        """Entries with noise and without."""
         return tuple(Entry(label, self.law, {}) for label in (NOISY, NOISELESS))
 
 
@@ -307,12 +307,12 @@ class LawsBlock(CellBlock):
 
 
 def budget_label(label: str, budget: int | None) -> str:
-    """What reports and targets call a method at one budget."""
+    """Return the name of a method at one budget in reports and targets."""
     return label if budget is None else f"{label}, {budget} iteration{'s' if budget > 1 else ''}"
 
 
 BLOCKS: dict[str, type[CellBlock]] = {SPOTS: SpotsBlock, ISO: IsoBlock, LAWS: LawsBlock}
-"""Blocks by what they execute."""
+"""Blocks by their type of motion."""
 
 
 def read_block(data: Any) -> CellBlock:

@@ -1,4 +1,4 @@
-"""Spots on graph paper, executed: the laser reads each, the tool goes there, and its error is split into four vectors."""
+"""Executed spots on graph paper: the laser reads each, the tool moves there, and its error is split into four vectors."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ WIDE = Tolerance(1.0, 4.0)
 
 
 def answers_along(line: Line, start: Array, solver: IKSolver) -> Array:
-    """Return the answers (151, n) of a method that is stopped at each pose of the line, each from the answer before."""
+    """Return the answers (151, n) of a method that is stopped at each pose of the line, each from the previous answer."""
     q = [start]
     for pose in line.pose(np.linspace(0.0, line.end, POSES)[1:]):
         q.append(solver.solve(pose, q[-1]).q)
@@ -86,16 +86,16 @@ def plan_through(robot: Robot, line: Line, q: Array, solver: str, law: str) -> P
 
 
 SPOTS_PART = 4
-"""Spots in one part of the work: a second or more of executions, so that workers share them evenly."""
+"""Number of spots in one part of the work: a second or more of executions, so that workers have equal loads."""
 
 PICTURED = 6
-"""Spots whose planned and executed paths are kept for the picture, spread over the distance."""
+"""Number of spots whose planned and executed paths are stored for the picture, spread over the distance."""
 
 PICTURE_POINTS = 41
-"""Points of a path that are kept: enough for a smooth curve."""
+"""Number of stored points of a path: enough for a smooth curve."""
 
 NO_MOTION = 1e-9
-"""Largest joint motion [rad, m] up to which an answer is the start itself, and nothing is executed."""
+"""Largest joint motion [rad, m] up to which an answer equals the start, and nothing is executed."""
 
 SPLIT_PARTS = ("laser", "ik", "path", "servo")
 """Parts of the error, in the order in which they arise."""
@@ -151,18 +151,18 @@ class SpotsWork(CellWork):
     pictured: tuple[int, ...]
 
     def halves(self) -> tuple[SpotsWork, ...]:
-        """Itself in two, to find the spot that kills a process; nothing where there is one."""
+        """Divide the part in two, to find the spot that crashes a process; return nothing for a single spot."""
         count = len(self.problems)
         cuts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
         return tuple(self.part(i) for i in cuts)
 
     def part(self, i: Any) -> SpotsWork:
-        """Some of its spots."""
+        """Return a part with some of its spots."""
         lists = ("problems", "targets", "group", "known", "distance", "given")
         return replace(self, **{name: getattr(self, name)[i] for name in lists})
 
     def lost(self) -> list[dict[str, Any]]:
-        """The row of each trial."""
+        """Return the row of each trial."""
         return [self.row(*asked) for asked in self.asked()]
 
     def solve(self) -> pl.DataFrame:
@@ -172,14 +172,14 @@ class SpotsWork(CellWork):
         return self.frame([self.row(i, method, k) | shown[i].executed(method, k) for i, method, k in self.asked()])
 
     def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
-        """Which executions it consists of."""
+        """Return the executions of the part."""
         for i in range(len(self.problems)):
             for method, given in zip(self.block.methods, self.given[i], strict=True):
                 for budget in budgets_of(self.block, method) if given else ():
                     yield i, method, budget
 
     def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
-        """Columns that say which trial a row is of."""
+        """Return the columns that identify the trial."""
         at = self.targets[i, :3, 3]
         return dict.fromkeys(SPOT_TYPES) | {
             "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
@@ -190,7 +190,7 @@ class SpotsWork(CellWork):
 
 
 def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
-    """Budgets of a method: None alone for one that is called as it comes."""
+    """Return the budgets of a method; only None if it has default settings."""
     return (None,) if method.whole else block.budgets
 
 
@@ -235,7 +235,7 @@ def parts(
 
 
 class _Shown:
-    """One spot as the laser unit shows it, and what each method makes of it: the same noise for all."""
+    """One measured spot and the executions of each method, with the same noise for all."""
 
     def __init__(self, work: SpotsWork, i: int, trial: Trial) -> None:
         self.work, self.trial, self.start = work, trial, work.start
@@ -249,7 +249,7 @@ class _Shown:
         self._before: dict[bytes, dict[str, Any]] = {}
 
     def executed(self, method: Entry, budget: int | None) -> dict[str, Any]:
-        """Facts of one method: the whole line, or a move in joint space to the answer after some iterations."""
+        """Execute one method, along the whole line or in joint space to the answer after some iterations; return the facts."""
         if method.whole:
             return self._line(method)
         solver = make_solver(self.robot, method.name, **_options(method, budget))
@@ -304,7 +304,7 @@ class _Shown:
         return facts | errors_of(split) | self._paths(execution)
 
     def _paths(self, execution: Execution) -> dict[str, Any]:
-        """Paths of the tool, planned and executed, and the beam, as flat lists of points."""
+        """Return the paths of the tool, planned and executed, and the beam, as flat lists of points."""
         if not self.keeps_path or execution.motion is None:
             return {}
         which = np.linspace(0, len(execution.t) - 1, PICTURE_POINTS).round().astype(int)
@@ -319,7 +319,7 @@ def _origin(laser: PanTiltLaser) -> list[float]:
 
 
 def errors_of(split: ErrorSplit) -> dict[str, Any]:
-    """Columns of an error and its parts."""
+    """Return the columns of an error and its parts."""
     parts = {part: getattr(split, part) for part in SPLIT_PARTS}
     found: dict[str, Any] = {f"error_{a}": float(x) for a, x in zip(AXES, split.total, strict=True)}
     found["position_error"] = float(np.linalg.norm(split.total))

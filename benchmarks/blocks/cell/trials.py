@@ -1,4 +1,4 @@
-"""One trial of the cell: the arm as planned and as it truly is, the laser unit, a drive, and what an execution did."""
+"""One trial of the cell: the arm as planned and the true arm, the laser unit, a drive, and facts on an execution."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ EXECUTION_TYPES: dict[str, Any] = {
 """Columns that every execution has."""
 
 EXECUTED_TO_END = "executed"
-"""Status of a motion that was executed to its end; others are those of the plan, the drive or the cell."""
+"""Status of a completely executed motion; other statuses are those of the plan, the drive or the cell."""
 
 
 def facts_of(execution: Execution) -> dict[str, Any]:
-    """Facts on an execution."""
+    """Return the facts on an execution."""
     found = failure(execution.drive, EXECUTED_TO_END if execution else str(execution.status), execution.reason)
     if execution.motion is None or len(execution.t) < 2:
         return found
@@ -60,7 +60,7 @@ def facts_of(execution: Execution) -> dict[str, Any]:
 
 
 def peaks(execution: Execution) -> tuple[Array, Array | None]:
-    """Largest torque of each motor as the plant had it, and the certificate's bound on it."""
+    """Return the largest torque of each motor on the plant, and the certificate's bound on it."""
     assert execution.torque is not None
     bound = np.abs(np.asarray(execution.plan.certificate.torque.value, dtype=float))
     known = np.isfinite(bound).all() and (bound > 0.0).all()
@@ -68,18 +68,18 @@ def peaks(execution: Execution) -> tuple[Array, Array | None]:
 
 
 def why_not(planned: Plan) -> str:
-    """Why a plan has no motion."""
+    """Explain why a plan has no motion."""
     return str(planned.status) if planned.failure is None else planned.failure.reason
 
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
-    """Facts on a motion that was not executed."""
+    """Return the facts on a motion that was not executed."""
     return dict.fromkeys(EXECUTION_TYPES) | {"drive": drive, "status": status, "reason": reason}
 
 
 @dataclass(frozen=True)
 class CellWork:
-    """One part of the work of a block; it is all that a worker needs.
+    """One part of the work of a block, with all data that a worker needs.
 
     Attributes
     ----------
@@ -104,25 +104,25 @@ class CellWork:
         raise NotImplementedError
 
     def lost(self) -> list[dict[str, Any]]:
-        """Columns that say which executions it consists of."""
+        """Return the columns that identify the executions of the part."""
         raise NotImplementedError
 
     def halves(self) -> tuple[CellWork, ...]:
-        """Nothing: it is not divided."""
+        """Return nothing, because the part cannot be divided."""
         return ()
 
     def crashed(self) -> pl.DataFrame:
-        """Rows of a part in which the process ended or an error was raised."""
+        """Return rows of a part whose process ended or that raised an error."""
         blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
         return self.frame([row | blank for row in self.lost()])
 
     def frame(self, rows: list[dict[str, Any]]) -> pl.DataFrame:
-        """Rows as a table."""
+        """Return rows as a table."""
         return pl.DataFrame(rows, schema=self.types)
 
 
 class Trial(NamedTuple):
-    """What one trial has.
+    """Objects of one trial.
 
     Attributes
     ----------
@@ -150,13 +150,13 @@ def drive_name(block: CellBlock) -> str:
 
 
 def check_drive(block: CellBlock, name: str) -> None:
-    """Refuse a drive that cannot be built here, before anything is run."""
+    """Raise InvalidInput before the run for a drive that cannot be built here."""
     trial = trial_of(block, 0, 0, "check", 0, noise=False)
     drive_of(block, name, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
 
 
 def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *, noise: bool = True) -> Trial:
-    """Draw what varies in a trial. It depends on its arguments alone, not on the process or on what else is run."""
+    """Sample the random quantities of a trial. They depend only on the arguments, not on the process or on other work."""
     robot = _arm(block.robot, block.payload)
     drawn = trial_seed(seed, number, f"cell {what}", repeat)
     rng = np.random.default_rng(drawn)
@@ -165,12 +165,12 @@ def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *
 
 @lru_cache(maxsize=8)
 def _arm(robot: str, payload: float | None) -> Robot:
-    """An arm with its payload; reading its file takes as long as a planned motion."""
+    """Load an arm with its payload; reading its file takes as long as planning a motion."""
     return arm_with(robot, payload)
 
 
 def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
-    """The arm as it truly is."""
+    """Return the true arm."""
     friction, payload = (
         1.0 + noise.friction * rng.uniform(-1.0, 1.0, robot.n),
         1.0 + noise.payload * rng.uniform(-1.0, 1.0),
@@ -185,7 +185,7 @@ def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
 
 
 def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool = True) -> Drive:
-    """A drive whose arm stands at rest."""
+    """Return a drive whose arm is at rest."""
     options = {"plant": trial.plant} if name == "mujoco" else {}
     return make_drive(
         name, trial.robot, q=q, period=block.period, seed=trial.seed, encoder=block.noise.encoder_counts,
@@ -196,7 +196,7 @@ def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool
 def lasers(
     robot: Robot, q: Array, position: tuple[float, ...], noise: Noise, rng: np.random.Generator
 ) -> tuple[PanTiltLaser, PanTiltLaser]:
-    """The laser unit as it was calibrated, and as it truly stands."""
+    """Return the calibrated and the true pose of the laser unit."""
     pose = _looking(np.array(position), robot.fk(q)[:3, 3], -robot.gravity)
     spread = np.repeat([noise.laser_position, noise.laser_rotation], 3)
     laser = PanTiltLaser(
@@ -210,7 +210,7 @@ def lasers(
 
 
 def _looking(position: Array, at: Array, up: Array) -> Array:
-    """A pose whose x axis goes to a point, and whose z axis is as far up as it can be."""
+    """Return a pose whose x axis points to a point, and whose z axis is as close to vertical as possible."""
     x = at - position
     x /= np.linalg.norm(x)
     z = up - (up @ x) * x
@@ -219,7 +219,7 @@ def _looking(position: Array, at: Array, up: Array) -> Array:
 
 
 def start_of(block: IsoBlock | LawsBlock) -> tuple[Robot, Array]:
-    """The arm of a block, and its start in radians and metres."""
+    """Return the arm of a block, and its start in radians and metres."""
     robot, where = _arm(block.robot, block.payload), f"cell {block.id!r}: start_deg"
     if len(block.start_deg) != robot.n:
         raise InvalidInput(where, f"{len(block.start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}")
@@ -230,7 +230,7 @@ def start_of(block: IsoBlock | LawsBlock) -> tuple[Robot, Array]:
 
 
 def line_of(block: IsoBlock | LawsBlock, move_m: Sequence[float]) -> tuple[Robot, Array, Line]:
-    """The arm of a block, its start, and a line from there at constant orientation."""
+    """Return the arm of a block, its start, and a line from there at constant orientation."""
     robot, q = start_of(block)
     start = robot.fk(q)
     return robot, q, Line(start, se3.pose(start[:3, :3], start[:3, 3] + move_m))

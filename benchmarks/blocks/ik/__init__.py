@@ -1,1 +1,1 @@
-"""Blocks of inverse kinematics, one folder for each way of recording."""
+"""Blocks of inverse kinematics, one module for each way of recording."""

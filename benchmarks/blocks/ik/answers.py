@@ -1,4 +1,4 @@
-"""Recorded answers: any number of IK problems by batch methods, drawn part by part, every answer judged and kept."""
+"""Recorded answers: any number of IK problems by batch methods, sampled in parts; every answer is judged and stored."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from optik.registry import build_method, own_names
 from optik.types import Array, Flags
 
 DRAWN_AT_ONCE = 1000
-"""Problems that are drawn together, with a seed of their own: any part of a block can be drawn without the rest."""
+"""Number of problems that are sampled together, with a separate seed: any part can be sampled without the others."""
 
 ANSWERS_PART = 50_000
 """Default number of problems in one part: a second of work, and a megabyte of rows."""
@@ -41,10 +41,10 @@ BINS_A_DECADE = 10
 """Steps of the distribution of the errors: as fine as a curve of a few hundred pixels shows."""
 
 EXACT = 1e-16
-"""Errors [m] below this stand in the first step of their distribution: rounding, and exact zeros."""
+"""Errors [m] below this count in the first step of their distribution: rounding, and exact zeros."""
 
 STATUSES = pl.Enum([*map(str, IKStatus), "crashed"])
-"""How an answer came about: the statuses of our methods, and ``crashed`` where a process died or raised an error."""
+"""Endings of an answer: the statuses of our methods, and ``crashed`` if a process ended or raised an error."""
 
 ANSWER_TYPES: Mapping[str, Any] = {
     "inside": pl.Boolean, "position_error": pl.Float32, "rotation_error": pl.Float32, "iterations": pl.UInt32,
@@ -77,7 +77,7 @@ MEASURES = (
     ),
     Measure("crashed", "", lambda row: row["crashed"][0], show="count"),
 )  # fmt: skip
-"""What a target of recorded answers may ask for."""
+"""Measures that a target of recorded answers can name."""
 
 
 def summary(rows: pl.LazyFrame) -> pl.DataFrame:
@@ -158,7 +158,7 @@ class AnswersBlock(ProblemBlock):
 
 @dataclass(frozen=True)
 class AnswersWork:
-    """One part: some problems of a block by one method, named by their numbers; a worker draws them."""
+    """One part: some problems of a block by one method, identified by their numbers; a worker samples them."""
 
     robot: str
     set: str
@@ -170,20 +170,20 @@ class AnswersWork:
     count: int
 
     def halves(self) -> tuple[AnswersWork, ...]:
-        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        """Divide the part in two, to find the problem that crashes a process; return nothing for a single problem."""
         half = self.count // 2
         return () if half == 0 else (
             replace(self, count=half), replace(self, first=self.first + half, count=self.count - half)
         )  # fmt: skip
 
     def crashed(self) -> pl.DataFrame:
-        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        """Return rows of problems in which the method crashed its process, raised an error, or did not end."""
         none = {"iterations": 0, "restarts": 0, "seconds": 0.0, "inside": False, "status": "crashed"}
         far = {"position_error": float("inf"), "rotation_error": float("inf"), "distance": float("nan")}
         return self.rows({name: [value] * self.count for name, value in (none | far).items()})
 
     def rows(self, columns: Mapping[str, Any]) -> pl.DataFrame:
-        """Rows of this part, in types that take little room."""
+        """Return the rows of this part, in compact types."""
         numbers = pl.Series("problem", range(self.first, self.first + self.count), dtype=pl.UInt32)
         given = pl.DataFrame({"problem": numbers} | {name: columns[name] for name in ANSWER_TYPES})
         return given.with_columns(pl.col(name).cast(kind) for name, kind in ANSWER_TYPES.items()).with_columns(
@@ -267,7 +267,7 @@ def _solve_one_by_one(solver: IKSolver, work: AnswersWork, targets: Array, start
 
 
 class _Answers(Kind):
-    """Blocks of recorded answers: ``[[answers]]`` of a suite. Their `rows` are sums over the answers, a row a method."""
+    """Blocks of recorded answers: ``[[answers]]`` of a suite. `rows` returns sums over the answers, one row per method."""
 
     name = "answers"
     title = "Recorded answers"
@@ -316,7 +316,7 @@ class _Answers(Kind):
         return None if answers is None else summary(answers)
 
     def rows_to_compare(self, folder: RunFolder, block: AnswersBlock) -> pl.DataFrame | None:
-        """Every answer, and the time of every part."""
+        """Return every answer, and the time of every part."""
         answers = self._answers(folder, block)
         return None if answers is None else compared_answers(answers, block.part)
 
@@ -333,7 +333,7 @@ class _Answers(Kind):
         return value, f"{rows.filter(pl.col('method') == target.method)['count'].sum():,} answers"
 
     def _answers(self, folder: RunFolder, block: AnswersBlock) -> pl.LazyFrame | None:
-        """All answers of a block, to be read piece by piece."""
+        """Return all answers of a block, to be read in pieces."""
         names = folder.part_names(self.folder, block.id)
         return folder.scan(names) if names else None
 

@@ -1,4 +1,4 @@
-"""Batches: many IK problems in one call, timed in a fresh process, where its memory can be told from all other.
+"""Batches: many IK problems in one call, timed in a fresh process, in which its memory can be measured.
 
 ``python -m benchmarks.blocks.ik.batch SETTINGS`` is that process: it prints its rows as JSON.
 """
@@ -58,13 +58,13 @@ MEASURES = (
     Measure("million_per_second", "million", solved_rate, "solved per second"),
     Measure("extra_memory_mb", "MB", extra_memory, "memory beyond inputs and outputs"),
 )  # fmt: skip
-"""What a target of a batch may ask for: on the rows of its largest number of threads."""
+"""Measures that a target of a batch can name, on the rows with its largest number of threads."""
 
 # ---------------------------------------------------------------- the fresh process
 
 
 def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Time every batch, and what memory it takes beyond its inputs and outputs."""
+    """Time every batch, and measure its memory beyond inputs and outputs."""
     robot = load(settings["robot"])
     problems = build_method(SETS, settings["set"], "problem set", robot, settings["seed"], **settings["options"])
     targets, starts = np.ascontiguousarray(problems.targets), np.ascontiguousarray(problems.starts)
@@ -109,7 +109,7 @@ def _count_solved(robot: Robot, targets: Array, q: Array) -> int:
 
 
 def reset_peak() -> float | None:
-    """Return free memory to the system and reset its peak; the memory now in use [MB], None where it is not known."""
+    """Return free memory to the system and reset its peak; return the memory in use [MB], None if it is not known."""
     gc.collect()
     try:
         # glibc keeps freed memory: arrays that are put there would seem to cost nothing
@@ -156,7 +156,7 @@ class _Batch(Kind):
     compared = (Compared("time of a batch", "s", "less", "seconds"),)
 
     def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Repeats by number of threads."""
+        """Return the repeats by number of threads."""
         return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
 
     def prepare(self, block: BatchBlock, seed: int) -> None:
@@ -173,7 +173,7 @@ class _Batch(Kind):
         return pl.DataFrame(fresh(["-m", __name__, json.dumps(settings)], f"batch {block.id!r}"))
 
     def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        """Value of a target at the largest number of threads: the median of the repeats, of memory the largest."""
+        """Return the value of a target at the largest number of threads: the median of the repeats, for memory the largest."""
         if rows is None or rows.is_empty():
             return float("nan"), "it was not run"
         most = rows.filter(pl.col("threads") == pl.col("threads").max())

@@ -1,4 +1,4 @@
-"""IK problems at iteration budgets: one attempt of every method from one start, looked at after each budget."""
+"""IK problems at iteration budgets: one attempt of every method from one initial guess, evaluated after each budget."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ PER_RADIAN = float(np.rad2deg(1.0))
 """Degrees in a radian: rotation errors are shown in degrees."""
 
 BUDGET_PART = 500
-"""Problems in one part of the work: small enough to continue from, large enough to hide the start of a worker."""
+"""Number of problems in one part: small for resuming, large enough to hide the start of a worker."""
 
 CRASHED = "crashed"
-"""Status of a problem in which a method crashed its process, raised an error, or found no end; beside those of `IKStatus`."""
+"""Status of a problem in which a method crashed its process, raised an error, or did not end; in addition to `IKStatus`."""
 
 COLUMN_ORDER = (
     "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
     "rises", "peak",
 )  # fmt: skip
-"""Columns of the rows, before those that say whose they are."""
+"""Columns of the rows, before those that identify them."""
 
 RISE = 1e-12
-"""Growth of the error from one iteration to the next [m and rad] that is counted; less is round-off."""
+"""Growth of the error between iterations [m and rad] that is counted; less is rounding."""
 
 # ---------------------------------------------------------------- measures, on the rows of one method at one budget
 
@@ -100,13 +100,13 @@ class BudgetRows(BlockRows):
 
     @cached_property
     def whole(self) -> list[str]:
-        """Labels of the methods that are called with default settings, without a budget."""
+        """Labels of the methods with default settings, without a budget."""
         found = {m.label for m in self.block.methods if m.whole}
         return [label for label in self.methods if label in found]
 
     @cached_property
     def budgeted(self) -> list[str]:
-        """Labels of the methods that make one attempt, looked at after every budget."""
+        """Labels of the methods that make one attempt, evaluated after every budget."""
         return [label for label in self.methods if label not in self.whole]
 
     @cached_property
@@ -116,7 +116,7 @@ class BudgetRows(BlockRows):
 
     @cached_property
     def last(self) -> pl.DataFrame:
-        """Rows at the largest budget."""
+        """Return the rows at the largest budget."""
         return self.rows.filter(pl.col("budget") == self.budget)
 
     @cached_property
@@ -130,11 +130,11 @@ class BudgetRows(BlockRows):
         return self.rows.filter("known")
 
     def given(self, labels: Sequence[str]) -> pl.DataFrame:
-        """Rows at the largest budget of some methods, on the problems with a known solution that all of them were given."""
+        """Return the rows at the largest budget of some methods, on the problems with a known solution given to all of them."""
         return shared(self.last.filter("known"), tuple(labels)).sort("problem")
 
     def problems(self) -> tuple[int, int]:
-        """How many problems, and how many of them have a known solution."""
+        """Return the number of problems, and of those with a known solution."""
         first = self.rows.unique("problem")
         return len(first), int(first["known"].sum())
 
@@ -189,7 +189,7 @@ class Work:
     seed: int = 0
 
     def halves(self) -> tuple[Work, ...]:
-        """Itself in two, to find the problem that kills a process; nothing where there is one problem."""
+        """Divide the part in two, to find the problem that crashes a process; return nothing for a single problem."""
         count = len(self.problems)
         parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
         return tuple(
@@ -202,14 +202,14 @@ class Work:
         return self.budgets[-1:] if self.method.whole else self.budgets
 
     def crashed(self) -> pl.DataFrame:
-        """Rows of problems in which the method crashed its process, raised an error, or found no end."""
+        """Return rows of problems in which the method crashed its process, raised an error, or did not end."""
         far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak")
         blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
         pairs = [(int(problem), budget) for problem in self.problems for budget in self.looked_at]
         return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
 
     def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Rows with the columns that say whose they are, in one order of columns."""
+        """Add the columns that identify the rows, in a fixed order of columns."""
         method = self.method
         return rows.select(*COLUMN_ORDER).with_columns(
             method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
@@ -243,7 +243,7 @@ def solve_problems(work: Work) -> pl.DataFrame:
 
 
 def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[Any]]:
-    """Return what runs that stop at some budgets have reached, from the trace of a run that is as long as the largest.
+    """Return the results of runs that stop at some budgets, from the trace of a run with the largest one.
 
     The errors are those of the iterate that each has reached; the status is that of the stopped run. Where the longest
     run ends outside the limits, its iterates within the coarsest tolerance of the target are outside too, and say so.
@@ -267,7 +267,7 @@ def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[
 
 
 def _at_end(robot: Robot, target: Array, result: IKResult) -> dict[str, NDArray[Any]]:
-    """Return what one call of a method with default settings has reached."""
+    """Return the result of one call of a method with default settings."""
     return _errors(robot.pose_errors(result.q[None], target[None])) | {
         "iterations": np.array([result.iterations], dtype=np.int64),
         "status": np.array([str(result.status)]),
@@ -307,12 +307,12 @@ class _Budgets(Kind):
         return "ik"
 
     def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Rows at the largest budget."""
+        """Return the rows at the largest budget."""
         last = rows.filter(pl.col("budget") == block.budgets[-1])
         return last.with_columns(label="method", solved=pl.col("status") == "solved")
 
     def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
-        """Check the options of every method, and draw the problems."""
+        """Check the options of every method, and sample the problems."""
         robot = load(block.robot)
         for method in block.methods:
             make_solver(robot, method.name, **_options(method, block.budgets))

@@ -1,4 +1,4 @@
-"""Methods and peers of a block of single calls, built and ready; and those that are not run, with the reason."""
+"""Methods and peers of a block of single calls, ready to be called; and the others, with the reason."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from optik.types import Array
 
 @dataclass(frozen=True)
 class Caller:
-    """One of our methods or a peer, built and ready to be called."""
+    """One of our methods or a peer, ready to be called."""
 
     label: str
     call: Callable[..., Any]  # the timed part: (target, q0), or (target) where it takes no initial guess
@@ -81,7 +81,7 @@ def build_ours(entry: Entry, robot: Robot) -> IKSolver | Absent:
 
 
 def _ours(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """Return a method of ours; facts on it where it is not run."""
+    """Return a method of ours, or the facts on it if it is not run."""
     begin = time.perf_counter()
     built = build_ours(entry, robot)
     about = facts_on(entry, build_seconds=time.perf_counter() - begin, clocked="time_limit" in entry.options)
@@ -95,7 +95,7 @@ def _ours(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
 
 
 def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """Return a peer; facts on it where it is not run."""
+    """Return a peer, or the facts on it if it is not run."""
     budget = entry.options.get("iterations")
     begin = time.perf_counter()
     peer = build_peer(entry.name, robot, iterations=budget)

@@ -1,4 +1,4 @@
-"""Single IK calls: every problem one timed call of every method and peer, in one process, in rounds."""
+"""Single IK calls: every problem is one timed call of every method and peer, in one process, in rounds."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from benchmarks.targets import Measure, Target, measure_named
 from optik.arm.library import load
 
 CALL_PART = 2000
-"""Problems in one part: each method takes them in a row, so a disturbance that lasts longer affects all methods alike."""
+"""Number of problems in one part: each method takes them in a row, so a longer disturbance affects all methods alike."""
 
 SHIFT_US = 10.0
 """Shift of the shifted geometric mean of times [µs]: differences far below it do not decide the mean."""
 
 REMEMBERS_FROM = 3.0
-"""A first round this many times as slow as the median of all rounds: the method may remember answers, or compile late."""
+"""Ratio of a first round to the median of all rounds from which the method may remember answers, or compile late."""
 
 # ---------------------------------------------------------------- measures
 
@@ -80,7 +80,7 @@ MEASURES = (
     Measure("max_us", "µs", _us(np.max), "longest call"),
     Measure("median_ratio", "", median_ratio, "median time of all calls, as a ratio to", relative=True),
 )
-"""What a target of single calls may ask for."""
+"""Measures that a target of single calls can name."""
 
 
 def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
@@ -129,7 +129,7 @@ class CallBlock(ProblemBlock):
 
     @property
     def reference(self) -> str:
-        """Label that ratios are taken to: the first method."""
+        """Label of the reference of ratios: the first method."""
         return self.methods[0].label
 
     def ending_after(self, budget: int) -> CallBlock:
@@ -148,17 +148,17 @@ def facts_file(block: CallBlock) -> str:
 
 
 def _evaluations_file(block: CallBlock) -> str:
-    """Name of the file of answers at equal numbers of iterations."""
+    """Return the name of the file of answers at equal numbers of iterations."""
     return f"speed/{slug(block.id)}.iterations.parquet"
 
 
 def _part_files(block: CallBlock, count: int) -> list[str]:
-    """Names of all parts of a block."""
+    """Return the names of all parts of a block."""
     return [f"speed/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // CALL_PART))]
 
 
 def _run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run what a block still lacks."""
+    """Run the unfinished work of a block."""
     before = folder.read_json(facts_file(block)) or {"count": None, "entries": {}}
     count = before["count"]
     if count is not None and all(folder.has(part) for part in _part_files(block, count)):
@@ -180,7 +180,7 @@ def _run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journ
 
 
 def _run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Answer every problem by one attempt that ends after each number of iterations, unless that is done or not asked for."""
+    """Answer every problem by one attempt with each iteration limit, unless that is done or not requested."""
     if not block.evaluation_budgets or folder.has(_evaluations_file(block)):
         return
     robot, problems = problem_set(block, seed)
@@ -200,7 +200,7 @@ def _run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell,
 
 
 def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-    """Return all rows of a block with what is known of each problem: group, singular value, whether a solution is known."""
+    """Return all rows of a block with the columns of each problem: group, singular value, whether a solution is known."""
     problems = folder.read(f"problems/{slug(block.id)}.parquet")
     rows = folder.parts("speed", block.id)
     if problems is None or rows is None:
@@ -226,7 +226,7 @@ def without_memory(rows: pl.DataFrame) -> pl.DataFrame:
 
 @dataclass(frozen=True)
 class CallRows(BlockRows):
-    """A block of single calls with its rows; the methods that have none are among its entries."""
+    """A block of single calls with its rows; methods without rows are among its entries."""
 
     @cached_property
     def by_method(self) -> dict[str, pl.DataFrame]:
@@ -236,16 +236,16 @@ class CallRows(BlockRows):
 
     @property
     def unreachable(self) -> bool:
-        """Whether it is proved that no problem of the block has a solution: then nobody can win by solving."""
+        """Whether all problems of the block are proved unsolvable; then there is no winner."""
         return "unreachable" in self.rows.columns and bool(self.rows["unreachable"].all())
 
     @cached_property
     def evaluations(self) -> pl.DataFrame | None:
-        """Answers at equal numbers of iterations; None where none were asked for, or they were not run yet."""
+        """Answers at equal numbers of iterations; None if none were requested, or they were not run yet."""
         return self.folder.read(_evaluations_file(self.block)) if self.block.evaluation_budgets else None
 
     def why_not(self, label: str) -> tuple[str, str]:
-        """Why an entry has no rows."""
+        """Return why an entry has no rows."""
         if label in self.by_method:
             return "", ""
         about = self.entries[label]

@@ -1,4 +1,4 @@
-"""First use: what importing and the first solve cost a fresh process, with and without what an earlier one compiled."""
+"""First use: times of the import and the first solve in a fresh process, with and without a compiled cache."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ result = optik.solve_ik(robot, robot.fk(q), robot.limits.clip(q + 0.1), solver=s
 solved = time.perf_counter()
 print(json.dumps([imported - begin, solved - imported]))
 """
-"""What a fresh process runs: it prints the seconds of importing and of the first solve."""
+"""Code of a fresh process: it prints the seconds of importing and of the first solve."""
 
 
 def _median(rows: pl.DataFrame) -> float:
@@ -42,11 +42,11 @@ MEASURES = (
     Measure("first_solve_s", "s", _median, "first solve after import, cached code"),
     Measure("compile_s", "s", _median, "first solve after import, with compilation"),
 )
-"""What a target of first use may ask for: medians over fresh processes."""
+"""Measures that a target of first use can name: medians over fresh processes."""
 
 
 class FirstUse(Block):
-    """What starting costs."""
+    """Times of a fresh process."""
 
     noun = "first_use"
     fixed = frozenset({"id", "title"})
@@ -60,7 +60,7 @@ class FirstUse(Block):
 
     @classmethod
     def read(cls, data: Any) -> FirstUse:
-        """Check the table; the title names what is measured."""
+        """Check the table; the title names the measurement."""
         block = super().read(data)
         title = f"First use in a fresh process ({short_name(block.solver)}, {short_name(block.robot)})"
         return block.model_copy(update={"title": title})
@@ -78,11 +78,11 @@ class _FirstUse(Kind):
     compared = (Compared("time in a fresh process", "s", "less", "seconds"),)
 
     def compared_rows(self, block: FirstUse, rows: pl.DataFrame) -> pl.DataFrame:
-        """Processes by what they measured."""
+        """Return the processes by their measure."""
         return rows.with_columns(label="measure", problem=pl.lit("a process"))
 
     def run(self, block: FirstUse, seed: int, folder: RunFolder, tell: Tell) -> None:
-        """Time fresh processes: one with an empty cache, then some that find what it compiled."""
+        """Time fresh processes: one with an empty cache, then some with the cache that it filled."""
         if folder.has(FIRST_USE_FILE):
             return
         tell("first use")

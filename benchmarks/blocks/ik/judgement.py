@@ -14,7 +14,7 @@ from optik.ik import Tolerance
 from optik.types import Array, Flags
 
 JUDGED_AT = (1e-3, 1e-6, 1e-9)
-"""Tolerances [m and rad] at which answers are judged: coarse, that of a solved problem, and near what a double can do.
+"""Tolerances [m and rad] for judging answers: coarse, that of a solved problem, and near the precision of a double.
 
 On every arm that we have, our forward kinematics with its errors is within 1e-15 m and rad of one in extended precision: six
 orders below the finest of them.
@@ -47,7 +47,7 @@ def rate(rows: pl.DataFrame, condition: pl.Expr) -> tuple[float, float, float]:
 
 
 def shared(rows: pl.DataFrame, labels: tuple[str, ...] | None = None) -> pl.DataFrame:
-    """Return the rows of some methods, or of all, on the problems that all of them were given."""
+    """Return the rows of some methods, or of all, on the problems given to all of them."""
     chosen = rows if labels is None else rows.filter(pl.col("method").is_in(labels))
     return chosen.filter(pl.col("method").n_unique().over("problem") == chosen["method"].n_unique())
 
@@ -59,7 +59,7 @@ def judge_configurations(robot: Robot, targets: Array, q: Array) -> tuple[Flags,
 
 
 def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -> pl.DataFrame:
-    """Judge what calls answered: one row a target, of its best answer.
+    """Judge the answers of calls: one row per target, of its best answer.
 
     A target is solved if any answer meets it within `Tolerance()` inside the limits. Of several answers, one inside the
     limits counts before one outside, then the smaller error.
@@ -90,7 +90,7 @@ def judged(robot: Robot, targets: Array, answers: list[Array], *, wraps: bool) -
 
 
 def wrapped(robot: Robot, q: Array) -> Array:
-    """Add full turns to turning joints outside their limits, to bring them inside where that is possible."""
+    """Add full turns to revolute joints outside their limits, to bring them inside if possible."""
     lower, upper = robot.limits.lower, robot.limits.upper
     turn = 2.0 * np.pi
     up = q + turn * np.ceil(np.maximum(lower - 1e-9 - q, 0.0) / turn)

@@ -22,23 +22,23 @@ from optik.errors import Unsupported
 from optik.types import Array
 
 FIRST_CALLS = 20
-"""Calls before the first timed one of each method in a part: they compile, and fill caches."""
+"""Number of calls before the first timed one of each method in a part: they compile, and fill caches."""
 
 LONGEST_ERROR = 200
-"""Characters of an exception that a row keeps."""
+"""Largest number of characters of an exception in a row."""
 
 OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
-"""How a call ended: with a configuration, with none, with an exception, with its process, or it was refused."""
+"""Endings of a call: a configuration, none, an exception, the end of its process, or a refusal."""
 
 JUDGED = (
     "solved", "inside", "position_error", "rotation_error", "problem", "outcome", "error", "claimed", "iterations",
     "restarts",
 )  # fmt: skip
-"""Columns on the answer of a call, beside those on its times."""
+"""Columns on the answer of a call, besides those on its times."""
 
 
 class Round(NamedTuple):
-    """One caller's k calls of one round: times [ns], what each returned, and whether it changed its arguments.
+    """One caller's k calls of one round: times [ns], results, and whether it changed its arguments.
 
     The processor time is that of all threads of the process, the mean over the round; of each call in a worker process.
     """
@@ -56,13 +56,13 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True)
 class Rounds:
-    """Rounds of one part, in the journal of its block, which says whose round it is and keeps what is finished."""
+    """Rounds of one part; the journal of the block has the caller of the current round and the finished rows."""
 
     journal: Journal = UNKEPT
     part: str = ""
 
     def done(self, caller: Caller, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
-        """Do a round, unless it is kept."""
+        """Do a round, unless its rows are stored."""
         name = f"{self.part}-{index:02d}-{turn:02d}"
         rows = self.journal.kept(name)
         if rows is None:
@@ -113,7 +113,7 @@ def timed_part(
 
 
 def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
-    """Call one caller once for each problem, with copies of its own of the target and the initial guess."""
+    """Call one caller once for each problem, with copies of the target and the initial guess."""
     arguments = _arguments(caller, problems, mine)
     if caller.many is not None:
         answers = caller.many(arguments)
@@ -150,7 +150,7 @@ def _failed(error: Exception) -> Failed:
 
 
 class Reading(NamedTuple):
-    """What one call returned, read by its caller."""
+    """The result of one call, read by its caller."""
 
     q: Array
     outcome: str
@@ -162,7 +162,7 @@ class Reading(NamedTuple):
 
 
 def _read(caller: Caller, raw: Any, n: int) -> Reading:
-    """Read what one call returned; a caller that cannot read it has raised."""
+    """Read the result of one call; a caller that cannot read it counts as failed."""
     empty = np.empty((0, n))
     if isinstance(raw, Failed):
         return Reading(empty, raw.outcome, raw.error)

@@ -1,4 +1,4 @@
-"""Contact between samples: the proof for every instant beside sampling by coal, on motions through the same scene."""
+"""Contact between samples: the proof for every instant compared with sampling by coal, on motions through the same scene."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ MEASURES = (
     Measure("p99_ms", "ms", _quantile(0.99), "99th percentile of the time"),
     Measure("median_ms_per_s", "ms/s", _per_second, "median time per second of motion"),
 )
-"""What a target of such a block may ask for."""
+"""Measures that a target of such a block can name."""
 
 
 PROOF = "proof for every instant"
-"""Label of the proof beside those of the sampling."""
+"""Label of the proof among those of the sampling."""
 
 
 def _above_0(values: Any) -> tuple[float, ...]:
@@ -70,7 +70,7 @@ def _above_0(values: Any) -> tuple[float, ...]:
 
 
 Resolutions = Annotated[tuple[float, ...], BeforeValidator(_above_0)]
-"""Different numbers above 0; no sampling of this sort where the list is empty."""
+"""Different numbers above 0; an empty list for no sampling of this type."""
 
 
 class ClearanceBlock(Block):
@@ -98,21 +98,21 @@ class ClearanceBlock(Block):
 
 
 def sampling_label(value: float, unit: str) -> str:
-    """What reports and targets call coal at one resolution."""
+    """Return the name of coal at one resolution in reports and targets."""
     return f"coal, {value:g} {unit}"
 
 
 END_CLEARANCE = 0.01
-"""Distance that both ends of a motion keep beyond the margin [m]: whoever asks for a motion starts and ends it free."""
+"""Distance of both ends of a motion beyond the margin [m]: users start and end motions collision-free."""
 
 MOST_END_DRAWS = 100_000
-"""Configurations drawn after which a scene counts as one without free ones."""
+"""Number of samples after which a scene counts as without collision-free configurations."""
 
 USUAL_SPEED, USUAL_ACCELERATION = 2.0, 10.0
-"""Limits of a motion [rad/s, rad/s², or metres] of an arm that states none."""
+"""Limits of a motion [rad/s, rad/s², or metres] for an arm that states none."""
 
 TOUCHING = 2e-6
-"""Distance by coal up to which a contact that was proved is confirmed [m]: what its iterations may be off."""
+"""Distance by coal up to which a proved contact counts as confirmed [m]: the error of coal's iterations."""
 
 ROW_TYPES = {
     "motion": pl.Int64, "method": pl.String, "says": pl.String, "time": pl.Float64, "pair": pl.String,
@@ -123,7 +123,7 @@ ROW_TYPES = {
 
 
 def draw(block: ClearanceBlock, arm: Robot, scene: Scene, seed: int, number: int) -> Trajectory:
-    """Draw a motion: one quintic from rest to rest between two free configurations."""
+    """Sample a motion: one quintic from rest to rest between two collision-free configurations."""
     keys = (crc32(short_name(text).encode()) for text in (block.robot, block.scene))
     rng = np.random.default_rng((seed, *keys, number))
     ends: list[Array] = []
@@ -174,7 +174,7 @@ def judged(
 
 
 def _counts(block: ClearanceBlock, motion: Trajectory) -> list[tuple[str, int]]:
-    """Label and number of intervals of every sampling."""
+    """Return label and number of intervals of every sampling."""
     way = float(np.abs(motion(motion.end) - motion(0.0)).max())
     found = [(sampling_label(step, "rad"), way / step) for step in block.joint_steps]
     found += [(sampling_label(rate, "Hz"), motion.duration * rate) for rate in block.rates]
@@ -182,7 +182,7 @@ def _counts(block: ClearanceBlock, motion: Trajectory) -> list[tuple[str, int]]:
 
 
 def _sampled(coal: CoalSampling, motion: Trajectory, label: str, count: int) -> dict[str, Any]:
-    """Row of one sampling: at equal distances in joint space, or at equal times."""
+    """Return the row of one sampling: at equal distances in joint space, or at equal times."""
     begin = time.perf_counter()
     if label.endswith("rad"):
         start, goal = motion(np.array([0.0, motion.end]))
@@ -223,7 +223,7 @@ class CoalSampling:
             request.security_margin = float(least)
 
     def touches(self, q: Array) -> int:
-        """Index of the first configuration with a contact."""
+        """Return the index of the first configuration with a contact."""
         pin, model, data, geometry, placed = self._pin, self._model, self._data, self._geometry, self._placed
         for k, configuration in enumerate(q):
             if pin.computeCollisions(model, data, geometry, placed, configuration, True):
@@ -231,7 +231,7 @@ class CoalSampling:
         return -1
 
     def room(self, q: Array) -> float:
-        """Least distance of all pairs at a configuration, those to the scene less the margin."""
+        """Return the least distance of all pairs at a configuration, to the scene minus the margin."""
         self._pin.computeDistances(self._model, self._data, self._geometry, self._placed, q)
         found = [result.min_distance for result in self._placed.distanceResults]
         return float(np.min(found - self._margins, initial=np.inf))
@@ -262,7 +262,7 @@ class CoalSampling:
 
 
 def _along(d: Array) -> Array:
-    """A rotation whose z points along d; the identity where d is 0."""
+    """Return a rotation whose z points along d; the identity where d is 0."""
     length = float(np.linalg.norm(d))
     if length == 0.0:
         return np.eye(3)
@@ -286,7 +286,7 @@ class _Clearance(Kind):
     )
 
     def compared_rows(self, block: ClearanceBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """One problem is one motion."""
+        """Return the rows on which two runs are compared: one problem is one motion."""
         return rows.rename({"method": "label", "motion": "problem"})
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:

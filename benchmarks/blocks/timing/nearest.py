@@ -1,4 +1,4 @@
-"""Clearance of a plan for the report: over time by its shapes, and how the arm stands where it is nearest."""
+"""Clearance of a plan for the report: over time by its shapes, and the arm's posture at the least distance."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from planners.certificate.clearance import Clearance
 from planners.plan import Plan
 
 CLEARANCE_INSTANTS = 501
-"""Instants of the clearance that are kept for plots; the least value is the certificate's."""
+"""Number of instants of the clearance that are stored for plots; the least value is the certificate's."""
 
 
 def clearance_frame(planned: Plan) -> pl.DataFrame:
-    """Least distances over time, by the compiled distances at instants."""
+    """Return the least distances over time, by the compiled distances at instants."""
     assert planned.scene is not None
     robot, scene, t = planned.robot, planned.scene, np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
     assert robot.shapes is not None
@@ -40,7 +40,7 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
 
 
 def nearest_picture(planned: Plan) -> dict[str, Any] | None:
-    """The shapes of the arm and the scene where they are nearest; without a scene, where two links are."""
+    """Return the shapes of the arm and the scene at their least distance; without a scene, those of two links."""
     robot, scene, proof = planned.robot, planned.scene, planned.certificate.clearance
     assert scene is not None and proof is not None and robot.shapes is not None
     closest = proof.scene or proof.own
@@ -71,7 +71,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
 
 
 def _words(proof: Clearance) -> str:
-    """What is proved and what was found, of the scene and of the arm's own links."""
+    """Describe the proved bound and the least distance found, of the scene and of the arm's own links."""
     out = []
     for words, kind in (("to the scene", proof.scene), ("between links", proof.own)):
         if kind is not None:
@@ -84,7 +84,7 @@ def _words(proof: Clearance) -> str:
 
 
 def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices, *, own: bool) -> tuple[int, int, int]:
-    """The nearest pair of the arm and the scene, or of two links."""
+    """Return the nearest pair of the arm and the scene, or of two links."""
 
     def distance(pair: list[int]) -> float:
         _, off, other_radius = _witness(arm, scene, *pair)
@@ -95,7 +95,7 @@ def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices
 
 
 def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
-    """Capsules of an arm at a configuration."""
+    """Return the capsules of an arm at a configuration."""
     assert robot.shapes is not None
     link, a, b, radius = robot.shapes.capsules
     T = np.concatenate([np.eye(4)[None], robot.frames(q)[:-1]])[link]
@@ -106,7 +106,7 @@ def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
 def nearest_points(
     arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
 ) -> tuple[Array, Array]:
-    """Nearest points of a capsule of the arm and of another body."""
+    """Return the nearest points of a capsule of the arm and of another body."""
     a, b, radius = arm
     place, off, other_radius = _witness(arm, scene, one, other, kind)
     length = float(np.linalg.norm(off))
@@ -118,7 +118,7 @@ def nearest_points(
 def _witness(
     arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
 ) -> tuple[float, Array, float]:
-    """Nearest place on a capsule's axis, a share of it; the difference from the other body there; that body's radius [m]."""
+    """Return the nearest point of a capsule's axis [1], the difference from the other body, and that body's radius [m]."""
     a, b, radius = arm
     p, q = _triple(a[one]), _triple(b[one])
     box_pose, box_half, c, d, sizes, point, normal = scene.arrays

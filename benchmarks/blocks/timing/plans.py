@@ -56,7 +56,7 @@ class LineTask(Block):
 
 
 def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Item]:
-    """The first plan of each law, that of the first IK method, in the order of the plans."""
+    """Return the first plan of each law (by the first IK method), in the order of the plans."""
     return list({law(p): p for p in reversed(plans)}.values())[::-1]
 
 
@@ -71,12 +71,12 @@ class LinePlans(BlockRows):
 
     @cached_property
     def solved(self) -> list[dict[str, Any]]:
-        """Those that have a trajectory."""
+        """Plans with a trajectory."""
         return [p for p in self.plans if p["status"] == "solved"]
 
     @cached_property
     def solver(self) -> str:
-        """The first IK method with a trajectory; the first of all where none has one."""
+        """The first IK method with a trajectory; the first of all if none has one."""
         return str((self.solved or self.plans)[0]["solver"])
 
     @cached_property
@@ -86,7 +86,7 @@ class LinePlans(BlockRows):
 
 
 def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
-    """Plans as two runs are compared on them."""
+    """Return the plans on which two runs are compared."""
     names = [f"{p['law']} with {p['solver']}" for p in plans]
     found = {
         "label": [*names, *("all plans" for _ in plans)],
@@ -101,26 +101,26 @@ def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
 Item = TypeVar("Item")
 
 PLANS = "line/plans.json"
-"""Summaries of all plans; it is written last, and marks the end of the work."""
+"""File of the summaries of all plans; it is written last, and marks the end of the work."""
 
 NEAREST = "line/nearest.json"
-"""How the arm stands at the instant of its least clearance, by law."""
+"""File of the arm's posture at the instant of its least clearance, by law."""
 
 MOTION_INSTANTS = 751
-"""Instants of a motion that are kept for plots: a pixel each, five to an interval of the paper's line."""
+"""Number of stored instants of a motion: a pixel each, five to an interval of the paper's line."""
 
 TOOL_INSTANTS = 1501
-"""Instants of the tool's deviation that are kept: it swings between the samples, so the largest of several is drawn."""
+"""Number of stored instants of the tool's deviation, which oscillates between the samples; the largest of several is drawn."""
 
 PICTURES = 61
-"""Pictures of the moving arm: enough to look smooth, few enough for a small page."""
+"""Number of pictures of the moving arm: enough to look smooth, few enough for a small page."""
 
 PLAN_REPEATS = 3
-"""Plans timed; the median is kept, so the one that compiles does not count."""
+"""Number of timed plans; the median is used, so the one that compiles does not count."""
 
 
 def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
-    """Robot, start and path of the task."""
+    """Return robot, start and path of the task."""
     robot = arm_with(task.robot, task.payload)
     q = start_of(robot, task.start_deg)
     start = robot.fk(q)
@@ -135,12 +135,12 @@ def check_line(task: LineTask) -> tuple[Robot, Array, Line]:
 
 
 def _around(task: LineTask) -> dict[str, Any]:
-    """Arguments of `plan` on the scene: none where the task has none."""
+    """Return the arguments of `plan` for the scene: none if the task has none."""
     return {"scene": scene_named(task.scene, task.margin)} if task.scene else {}
 
 
 def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
-    """What the report says of a plan: what `Plan.to_dict` has but the polynomials, and how well it ends."""
+    """Return the summary of a plan for the report: `Plan.to_dict` without the polynomials, and the error at the end."""
     out = planned.to_dict()
     out.pop("knots", None)
     out.pop("coefficients", None)
@@ -171,7 +171,7 @@ def _summary(planned: Plan, seconds: float) -> dict[str, Any]:
 
 
 def _motion(planned: Plan) -> pl.DataFrame:
-    """Motion q, q̇, q̈, jerk of every joint, one row for each instant and joint."""
+    """Return the motion q, q̇, q̈, jerk of every joint, one row for each instant and joint."""
     motion = planned.trajectory
     t = np.linspace(0.0, motion.end, MOTION_INSTANTS)
     values = [motion(t, order) for order in range(4)]
@@ -189,7 +189,7 @@ def _motion(planned: Plan) -> pl.DataFrame:
 
 
 def _torques(planned: Plan, t: Array) -> dict[str, Array]:
-    """Torques and their rates, of the load whose value is larger at each instant, and Coulomb friction; none without masses."""
+    """Return torques, torque rates and friction for the load with larger values at each instant; empty without masses."""
     robot, motion = planned.robot, planned.trajectory
     if robot.inertia is None:
         return {}
@@ -199,7 +199,7 @@ def _torques(planned: Plan, t: Array) -> dict[str, Array]:
 
 
 def _tool(planned: Plan) -> pl.DataFrame:
-    """Where the tool is, and how far from the path, one row an instant."""
+    """Return the tool's position and its distance from the path, one row per instant."""
     t = np.linspace(0.0, planned.trajectory.end, TOOL_INSTANTS)
     pose = planned.robot.fk(planned.trajectory(t))
     s = planned.path.nearest(pose)
@@ -220,7 +220,7 @@ def _tool(planned: Plan) -> pl.DataFrame:
 
 
 def _samples(planned: Plan) -> pl.DataFrame:
-    """What the IK method did at every sample of the path, before the polish."""
+    """Return the results of the IK method at every sample of the path, before polishing."""
     joints = planned.joint_path
     return pl.DataFrame(
         {
@@ -235,7 +235,7 @@ def _samples(planned: Plan) -> pl.DataFrame:
 
 
 def _frames(planned: Plan) -> pl.DataFrame:
-    """Points of the arm, base to tool, in pictures equally spaced in time."""
+    """Return points of the arm, base to tool, in pictures equally spaced in time."""
     t = np.linspace(0.0, planned.trajectory.end, PICTURES)
     points = planned.robot.frames(planned.trajectory(t))[:, :, :3, 3]
     k, m = points.shape[:2]
@@ -269,7 +269,7 @@ class _Plans(Kind):
     )
 
     def rows_to_compare(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
-        """Each plan by itself; times of all plans together, as each was made once."""
+        """Return each plan separately; times of all plans together, because each was made once."""
         plans = folder.read_json(PLANS)
         return compared_plans(plans) if plans else None
 
@@ -277,14 +277,14 @@ class _Plans(Kind):
         check_line(block)
 
     def warm(self, block: LineTask) -> None:
-        """Plan the line once by every law and with the first IK method, which compiles what planning takes."""
+        """Plan the line once by every law and with the first IK method, which compiles all kernels of planning."""
         robot, q, path = check_line(block)
         for law in block.laws:
             solver = make_solver(robot, block.solvers[0])
             plan(robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block))
 
     def run(self, block: LineTask, seed: int, folder: RunFolder, tell: Tell) -> None:
-        """Plan the line by every method and law, and write what reports show."""
+        """Plan the line by every method and law, and write the data of the report."""
         if folder.has(PLANS):
             return
         tell(block.title)

@@ -1,1 +1,1 @@
-"""Scripts that run in environments of their own, for peers whose packages clash with ours; none is imported here."""
+"""Scripts for separate environments, for peers whose packages conflict with ours; none is imported here."""

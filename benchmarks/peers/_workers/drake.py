@@ -42,11 +42,11 @@ class _Method:
             self.options.SetOption(SnoptSolver.id(), "Major iterations limit", model["iterations"])
 
     def prepared(self, target: list[Any], q0: list[float]) -> tuple[Any, ...]:
-        """Arguments of `call` as arrays."""
+        """Return the arguments of `call` as arrays."""
         return self.np.array(target), self.np.array(q0)
 
     def call(self, target: Any, q0: Any) -> Any:
-        """The timed call: programme and solution, as its users write them for each target."""
+        """Build and solve the programme, as users write it for each target; the timed call."""
         plant = self.plant
         ik = self.InverseKinematics(plant)
         world, frame = plant.world_frame(), self.RigidTransform(target)
@@ -57,11 +57,11 @@ class _Method:
         return found.GetSolution(q), found.is_success()
 
     def answer(self, raw: Any) -> Any:
-        """Configuration, claim and iterations (not reported) of what a call returned."""
+        """Return configuration, claim and iterations (not reported) of a call."""
         return raw[0], bool(raw[1]), None
 
     def fk(self, q: list[float]) -> Any:
-        """Tool pose by its own model."""
+        """Return the tool pose by its own model."""
         self.plant.SetPositions(self.context, self.np.array(q))
         return self.tool.CalcPoseInWorld(self.context).GetAsMatrix4()
 

@@ -3,8 +3,8 @@
 from typing import Any
 
 GRID = 501
-"""Equal grid points: as many as the other TOPP-RA has. On 130 to 190 of Drake's own choice accelerations exceed their limits
-by up to 1.6 % between the points instead of 0.2 %, in a quarter of the time."""
+"""Number of equal grid points, as for the other TOPP-RA. With Drake's own choice of 130 to 190 points, accelerations exceed
+their limits by up to 1.6 % between the points instead of 0.2 %, in a quarter of the time."""
 
 
 class _Method:
@@ -30,11 +30,11 @@ class _Method:
         self.plant.Finalize()
 
     def prepared(self, places: list[float], samples: list[Any]) -> tuple[Any, ...]:
-        """Arguments of `call` as arrays: places (k,), and configurations there as columns (n, k)."""
+        """Return the arguments of `call` as arrays: path parameters (k,), and configurations there as columns (n, k)."""
         return self.np.array(places), self.np.array(samples).T.copy()
 
     def call(self, places: Any, samples: Any) -> Any:
-        """The timed call: spline, programme and solution, as its users write them for each path."""
+        """Build and solve spline and programme, as users write them for each path; the timed call."""
         path = self.PiecewisePolynomial.CubicWithContinuousSecondDerivatives(places, samples)
         problem = self.Toppra(path, self.plant, self.np.linspace(places[0], places[-1], GRID))
         velocity, acceleration = self.limits["velocity"], self.limits["acceleration"]
@@ -43,7 +43,7 @@ class _Method:
         return problem.SolvePathParameterization(0.0, 0.0)
 
     def answer(self, raw: Any) -> dict[str, Any]:
-        """Times of the grid points, s and ṡ there; nothing where it found no motion."""
+        """Return the times of the grid points, with s and ṡ there; nothing if it found no motion."""
         if raw is None:
             return {"t": None}
         t = raw.get_segment_times()

@@ -27,19 +27,19 @@ class _Method:
         self.config = optik.SolverConfig("speed", max_time=MAX_TIME, tol_f=TOL_F)
 
     def prepared(self, target: list[Any], q0: list[float]) -> tuple[Any, ...]:
-        """Arguments of `call`, in the types that a user has: the package takes lists."""
+        """Return the arguments of `call` in the types of a user: the package takes lists."""
         return self.config, target, q0
 
     def call(self, config: Any, target: list[Any], q0: list[float]) -> Any:
-        """The timed call."""
+        """Make the timed call."""
         return self.robot.ik(config, target, q0)
 
     def answer(self, raw: Any) -> Any:
-        """Configuration, claim and iterations (not reported) of what a call returned."""
+        """Return configuration, claim and iterations (not reported) of a call."""
         return (None, False, None) if raw is None else (raw[0], True, None)
 
     def fk(self, q: list[float]) -> Any:
-        """Tool pose by its own model."""
+        """Return the tool pose by its own model."""
         return self.robot.fk(q)
 
 

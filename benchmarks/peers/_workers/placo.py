@@ -33,11 +33,11 @@ class _Method:
         self.most = ITERATIONS if model["iterations"] is None else model["iterations"]
 
     def prepared(self, target: list[Any], q0: list[float]) -> tuple[Any, ...]:
-        """Arguments of `call` as arrays."""
+        """Return the arguments of `call` as arrays."""
         return self.np.array(target), self.np.array(q0)
 
     def call(self, target: Any, q0: Any) -> Any:
-        """The timed call."""
+        """Iterate to convergence; the timed call."""
         robot, solver, task, norm = self.robot, self.solver, self.task, self.np.linalg.norm
         robot.state.q[7:] = q0
         robot.update_kinematics()
@@ -54,11 +54,11 @@ class _Method:
         return robot.state.q[7:].copy(), bool(converged), i
 
     def answer(self, raw: Any) -> Any:
-        """Configuration, claim and iterations of what a call returned."""
+        """Return configuration, claim and iterations of a call."""
         return raw
 
     def fk(self, q: list[float]) -> Any:
-        """Tool pose by its own model."""
+        """Return the tool pose by its own model."""
         self.robot.state.q[7:] = q
         self.robot.update_kinematics()
         return self.robot.get_T_world_frame("tool")

@@ -1,4 +1,4 @@
-"""Serve one method of another package: requests on standard input, answers on standard output, one JSON value a line.
+"""Serve one method of another package: requests on standard input, answers on standard output, one JSON value per line.
 
 Run as ``python -I serve.py METHOD_FILE`` by the interpreter of the environment that has the package. This file and METHOD_FILE
 import nothing of ours: one of the packages has the import name ``optik``, too. METHOD_FILE defines ``METHOD``, a class that is
@@ -43,7 +43,7 @@ def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 
 
 def _solved(method: Any, *problem: Any) -> dict[str, Any]:
-    """Time one call alone: reading the request and writing the answer are outside."""
+    """Time one call, without reading the request and writing the answer."""
     clock, cpu = time.perf_counter_ns, time.process_time_ns
     given = method.prepared(*problem)
     gc.disable()

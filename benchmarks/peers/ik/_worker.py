@@ -1,4 +1,4 @@
-"""Peers in environments of their own: a worker process runs and times their calls, and may crash without ending the run."""
+"""Peers in separate environments: a worker process runs and times their calls, and may crash without ending the run."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def peers_folder() -> Path:
 
 
 class WorkerPeer(Peer):
-    """A peer whose package is in an environment of its own; a subclass only states its facts.
+    """A peer whose package is in a separate environment; a subclass only states its facts.
 
     Attributes
     ----------
@@ -71,12 +71,12 @@ class WorkerPeer(Peer):
 
     @classmethod
     def environment(cls) -> Path:
-        """Folder of its environment, which may not exist."""
+        """Return the folder of the peer's environment, which need not exist."""
         return peers_folder() / cls.name
 
     @classmethod
     def python(cls) -> Path:
-        """Interpreter of its environment, which may not exist."""
+        """Return the interpreter of the peer's environment, which need not exist."""
         return cls.environment() / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
     @classmethod
@@ -88,12 +88,12 @@ class WorkerPeer(Peer):
 
     @classmethod
     def script(cls) -> Path:
-        """File in ``benchmarks/peers/_workers`` that defines its method for the worker process."""
+        """Return the file in ``benchmarks/peers/_workers`` that defines the peer's method for the worker process."""
         return WORKERS / f"{cls.name}.py"
 
     @classmethod
     def version(cls) -> str | None:
-        """Version of its distribution in its environment, read from the metadata there."""
+        """Return the version of the peer's distribution, read from the metadata in its environment."""
         stem = cls.distribution.replace("-", "_")
         found = sorted(cls.environment().glob(f"**/site-packages/{stem}-*.dist-info"))
         return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
@@ -114,15 +114,15 @@ class WorkerPeer(Peer):
         return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations, None if the method does not report it."""
+        """Return the number of iterations; None if the method does not report it."""
         return None if raw["iterations"] is None else int(raw["iterations"])
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the method reports success."""
+        """Return whether the method reports success."""
         return None if raw["claimed"] is None else bool(raw["claimed"])
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the model in the worker process."""
+        """Return the tool pose by the model in the worker process."""
         return np.array(self._worker.fk(q.tolist()))
 
 
@@ -154,7 +154,7 @@ class Worker:
             raise NotInstalled(f"cannot be loaded in its environment: {reply['error']}")
 
     def fk(self, q: list[float]) -> Any:
-        """Tool pose of one configuration."""
+        """Return the tool pose of one configuration."""
         self._ask({"do": "fk", "q": q})
         reply = self._next(LONGEST_CALL) or {"error": "its worker process ended"}
         if "error" in reply:
@@ -216,7 +216,7 @@ class Worker:
 
 
 def _read(stream: Any, lines: queue.SimpleQueue[str]) -> None:
-    """Put lines into a queue, and an empty one when the stream ends."""
+    """Put lines into a queue, and an empty line when the stream ends."""
     for line in stream:
         lines.put(line)
     lines.put("")

@@ -21,7 +21,7 @@ FK_TOLERANCE = 1e-9
 """Largest difference between a peer's forward kinematics and optik's [m, rad]: far above rounding, far below 1e-6."""
 
 FK_CONFIGURATIONS, FK_SEED = 5, 20261
-"""Number of random configurations at which the two are compared, and the seed: a wrong model differs at all of them."""
+"""Number of random configurations for this comparison, and the seed: a wrong model differs at all of them."""
 
 
 class Peer(ABC):
@@ -80,7 +80,7 @@ class Peer(ABC):
 
     @abstractmethod
     def answers(self, raw: Any) -> Array:
-        """Configurations that a call has returned, none for k = 0; one correct configuration suffices. Not timed.
+        """Return the configurations of a call, none for k = 0; one correct configuration suffices. Not timed.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Peer(ABC):
         """
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations of a call, None if the method does not report it.
+        """Return the number of iterations of a call; None if the method does not report it.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Peer(ABC):
         return None
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the method says that a call succeeded, None if it does not say.
+        """Return whether the method reports success of a call; None if it reports nothing.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Peer(ABC):
         return None
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the model that the method solves with, None if it has no forward kinematics of its own.
+        """Return the tool pose by the method's own model; None if it has no forward kinematics.
 
         Parameters
         ----------

@@ -34,15 +34,15 @@ class EAIK(Peer):
         self.call = arm.IK
 
     def answers(self, raw: Any) -> Array:
-        """All branches; for a branch without an exact solution EAIK returns the nearest, which our judgement rejects."""
+        """Return all branches; for one without an exact solution EAIK returns the nearest, which our judgement rejects."""
         return np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n) if len(raw.Q) else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether a branch is exact: EAIK marks the others as least squares."""
+        """Return whether a branch is exact: EAIK marks the others as least squares."""
         return bool(len(raw.Q)) and not bool(np.all(raw.is_LS))
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by EAIK's product of exponentials."""
+        """Return the tool pose by EAIK's product of exponentials."""
         return np.asarray(self.arm.fwdKin(q))
 
 

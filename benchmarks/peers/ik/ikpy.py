@@ -48,16 +48,16 @@ class IKPy(Peer):
         self.call = call
 
     def answers(self, raw: Any) -> Array:
-        """The configuration at which the optimiser ended; IKPy does not say whether it reached the target."""
+        """Return the final configuration of the optimiser; IKPy does not report whether it reached the target."""
         return one(raw)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the chain of IKPy."""
+        """Return the tool pose by the chain of IKPy."""
         return np.asarray(self.chain.forward_kinematics([0.0, *q, 0.0]))
 
 
 def _origin(T: Array) -> tuple[Array, tuple[float, float, float]]:
-    """Translation and roll, pitch, yaw of a fixed transform."""
+    """Return the translation and roll, pitch, yaw of a fixed transform."""
     return T[:3, 3], roll_pitch_yaw(T[:3, :3])
 
 

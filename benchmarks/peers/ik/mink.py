@@ -60,13 +60,13 @@ class Mink(LoopPeer):
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by MuJoCo."""
+        """Return the tool pose by MuJoCo."""
         self.configuration.update(q)
         return np.asarray(self.configuration.get_transform_frame_to_world("tool", "site").as_matrix())
 
 
 def mjcf(robot: Robot) -> str:
-    """MuJoCo model of an arm with the site ``tool``; numbers have all their digits, masses are placeholders."""
+    """Return a MuJoCo model of an arm with the site ``tool``; numbers have all their digits, masses are placeholders."""
     parts = ['<mujoco><compiler angle="radian" autolimits="true"/><worldbody>']
     for i in range(robot.n):
         kind = "slide" if robot.prismatic[i] else "hinge"
@@ -81,7 +81,7 @@ def mjcf(robot: Robot) -> str:
 
 
 def _placement(T: Array) -> str:
-    """Position and unit quaternion, scalar first, as attributes."""
+    """Return position and unit quaternion, scalar first, as XML attributes."""
     w = log_so3(T[:3, :3])
     half = 0.5 * float(np.linalg.norm(w))
     h = [np.cos(half), *(0.5 * np.sinc(half / np.pi) * w)]

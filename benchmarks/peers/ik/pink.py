@@ -61,13 +61,13 @@ class Pink(LoopPeer):
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by Pink's configuration."""
+        """Return the tool pose by Pink's configuration."""
         self.configuration.update(q)
         return np.asarray(self.configuration.get_transform_frame_to_world("tool").homogeneous)
 
 
 def _model(pin: Any, robot: Robot) -> Any:
-    """Pinocchio's model with position limits, no velocity limits, and the frame ``tool``."""
+    """Return Pinocchio's model with position limits, no velocity limits, and the frame ``tool``."""
     model, last, infinite = pin.Model(), 0, np.array([np.inf])
     for i in range(robot.n):
         joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()

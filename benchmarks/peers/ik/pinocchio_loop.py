@@ -17,7 +17,7 @@ CLIK_TOLERANCE = 7e-7
 
 
 class PinocchioLoop(LoopPeer):
-    """The loop of the documentation, tuned: full steps instead of a tenth, and a tolerance of 7e-7."""
+    """The loop of Pinocchio's documentation with two changes: full steps instead of a tenth, and a tolerance of 7e-7."""
 
     distribution = "pin"
     package = "pinocchio"
@@ -45,7 +45,7 @@ class PinocchioLoop(LoopPeer):
         self.pose = pose
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by Pinocchio."""
+        """Return the tool pose by Pinocchio."""
         return self.pose(q)
 
 

@@ -46,12 +46,12 @@ class PlainCasADi(LoopPeer):
         self.limits = robot.limits  # IPOPT relaxes bounds by 1e-8
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the expression that IPOPT is given."""
+        """Return the tool pose by the expression in IPOPT's programme."""
         return np.asarray(self.pose(q))
 
 
 def _tool(ca: Any, robot: Robot, q: Any) -> tuple[Any, Any]:
-    """Expressions of the tool's position (3,) and unit quaternion (4,), scalar first."""
+    """Return expressions of the tool's position (3,) and unit quaternion (4,), scalar first."""
     p, h = ca.SX.zeros(3), ca.SX([1.0, 0.0, 0.0, 0.0])
     for i, fixed in enumerate((*robot.fixed, robot.tool)):
         p, h = p + _rotate(ca, h, ca.SX(fixed[:3, 3])), _product(ca, h, ca.SX(_quaternion(fixed[:3, :3])))
@@ -63,13 +63,13 @@ def _tool(ca: Any, robot: Robot, q: Any) -> tuple[Any, Any]:
 
 
 def _pose_error(ca: Any, p: Any, h: Any, target: Any) -> Any:
-    """Expressions (6,) of the position error, and of twice the vector part of h_t* ∘ h, for a target (7,)."""
+    """Return expressions (6,) of the position error, and of twice the vector part of h_t* ∘ h, for a target (7,)."""
     between = _product(ca, ca.vertcat(target[3], -target[4:]), h)
     return ca.vertcat(p - target[:3], 2.0 * between[1:])
 
 
 def _quaternion(R: Array) -> Array:
-    """Unit quaternion (4,), scalar first."""
+    """Return the unit quaternion (4,), scalar first."""
     w = log_so3(R)
     half = 0.5 * float(np.linalg.norm(w))
     return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * w])

@@ -57,21 +57,21 @@ class PyTracIK(Peer):
         self.call = call
 
     def answers(self, raw: Any) -> Array:
-        """The configuration after the return code; none if the code is negative."""
+        """Return the configuration after the return code; none if the code is negative."""
         values = np.asarray(raw, dtype=np.float64).ravel()
         return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether the return code is not negative."""
+        """Return whether the return code is not negative."""
         return float(np.ravel(raw)[0]) >= 0.0 if np.size(raw) else False
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the KDL chain that TRAC-IK read from the URDF."""
+        """Return the tool pose by the KDL chain that TRAC-IK read from the URDF."""
         return np.asarray(self.module.fk(self.solver, q)).reshape(4, 4)
 
 
 def _single(limits: JointLimits) -> JointLimits:
-    """Limits that are numbers of single precision, in which the package keeps them, just inside the given ones."""
+    """Return the limits in single precision, which the package uses, just inside the given ones."""
     lower, upper = limits.lower.astype(np.float32), limits.upper.astype(np.float32)
     lower = np.where(lower < limits.lower, np.nextafter(lower, np.float32(np.inf)), lower)
     upper = np.where(upper > limits.upper, np.nextafter(upper, np.float32(-np.inf)), upper)
@@ -79,7 +79,7 @@ def _single(limits: JointLimits) -> JointLimits:
 
 
 def _quaternion(T: list[list[float]]) -> tuple[float, float, float, float]:
-    """Quaternion (x, y, z, w) of the rotation in T, from its largest component (Shepperd 1978)."""
+    """Return the quaternion (x, y, z, w) of the rotation in T, from its largest component (Shepperd 1978)."""
     (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = T
     trace = a + e + i
     if trace > max(a, e, i):

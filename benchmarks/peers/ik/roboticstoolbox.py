@@ -36,19 +36,19 @@ class RoboticsToolbox(Peer):
         self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
     def answers(self, raw: Any) -> Array:
-        """The configuration, whether or not the method reports success."""
+        """Return the configuration, whether or not the method reports success."""
         return one(raw[0])
 
     def iterations(self, raw: Any) -> int | None:
-        """Number of iterations over all searches."""
+        """Return the number of iterations over all searches."""
         return int(raw.iterations)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether it reports success."""
+        """Return whether the method reports success."""
         return bool(raw.success)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by the ETS."""
+        """Return the tool pose by the ETS."""
         return np.asarray(self.ets.fkine(q).A)
 
 

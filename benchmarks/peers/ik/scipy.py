@@ -13,9 +13,9 @@ from optik.types import Array
 LSQ_TOLERANCE = 1e-12
 """``ftol``, ``xtol`` and ``gtol``: with the defaults of 1e-8 some answers miss 1e-6 m and rad."""
 LSQ_MARGIN = 1e-9
-"""Distance of the start from the limits [rad, m]: least_squares wants it strictly inside its bounds."""
+"""Distance of the initial guess from the limits [rad, m]: least_squares requires it strictly inside its bounds."""
 LSQ_CLAIM = 1e-6
-"""Norm of the residual below which a user takes the answer as a solution."""
+"""Norm of the residual below which a user accepts a solution."""
 
 
 class ScipyLeastSquares(LoopPeer):

@@ -42,20 +42,20 @@ class SSIK(Peer):
         self.call = partial(_module(arm).solve, max_solutions=1)
 
     def answers(self, raw: Any) -> Array:
-        """The branches inside the limits."""
+        """Return the branches inside the limits."""
         return np.array([solution.q for solution in raw]) if raw else none(self.robot)
 
     def claims(self, raw: Any) -> bool | None:
-        """Whether it returned a branch."""
+        """Return whether the method found a branch."""
         return bool(raw)
 
     def fk(self, q: Array) -> Array | None:
-        """Tool pose by ssik's own model of the arm."""
+        """Return the tool pose by ssik's own model of the arm."""
         return np.asarray(self.arm.fk(q))
 
 
 def _module(arm: Any) -> ModuleType:
-    """The module that ``ssik build`` would generate from a URDF, generated from the arm."""
+    """Return the module that ``ssik build`` would generate from a URDF, generated from the arm."""
     from ssik.core.codegen import emit_artifact
 
     with TemporaryDirectory() as folder:

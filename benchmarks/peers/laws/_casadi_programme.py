@@ -23,7 +23,7 @@ NLP_INTERVALS = 50
 NLP_ITERATIONS = 300
 """Iteration limit of the solver: solves that succeeded took 14 to 150 iterations."""
 SMALLEST_STEP, LARGEST_RATIO = 1e-3, 20.0
-"""Bounds on time steps over the mean step, the upper one also on ṡ over the mean speed: else fatrop may never end."""
+"""Bounds on time steps over the mean step, the upper one also on ṡ over the mean speed: otherwise fatrop may not terminate."""
 
 
 class CasadiProgramme(TimingPeer):
@@ -42,7 +42,7 @@ class CasadiProgramme(TimingPeer):
         self._solver, self._bounds = _built(casadi, self.solver, self.options, limits["velocity"].size)
 
     def call(self, joint_path: JointPath) -> Any:
-        """Derivatives at the nodes, a quintic motion from rest to rest as the initial guess, one solve."""
+        """Solve once for the derivatives at the nodes, with a quintic motion from rest to rest as the initial guess."""
         u = np.linspace(0.0, 1.0, NLP_INTERVALS + 1)
         s = joint_path.end * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
         v, a = 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
@@ -61,7 +61,7 @@ class CasadiProgramme(TimingPeer):
         return np.asarray(answer["x"]).ravel(), s, duration
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), a cubic on each interval."""
+        """Return the trajectory of its s(t), a cubic on each interval."""
         x, s, duration = raw
         unit = joint_path.end
         v, a, steps, jerk = (x[i::4] for i in range(4))
@@ -71,7 +71,7 @@ class CasadiProgramme(TimingPeer):
 
 
 def _shares(joint_path: JointPath, s: Array, limits: dict[str, Array], v: Array, a: Array) -> tuple[Array, float]:
-    """Coefficients (nodes, 6, n) of ṡ, s̈, s⃛ and their products over each limit; duration of the initial guess [s]."""
+    """Return coefficients (nodes, 6, n) of ṡ, s̈, s⃛ and their products, relative to each limit; duration of the guess [s]."""
     q = [joint_path(s, order) * joint_path.end**order for order in (1, 2, 3)]
     V, A, J = (limits[field] for field in DERIVATIVES)
     third = np.gradient(a, 1.0 / NLP_INTERVALS)
@@ -86,7 +86,7 @@ def _shares(joint_path: JointPath, s: Array, limits: dict[str, Array], v: Array,
 
 
 def _built(ca: Any, solver: str, options: dict[str, Any], n: int) -> tuple[Any, dict[str, Array]]:
-    """The solver and the bounds of its constraints; in each stage the dynamics first, then the limits."""
+    """Return the solver and the bounds of its constraints; in each stage the dynamics first, then the limits."""
     K = NLP_INTERVALS
     x = [ca.MX.sym(f"x{k}", 2) for k in range(K + 1)]
     u = [ca.MX.sym(f"u{k}", 2) for k in range(K)]

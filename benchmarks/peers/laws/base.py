@@ -70,7 +70,7 @@ class TimingPeer(ABC):
         """
 
     def took_ms(self, raw: Any) -> float | None:
-        """Time of a call that was measured elsewhere, in a worker process.
+        """Return the time of a call that was measured in a worker process.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class TimingPeer(ABC):
 
     @abstractmethod
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of the motion that a call has returned. Not timed.
+        """Return the trajectory of a call's motion. Not timed.
 
         Parameters
         ----------

@@ -21,7 +21,7 @@ COPP_PASSES = 2
 
 
 class Copp(TimingPeer):
-    """``topp2_ra`` as initial guess, then ``topp3_socp`` linearised there, then once more at its own result."""
+    """``topp2_ra`` as initial guess, then ``topp3_socp`` linearised there, then again linearised at its own result."""
 
     distribution = "copp-py"
     package = "copp_py"
@@ -41,7 +41,7 @@ class Copp(TimingPeer):
         self._limits = limits
 
     def call(self, joint_path: JointPath) -> Any:
-        """Samples, constraints, three solves, and times at the stations."""
+        """Compute samples and constraints, solve three times, and return the times at the stations."""
         copp, stations = self._copp, self.stations
         s = np.linspace(0.0, joint_path.end, stations)
         try:
@@ -63,7 +63,7 @@ class Copp(TimingPeer):
         return s, t, profile
 
     def _constrained(self, joint_path: JointPath, s: Array) -> Any:
-        """Its robot with the path at the stations and all limits that are given."""
+        """Return copp's robot with the path at the stations and all given limits."""
         robot = self._copp.Robot(joint_path.robot.n, capacity=s.size)
         robot.append_s(s)
         q, dq, ddq, dddq = (np.ascontiguousarray(joint_path(s, order)) for order in range(4))
@@ -78,11 +78,11 @@ class Copp(TimingPeer):
         return robot
 
     def _again(self, robot: Any, joint_path: JointPath, s: Array, a: Array) -> Any:
-        """The robot for the next pass, of which ṡ² (k,) is known from the one before: here the same."""
+        """Return the robot for the next pass, with ṡ² (k,) of the previous one; here the same robot."""
         return robot
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them."""
+        """Return the trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them."""
         s, t, profile = raw
         speed = np.sqrt(np.maximum(profile.a, 0.0))
         law = quintic_through(t, s[:, None], speed[:, None], profile.b[:, None])

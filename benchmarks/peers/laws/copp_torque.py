@@ -1,4 +1,4 @@
-"""copp with torque limits: the rows of torque along the path as further rows of second order at its stations."""
+"""copp with torque limits: torque along the path as additional second-order rows at its stations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planners.following.follow import JointPath
 from planners.limits import PathPoints, kind_of
 
 TORQUE_STATIONS = 151
-"""Equally spaced stations in s. With 601 a call takes eight times as long for motions that are 2 % shorter."""
+"""Number of equally spaced stations in s. With 601 a call takes eight times as long for motions that are 2 % shorter."""
 
 
 class CoppTorque(Copp):
@@ -46,7 +46,7 @@ class CoppTorque(Copp):
         return robot
 
     def _rows(self, joint_path: JointPath, s: Array) -> Array | None:
-        """Torques over their limits (k, m, 4) as coefficients of s̈, ṡ², ṡ and 1; None where none is limited."""
+        """Return relative torques (k, m, 4) as coefficients of s̈, ṡ², ṡ and 1; None without torque limits."""
         bound = self._limits.get("torque")
         if bound is None or not np.isfinite(bound).any():
             return None
@@ -54,7 +54,7 @@ class CoppTorque(Copp):
 
 
 def _add(robot: Any, rows: Array, a: Array) -> None:
-    """Add |torque over limit| ≤ 1 as two rows each; ṡ² (k,) is where viscous friction is exact."""
+    """Add |relative torque| ≤ 1 as two rows each; viscous friction is exact at ṡ² (k,)."""
     speed = np.sqrt(np.maximum(a, 0.0))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         viscous = np.where(speed > 0.0, rows[..., 2] / speed, 0.0)

@@ -19,7 +19,7 @@ from planners.timing.base import refit
 from planners.trajectory import Trajectory
 
 MOST_DRAKES = 4
-"""Worker processes of this peer at a time, one for each limits: a block has few, and each holds Drake in memory."""
+"""Number of worker processes of this peer, one for each set of limits: a block has few, and each holds Drake in memory."""
 
 
 class DrakeToppra(TimingPeer):
@@ -43,16 +43,16 @@ class DrakeToppra(TimingPeer):
 
     @classmethod
     def missing(cls) -> str:
-        """Why it cannot be run here, empty where it can."""
+        """Return why the peer cannot run here; empty if it can."""
         return DRAKE.missing()
 
     @classmethod
     def version(cls) -> str | None:
-        """Version of Drake in its environment."""
+        """Return the version of Drake in its environment."""
         return DRAKE.version()
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, and the optimum along it, in the worker process."""
+        """Compute the spline through the samples and the optimum along it, in the worker process."""
         (answer,) = self._worker.solve([(joint_path.knots.tolist(), joint_path(joint_path.knots).tolist())])
         if isinstance(answer.raw, Failed):
             raise NoSolution(f"{answer.raw.outcome}: {answer.raw.error}")
@@ -65,7 +65,7 @@ class DrakeToppra(TimingPeer):
         return float(raw["ns"]) / 1e6
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
+        """Return the trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         t, s, speed = (np.array(raw[name]) for name in ("t", "s", "speed"))
         pieces = np.stack([0.5 * np.diff(speed) / np.diff(t), speed[:-1], s[:-1]])
         return refit(joint_path, PPoly(pieces, t - t[0], extrapolate=True), self._jerk)
@@ -73,7 +73,7 @@ class DrakeToppra(TimingPeer):
 
 @lru_cache(MOST_DRAKES)
 def _worker(velocity: tuple[float, ...], acceleration: tuple[float, ...]) -> Worker:
-    """The worker process for some limits: importing Drake takes a second, and every motion asks for a peer of its own."""
+    """Return the worker process for some limits: importing Drake takes a second, and every motion requests a new peer."""
     limits = {"velocity": velocity, "acceleration": acceleration}
     return Worker(DRAKE.python(), WORKERS / "drake_toppra.py", {"limits": limits})
 

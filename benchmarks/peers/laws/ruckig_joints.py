@@ -1,4 +1,4 @@
-"""Ruckig from the first to the last configuration: the shortest jerk-limited motion in joint space, off the line."""
+"""Ruckig from the first to the last configuration: the shortest jerk-limited motion in joint space. It leaves the line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planners.following.follow import JointPath
 from planners.trajectory import Trajectory
 
 SHORTEST_STEP = 1e-12
-"""Steps shorter than this share of the duration are rounding between joints that change their jerk together."""
+"""Fraction of the duration below which steps are rounding between joints that change their jerk together."""
 
 
 class RuckigJoints(TimingPeer):
@@ -36,7 +36,7 @@ class RuckigJoints(TimingPeer):
         self._limits = limits
 
     def call(self, joint_path: JointPath) -> Any:
-        """One calculation from end to end."""
+        """Compute the motion in one call."""
         n = joint_path.robot.n
         given, found = self._ruckig.InputParameter(n), self._ruckig.Trajectory(n)
         start, goal = joint_path(np.array([0.0, joint_path.end]))
@@ -50,7 +50,7 @@ class RuckigJoints(TimingPeer):
         return found
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its own cubic pieces, cut where any joint changes its jerk."""
+        """Return the trajectory of Ruckig's cubic pieces, divided wherever a joint changes its jerk."""
         joints = [_joint(profile) for profile in raw.profiles[0]]
         knots = np.unique(np.concatenate([[0.0, raw.duration], *(joint.x for joint in joints)]))
         knots = knots[(knots == 0.0) | (np.diff(knots, prepend=0.0) > SHORTEST_STEP * raw.duration)]
@@ -61,7 +61,7 @@ class RuckigJoints(TimingPeer):
 
 
 def _joint(profile: Any) -> PPoly:
-    """Motion of one joint: seven phases of constant jerk."""
+    """Return the motion of one joint: seven phases of constant jerk."""
     t = np.asarray(profile.t)
     used = t > 0.0
     p, v, a, j = (np.asarray(x)[:7][used] for x in (profile.p, profile.v, profile.a, profile.j))
@@ -71,7 +71,7 @@ def _joint(profile: Any) -> PPoly:
 
 
 def _pieces(joint: PPoly, left: Array, half: Array) -> Array:
-    """Coefficients (4, m) on pieces from `left`; jerk and acceleration from their middles, where they do not jump."""
+    """Return coefficients (4, m) on pieces from `left`; jerk and acceleration from their middles, where they do not jump."""
     j, a = joint(left + half, nu=3), joint(left + half, nu=2)
     return np.stack([j / 6.0, (a - j * half) / 2.0, joint(left, nu=1), joint(left)])
 

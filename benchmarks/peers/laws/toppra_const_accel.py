@@ -46,7 +46,7 @@ class ToppraConstAccel(TimingPeer):
             )
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, and the optimum along it."""
+        """Compute the spline through the samples and the optimum along it."""
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
         first, last = path.path_interval
         grid = np.linspace(float(first), float(last), TOPPRA_INTERVALS + 1)
@@ -59,11 +59,11 @@ class ToppraConstAccel(TimingPeer):
         return problem.problem_data
 
     def _all_constraints(self, joint_path: JointPath) -> list[Any]:
-        """Its constraints along a joint path: those that hold on every one."""
+        """Return the constraints for a joint path: those that apply to every path."""
         return self._constraints
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
+        """Return the trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         s, speed = np.asarray(raw.gridpoints), np.asarray(raw.sd_vec)
         steps = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
         pieces = np.stack([0.5 * np.diff(speed) / steps, speed[:-1], s[:-1]])

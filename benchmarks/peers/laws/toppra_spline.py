@@ -16,7 +16,7 @@ from planners.trajectory import Trajectory
 
 
 class ToppraSpline(TimingPeer):
-    """``SplineInterpolator`` through the samples, velocity and acceleration limits, ``ParametrizeSpline`` (its default)."""
+    """``SplineInterpolator`` through the samples with velocity and acceleration limits, and ``ParametrizeSpline`` (default)."""
 
     distribution = "toppra"
     package = "toppra"
@@ -38,7 +38,7 @@ class ToppraSpline(TimingPeer):
         ]
 
     def call(self, joint_path: JointPath) -> Any:
-        """Spline through the samples, optimum along it, spline in time."""
+        """Compute the spline through the samples, the optimum along it, and the spline in time."""
         path = self._toppra.SplineInterpolator(joint_path.knots, joint_path(joint_path.knots))
         found = self._toppra.algorithm.TOPPRA(
             self._constraints, path, parametrizer="ParametrizeSpline"
@@ -48,7 +48,7 @@ class ToppraSpline(TimingPeer):
         return found
 
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Its cubic spline in time, unchanged."""
+        """Return TOPP-RA's cubic spline in time, unchanged."""
         return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
 
 

@@ -50,7 +50,7 @@ class ToppraTorque(ToppraConstAccel):
 
 
 def _dynamics(robot: Robot, load: Load) -> Callable[[Array, Array, Array], Array]:
-    """Inverse dynamics of one load without friction, as TOPP-RA calls it: one state a call."""
+    """Return the inverse dynamics of one load without friction, as TOPP-RA calls it: for one state."""
     state, out, frictionless = np.zeros((1, 4, robot.n)), np.empty((1, 2, robot.n)), np.zeros(robot.n)
 
     def torque(q: Array, dq: Array, ddq: Array) -> Array:

@@ -44,13 +44,13 @@ from planners.cell.iso9283 import POSE_FRACTION, SIMULATED, PoseFigures, describ
 
 
 def claims(run: Run) -> dict[str, Any] | None:
-    """The paper's claims as executed, for every block of spots."""
+    """Show the paper's claims as executed, for every block of spots."""
     found = [f for b in spots_blocks(run) for f in executed_claims(b.rows)]
     return claims_of(found) if found else None
 
 
 def findings(run: Run) -> Sequence[str]:
-    """Verdicts as executed, accuracy and repeatability, and the laws' costs, one sentence for each block."""
+    """Return verdicts as executed, accuracy and repeatability, and the laws' costs, one sentence for each block."""
     found = [
         f"As executed, claim ({f.key}) {f.verdict}: {f.summary}"
         for b in spots_blocks(run)
@@ -80,7 +80,7 @@ def _laws_sentence(b: BlockRows) -> str:
 
 
 def limitations(run: Run) -> Sequence[str]:
-    """What is simulated, and what varies."""
+    """Describe the simulation and its random quantities."""
     found = ["Every execution is simulated; nothing was measured on a real arm."]
     for b in run.of("cell"):
         varies = noise_words(b.block.noise)
@@ -93,11 +93,11 @@ def limitations(run: Run) -> Sequence[str]:
 
 
 COSTS = (("tracking_m", 1e3, "tracking error of the tool [mm]"), ("energy", 1.0, "energy [J]"))
-"""What is drawn against the duration, with the factor to its unit."""
+"""Quantities that are plotted against the duration, with the factor to their unit."""
 
 
 def iso(run: Run) -> dict[str, Any] | None:
-    """Accuracy and repeatability of every block of cycles."""
+    """Show accuracy and repeatability of every block of cycles."""
     blocks = cell_blocks(run, IsoBlock)
     words = [
         f"{b.block.title}: {_cube(b)} Executed on the drive {drives_of(b)}. What varies from cycle to cycle: "
@@ -108,7 +108,7 @@ def iso(run: Run) -> dict[str, Any] | None:
 
 
 def _cube(b: BlockRows) -> str:
-    """The cube in words, its edge from the poses of the rows."""
+    """Describe the cube; its edge is computed from the poses of the rows."""
     poses = b.rows.filter(pl.col("test") == POSE_TEST).unique("point").drop_nulls("point").sort("point")
     points = poses.select("x", "y", "z").to_numpy()
     if len(points) < 2:
@@ -117,7 +117,7 @@ def _cube(b: BlockRows) -> str:
 
 
 def laws(run: Run) -> dict[str, Any] | None:
-    """What the laws cost on the plant."""
+    """Show tracking error, torque and energy of the laws on the plant."""
     blocks = cell_blocks(run, LawsBlock)
     if not blocks:
         return None
@@ -133,7 +133,7 @@ def laws(run: Run) -> dict[str, Any] | None:
 
 
 def _board(b: BlockRows, run: Run) -> Board:
-    """Tracking error and energy against the duration, a point a law and line."""
+    """Plot tracking error and energy against the duration, one point for each law and line."""
     rows, name = b.rows.filter(pl.col("duration").is_not_null()), slug(b.block.id)
     plots = []
     for column, scale, title in COSTS:
@@ -172,7 +172,7 @@ SECTIONS = (
     Section("ISO 9283, simulated", "cell-iso", iso, order=65),
     Section("Time laws on the plant", "cell-laws", laws, order=66),
 )
-"""What was executed, from the claims to the plant."""
+"""Sections on executed motions, from the claims to the plant."""
 
 REPORT = KindReport(
     SECTIONS,

@@ -44,28 +44,28 @@ TOTAL_COLOUR = INK_COLOUR
 """Colour of the whole error."""
 
 WHOLE = "whole"
-"""In place of a budget, of methods that are called as they come."""
+"""Text in place of a budget for methods with default settings."""
 
 
 def done(b: BlockRows) -> pl.DataFrame:
-    """Rows of spots with a known solution that were executed."""
+    """Return the rows of executed spots with a known solution."""
     rows = b.rows.filter(pl.col("known") & pl.col("position_error").is_not_null())
     return rows.with_columns(after=pl.col("budget").cast(pl.String).fill_null(WHOLE))
 
 
 def settings_of(blocks: Sequence[BlockRows], *, whole: bool | None = None) -> list[str]:
-    """Labels of the methods of some blocks, each once."""
+    """Return the labels of the methods of some blocks, each once."""
     return list(dict.fromkeys(m.label for b in blocks for m in b.block.methods if whole is None or m.whole is whole))
 
 
 def after_control(b: BlockRows) -> Control:
-    """The choice of a budget, where a method is chosen that has one."""
+    """Return the choice of a budget, available if a method with budgets is selected."""
     options = tuple((str(k), iterations(k)) for k in b.block.budgets)
     return Control("after", "After", options, when={"method": settings_of([b], whole=False)})
 
 
 def shown_at(setting: str, after: str) -> dict[str, list[str]]:
-    """Values of the controls at which one method is shown at one budget."""
+    """Return the values of the controls that select one method at one budget."""
     return {"method": [setting]} | ({} if after == WHOLE else {"after": [after]})
 
 
@@ -75,15 +75,15 @@ def millimetres(values: pl.Series) -> np.ndarray:
 
 
 SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = "var(--c1)", "var(--c2)", "var(--alarm)"
-"""Colours of the spot, the planned path and the beam; the executed path is in the colour of ink."""
+"""Colours of the spot, the planned path and the beam; the executed path has the colour of text."""
 
 
 EYE = {"x": 1.7, "y": -2.0, "z": 1.0}
-"""Where the eye is, in units of the scene: far enough that the laser unit and all spots are in view."""
+"""Position of the eye, in units of the scene: far enough to see the laser unit and all spots."""
 
 
 def space(run: Run) -> dict[str, Any] | None:
-    """A picture in space of every block of spots."""
+    """Show a picture in space of every block of spots."""
     boards = [_space_board(b, run) for b in spots_blocks(run) if not _kept(b).is_empty()]
     return {"words": (), "boards": boards, "tables": ()} if boards else None
 
@@ -93,14 +93,14 @@ def _kept(b: BlockRows) -> pl.DataFrame:
 
 
 def _everywhere(rows: pl.DataFrame, labels: list[str]) -> list[int]:
-    """Spots to which every method has a path, the nearest first; all spots where there is none."""
+    """Return the spots to which every method has a path, the nearest first; all spots if there is none."""
     every = rows.group_by("problem", maintain_order=True).agg(pl.col("setting").n_unique())
     found: list[int] = every.filter(pl.col("setting") == len(labels))["problem"].to_list()
     return found or every["problem"].to_list()
 
 
 def _points(values: Any) -> Array:
-    """Flat numbers as points (k, 3) [mm]."""
+    """Return flat numbers as points (k, 3) [mm]."""
     return 1e3 * np.array(values, dtype=float).reshape(-1, 3)
 
 
@@ -164,17 +164,17 @@ SPLIT_BINS = 8
 """Bins of equal count over the distance."""
 
 MOST_REASONS = 4
-"""Reasons that are named why trials were not executed: the most frequent ones."""
+"""Number of reasons that are named for trials without an execution: the most frequent ones."""
 
 LEAST_MM = 1e-6
-"""Parts below a nanometre are drawn here: no plant is that exact, and the axis must end somewhere [mm]."""
+"""Least value of a plot [mm]: no plant is exact to a nanometre, and the axis must end somewhere."""
 
 SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "position_error"}
 """Columns of the lengths of the parts and of the whole."""
 
 
 def split(run: Run) -> dict[str, Any] | None:
-    """The parts of the error of every block of spots."""
+    """Show the parts of the error of every block of spots."""
     blocks = [b for b in spots_blocks(run) if not done(b).is_empty()]
     if not blocks:
         return None
@@ -192,7 +192,7 @@ def split(run: Run) -> dict[str, Any] | None:
 
 
 def _not_executed(b: BlockRows) -> str:
-    """How many trials of each method were not executed, and why, the place left out."""
+    """Describe how many trials of each method were not executed, and why, without the place of the failure."""
     lost = b.rows.filter(pl.col("known") & pl.col("position_error").is_null())
     if lost.is_empty():
         return ""
@@ -281,7 +281,7 @@ MOST_BUDGETS = 5
 
 
 def axes(run: Run) -> dict[str, Any] | None:
-    """Fig. 10, and Fig. 11 to 13, of every block of spots."""
+    """Show Fig. 10 to 13 of every block of spots."""
     blocks = [b for b in spots_blocks(run) if not done(b).is_empty() and settings_of([b], whole=False)]
     if not blocks:
         return None
@@ -294,7 +294,7 @@ def axes(run: Run) -> dict[str, Any] | None:
 
 
 def _positions(b: BlockRows) -> Board:
-    """Spots and executed tools, seen along each base axis."""
+    """Plot spots and executed tools, seen along each base axis."""
     rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
     plots = []
     for normal in AXES:
@@ -332,7 +332,7 @@ def _positions(b: BlockRows) -> Board:
 
 
 def _errors(b: BlockRows) -> Board:
-    """Error on each axis against the distance, for several budgets."""
+    """Plot the error on each axis against the distance, for several budgets."""
     rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
     budgets = list(b.block.budgets)
     if len(budgets) > MOST_BUDGETS:

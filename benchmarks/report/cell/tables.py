@@ -1,4 +1,4 @@
-"""Tables of the executed cell: spots by method and budget, figures of ISO 9283, and what each time law costs."""
+"""Tables of the executed cell: spots by method and budget, figures of ISO 9283, and the costs of each time law."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NOISE_WORDS = {
     "encoder_counts": ("encoder resolution", 1.0, "counts per turn"),
     "encoder_angle": ("σ of encoder readings", 1e6, "µrad"),
 }  # fmt: skip
-"""What varies, in words, with the factor to its unit."""
+"""Random quantities of a trial in words, with the factor to their unit."""
 
 
 SPOT_COLUMNS = (
@@ -95,17 +95,17 @@ COST_COLUMNS = (
 
 
 def cell_blocks(run: Run, kind: type[CellBlock]) -> list[BlockRows]:
-    """Blocks of one class that have rows."""
+    """Return the blocks of one class that have rows."""
     return [b for b in run.of("cell") if isinstance(b.block, kind)]
 
 
 def spots_blocks(run: Run) -> list[BlockRows]:
-    """Blocks of spots that have rows."""
+    """Return the blocks of spots that have rows."""
     return cell_blocks(run, SpotsBlock)
 
 
 def noise_words(noise: Noise) -> str:
-    """What varies from trial to trial, in words."""
+    """Describe the random quantities of a trial."""
     words = []
     for name in NOISE_WORDS:
         value = getattr(noise, name)
@@ -117,14 +117,14 @@ def noise_words(noise: Noise) -> str:
 
 
 def drives_of(b: BlockRows) -> str:
-    """The drive of a block in words."""
+    """Describe the drive of a block."""
     names = b.rows["drive"].drop_nulls().unique().sort().to_list()
     ideal = " (without masses: no servo error, torque or energy; friction and payload have no effect)"
     return " and ".join(name + (ideal if name == "ideal" else "") for name in names)
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """All tables of the executed cell."""
+    """Return all tables of the executed cell."""
     found = [spots_table(b) for b in spots_blocks(run)] + [iso_table(b) for b in cell_blocks(run, IsoBlock)]
     return [*found, *(table for b in cell_blocks(run, LawsBlock) for table in law_tables(b, run))]
 
@@ -135,7 +135,7 @@ def _budget_words(budget: Any, along: bool) -> str:
 
 
 def spots_table(b: BlockRows) -> Table:
-    """Spots by method and budget."""
+    """Return spots by method and budget."""
     rows = []
     known = b.rows.filter("known")
     for (setting, budget), part in known.group_by("setting", "budget", maintain_order=True):
@@ -176,7 +176,7 @@ def _median(rows: pl.DataFrame, column: str) -> float | None:
 
 
 def iso_table(b: BlockRows) -> Table:
-    """Accuracy and repeatability of each pose and of the path."""
+    """Return accuracy and repeatability of each pose and of the path."""
     rows: list[dict[str, Cell]] = []
     for label in b.block.labels:
         part = b.rows.filter(pl.col("method") == label)
@@ -210,7 +210,7 @@ def _where(part: pl.DataFrame, point: int) -> str:
 
 
 def law_tables(b: BlockRows, run: Run) -> list[Table]:
-    """What each law costs on the plant: as fast as it is, and slowed to the same duration."""
+    """Return the costs of each law on the plant: at its own duration, and slowed to a common one."""
     found, limits = [], _torque_limits(run, b.block.robot)
     for timed, words in (
         (OWN_TIME, "each law's own duration"),
@@ -238,7 +238,7 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
 
 
 def _torque_limits(run: Run, robot: str) -> Array | None:
-    """Largest torque of each motor (n,) [N·m, N]; None where the arm states none."""
+    """Return the largest torque of each motor (n,) [N·m, N]; None if the arm states none."""
     torque = run.robot(robot).limits.torque
     return None if torque is None else np.abs(np.atleast_2d(np.asarray(torque, dtype=float))).max(axis=0)
 
@@ -249,7 +249,7 @@ def _lines(rows: pl.DataFrame) -> str:
 
 
 def _law(law: str, rows: pl.DataFrame, limits: Array | None) -> dict[str, Any]:
-    """The row of one law."""
+    """Return the row of one law."""
     still, noisy = rows.filter(pl.col("repeat") == 0), rows.filter(pl.col("repeat") > 0)
     row: dict[str, Cell] = {
         "label": law, "duration": _median(still, "duration"), "tracking": _most(still, "tracking_m", 1e3),
@@ -274,7 +274,7 @@ def _law(law: str, rows: pl.DataFrame, limits: Array | None) -> dict[str, Any]:
 
 
 def _over(torques: pl.Series, limits: Array) -> float:
-    """The largest torque of several motions over its limit."""
+    """Return the largest ratio of torque to limit over several motions."""
     return float((np.array(torques.drop_nulls().to_list()) / limits).max())
 
 

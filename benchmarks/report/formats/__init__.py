@@ -1,1 +1,1 @@
-"""The report in other formats than the page: Markdown with figures, CSV and LaTeX tables, written into the run folder."""
+"""Other formats of the report: Markdown with figures, CSV and LaTeX tables, written into the run folder."""

@@ -22,10 +22,10 @@ MARKDOWN = "report.md"
 """Name of the report in the run folder."""
 
 FIGURES_FOLDER = "report-figures"
-"""Folder of the run that has its figures."""
+"""Folder of figures in the run folder."""
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]#|~$])")
-"""Characters that Markdown reads as marks."""
+"""Characters that have a meaning in Markdown."""
 
 
 @forbid_code()
@@ -75,7 +75,7 @@ def _head(run: Run, winners: Table | None) -> str:
 
 
 def _shown_in(context: Any) -> Iterator[Board | Table]:
-    """Boards and tables of what a section shows, in its order; boards first."""
+    """Return the boards and tables of a section in its order, boards first."""
     found = list(_within(context))
     yield from (one for one in found if isinstance(one, Board))
     yield from (one for one in found if isinstance(one, Table))
@@ -93,7 +93,7 @@ def _within(data: Any) -> Iterator[Board | Table]:
 
 
 def markdown_of(table: Table) -> str:
-    """A table as Markdown, without the columns that the page shows only on request; the best in bold."""
+    """Return a table as Markdown, without the columns shown on request; the best value is bold."""
     shown = shown_table(table)
     columns = [(k, column) for k, column in enumerate(table.columns) if not column.aside]
     heads = [marked(f"{c.words} [{c.unit}]" if c.unit else c.words) for _, c in columns]
@@ -113,6 +113,6 @@ def _cell(cell: ShownCell) -> str:
 
 
 def marked(text: str) -> str:
-    """Text as Markdown shows it."""
+    """Return text with Markdown's special characters escaped."""
     safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return " ".join(_SPECIAL.sub(r"\\\1", safe).split())

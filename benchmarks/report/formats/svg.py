@@ -1,4 +1,4 @@
-"""Boards of the page as SVG by matplotlib: their plots side by side, as they stand before a reader chooses anything."""
+"""Boards of the page as SVG by matplotlib: their plots side by side, at the initial choices."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ MARKERS = dict(zip(SYMBOLS, "osD^P*Xp", strict=True)) | {"x-thin": "x", "circle-
 """Markers of matplotlib by those of Plotly."""
 
 PER_ROW = 3
-"""Plots that stand side by side."""
+"""Number of plots side by side."""
 
 TITLE_WIDTH = 52
-"""Characters of a title in one line above a plot."""
+"""Number of characters in a line of a plot's title."""
 
 PANEL_INCHES = (4.6, 3.6)
 """Width and height of one plot."""
 
 
 def draw(board: Board) -> str:
-    """A board as SVG; the same board gives the same text."""
+    """Return a board as SVG; the same board gives the same text."""
     try:
         import matplotlib as mpl
         from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -55,12 +55,12 @@ def draw(board: Board) -> str:
 
 
 def fits(when: When, state: Json) -> bool:
-    """Whether something is shown at these choices."""
+    """Return whether something is shown at these choices."""
     return all(state.get(key) in values for key, values in when.items())
 
 
 def colour_of(text: Any) -> Any:
-    """A colour as matplotlib has it."""
+    """Return a colour in matplotlib's form."""
     if isinstance(text, str) and (found := re.fullmatch(r"var\((--[\w-]+)\)", text)):
         text = _theme()[found[1]]
     if isinstance(text, str) and text.startswith("rgba("):
@@ -70,13 +70,13 @@ def colour_of(text: Any) -> Any:
 
 
 def _theme() -> dict[str, str]:
-    """Variables of the page's light theme."""
+    """Return variables of the page's light theme."""
     style = files("benchmarks.report").joinpath("templates", "page.css").read_text(encoding="utf-8")
     return {name: value.strip() for name, value in re.findall(r"(--[\w-]+):\s*([^;]+);", style.split("@media")[0])}
 
 
 def _words(text: str) -> str:
-    """Text that matplotlib does not read as a formula."""
+    """Return text that matplotlib does not interpret as a formula."""
     return text.replace("$", r"\$")
 
 
@@ -210,7 +210,7 @@ class _Panel:
             axes.set_aspect("equal")
 
     def _shape(self, shape: Json) -> None:
-        """Level lines and bands; what is drawn does not widen the axes."""
+        """Draw level lines and bands; they do not widen the axes."""
         if shape.get("xref") != "paper":
             return
         limits = self.axes.get_ylim()

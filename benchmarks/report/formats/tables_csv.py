@@ -1,4 +1,4 @@
-"""Every table of a run as CSV: exact values, the ends of an interval in columns of their own."""
+"""Every table of a run as CSV: exact values; the ends of an interval have separate columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.report.takeout import all_tables
 from optik.plugins.files import forbid_code
 
 TABLES_FOLDER = "tables"
-"""Folder of the run that has tables in other formats."""
+"""Folder in the run folder with tables in other formats."""
 
 
 @forbid_code()
@@ -31,7 +31,7 @@ def write_table(folder: RunFolder, name: str, ending: str, text: str) -> Path:
 
 
 def csv_of(table: Table) -> str:
-    """A table as CSV: all its columns, in their order."""
+    """Return a table as CSV with all its columns, in their order."""
     wide = {column.key for column in table.columns if any(isinstance(r.get(column.key), tuple) for r in table.rows)}
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -55,7 +55,7 @@ def _values(row: Mapping[str, Cell], key: str, wide: bool) -> list[str]:
 
 
 def _exact(value: Cell) -> str:
-    """A value with all its digits; NaN as programs write it."""
+    """Return a value with all its digits; NaN is written as in programs."""
     if value is None or isinstance(value, str):
         return value or ""
     if isinstance(value, tuple):

@@ -1,4 +1,4 @@
-"""Every table of a run as LaTeX, for a paper: package booktabs, digits as the page shows them, the best in bold."""
+"""Every table of a run as LaTeX, for a paper: package booktabs, digits as on the page, the best values bold."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ LATEX = {
     "ε": r"$\varepsilon$", "θ": r"$\theta$", "ω": r"$\omega$", "…": r"\ldots{}", "“": "``", "”": "''", "→": r"$\to$",
     "\n": " ", "\r": " ",
 }  # fmt: skip
-"""Characters that LaTeX reads as commands, or that its usual fonts do not have."""
+"""Characters with a meaning in LaTeX, or without a glyph in its usual fonts."""
 
 _POWER = re.compile(r"·?10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)")
-"""A power of ten as the page writes it."""
+"""Regular expression of a power of ten on the page."""
 
 _LOWERED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-"""Raised digits, as LaTeX writes them in an exponent."""
+"""Superscript digits of the page, and their form in a LaTeX exponent."""
 
 
 @forbid_code()
@@ -38,7 +38,7 @@ def write_tex(folder: RunFolder) -> list[Path]:
 
 
 def tex_of(table: Table) -> str:
-    """A table as LaTeX, without the columns that the page shows only on request."""
+    """Return a table as LaTeX, without the columns shown on request."""
     shown = shown_table(table)
     columns = [(k, column) for k, column in enumerate(table.columns) if not column.aside]
     heads = [escaped(f"{c.words} [{c.unit}]" if c.unit else c.words) for _, c in columns]
@@ -70,7 +70,7 @@ def _cell(cell: ShownCell) -> str:
 
 
 def escaped(text: str) -> str:
-    """Text as LaTeX prints it."""
+    """Return text with LaTeX's special characters escaped."""
     out, end = [], 0
     for found in _POWER.finditer(text):
         out.append(_plain(text[end : found.start()]))

@@ -1,4 +1,4 @@
-"""Sections on the error of each axis against distance and budget, and on the damping against the distance to a singularity."""
+"""Sections on the error of each axis against distance and budget, and on the damping near a singularity."""
 
 from __future__ import annotations
 
@@ -296,7 +296,7 @@ def _words(figures: dict[str, float]) -> str:
 
 
 def _best_everywhere(strata: list[str], constants: dict[str, float], others: list[str], table: Figures) -> str:
-    """Name the damping whose worst stratum is best, and the rates of the other methods in theirs."""
+    """Name the damping with the best success rate in its worst stratum, and the same rate of the other methods."""
     lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
     best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
     text = f"{best} has the highest success rate in its worst stratum, {percent(lowest[best])}"

@@ -1,4 +1,4 @@
-"""Section on recorded answers: success at three tolerances, the distribution of the errors, and who solves most."""
+"""Section on recorded answers: success at three tolerances, the distribution of the errors, and the best methods."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _cells(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _winners(run: Run) -> list[Winner]:
-    """Return who solves the most problems of each block, of those that all methods were given."""
+    """Return the methods that solve the most problems of each block, of those given to all methods."""
     found = []
     for b in run.of("answers"):
         who = ranked(dict(b.rows.select("method", "count").iter_rows()))
@@ -80,7 +80,7 @@ def _winners(run: Run) -> list[Winner]:
 
 
 def _board(run: Run, found: list[BlockRows]) -> Board:
-    """Plot the percentage of the problems whose answer is inside the limits and nearer than a distance."""
+    """Plot the percentage of problems whose answer is inside the limits, against the distance to the target."""
     layout = {
         "xaxis": log_axis("position error [m]", range=[-16, 1], dtick=3),
         "yaxis": axis("problems [%]", range=[0, 101]),

@@ -67,7 +67,7 @@ def _rows(b: BlockRows) -> list[dict[str, Any]]:
 
 
 def _winners(run: Run) -> list[Winner]:
-    """Return who solves most a second, where batches of the same problems by several methods are in the suite."""
+    """Return the methods that solve most problems per second, for batches of the same problems by several methods."""
     groups: dict[str, list[BlockRows]] = {}
     for b in run.of("batch"):
         groups.setdefault(repr((b.block.robot, b.block.set, sorted(b.block.options.items()))), []).append(b)

@@ -1,4 +1,4 @@
-"""Sections on iteration budgets: methods side by side, what solved means, what was run, and the paper beside this report."""
+"""Sections on iteration budgets: comparison of methods, definition of success, summary, and counterparts of the paper."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ENDINGS = {
 """Ways in which a solve ends: in words, and the colour of each."""
 
 NO_SOLUTION = "no known solution"
-"""What the plot of endings calls the problems without one."""
+"""Name of problems without an ending in the plot of endings."""
 
 METHOD_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -199,7 +199,7 @@ def _rates(b: BudgetRows) -> str:
 
 
 def _limitations(run: Run) -> list[str]:
-    """Say what a reader should know before quoting rates and iterations."""
+    """List the limitations of rates and iterations."""
     blocks: list[BudgetRows] = run.of("budgets")
     items = [
         "In blocks with iteration budgets every method gets one attempt from the given start, without restarts: the paper's "
@@ -251,7 +251,7 @@ def _tables(run: Run) -> list[Table]:
 
 
 def _paper(run: Run) -> dict[str, Any] | None:
-    """Show what of this report answers each figure, equation and claim of the paper, with links to what the page has."""
+    """Show the counterpart of each figure, equation and claim of the paper in this report, with links."""
     verdicts = {f"claim ({f.key})": f.verdict for f in run.findings}
     if all(verdict == UNTESTED for verdict in verdicts.values()):
         return None

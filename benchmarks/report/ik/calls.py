@@ -1,4 +1,4 @@
-"""Section on single calls: success and time of every method, paired tests, failures by kind of problem, and who wins."""
+"""Section on single calls: success and time of every method, paired tests, failures by kind of problem, and winners."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ LABEL = Column("label", "Method", show="text")
 """First column of every table."""
 
 GIVEN = Column("given", "given as many problems as any", show="text", aside=True)
-"""Whether a method was given as many problems as any: of the others no value is marked as the best of its column."""
+"""Whether a method was given the largest number of problems; no value of the others is marked as the best of its column."""
 
 CellsOf = Callable[[str, pl.DataFrame], dict[str, Cell]]
-"""From the label and the rows of an entry to its cells."""
+"""Function from the label and the rows of an entry to its cells."""
 
 # ---------------------------------------------------------------- tables
 
@@ -59,7 +59,7 @@ def _table(
     b: CallRows, ending: str, title: str, columns: Iterable[Column], cells: CellsOf, note: str,
     *, parts: Mapping[str, pl.DataFrame] | None = None, absent: str = "",
 ) -> Table:  # fmt: skip
-    """Return one row for each entry, of one without rows the reason; the best is marked among those given the same problems."""
+    """Return one row for each entry, with the reason if it has no rows; the best is marked among those given the same ones."""
     first, *others = columns
     found = b.by_method if parts is None else parts
     most = max(map(len, found.values()), default=0)
@@ -129,7 +129,7 @@ def _success_cells(b: CallRows, label: str, part: pl.DataFrame) -> dict[str, Cel
 
 
 def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
-    """Return what calls claimed, how they ended and what they did to their inputs, as far as a run has kept it."""
+    """Return the reported successes, the endings and the side effects on inputs of all calls in the stored rows."""
     cells: dict[str, Cell] = {}
     if "claimed" in part.columns and not part["claimed"].is_null().all():
         cells["false_claims"] = int((part["claimed"].fill_null(value=False) & ~part["solved"]).sum())
@@ -148,12 +148,12 @@ def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
 
 
 def _varies(about: Mapping[str, Any]) -> str:
-    """Return what a method's answers depend on besides its inputs, in words."""
+    """Describe the influences on a method's answers besides its inputs."""
     return ", ".join(words for key, words in (("clocked", "the clock"), ("random", "random numbers")) if about.get(key))
 
 
 def _note(b: CallRows) -> str:
-    """Return what a reader must know: problems, intervals, and what methods did that a reader would not expect."""
+    """Return the notes of a table: problems, intervals, and unexpected behaviour of methods."""
     block, rounds = b.block, b.block.rounds
     sentences = [
         f"{b.facts['count']:,} problems of {short_name(block.set).replace('_', ' ')} on {short_name(block.robot)}; "
@@ -176,7 +176,7 @@ def _note(b: CallRows) -> str:
 
 
 def conspicuous(part: pl.DataFrame, varies: str) -> Iterable[str]:
-    """Yield what a method did that its times or rates alone do not show."""
+    """Yield unexpected behaviour of a method that its times and rates alone do not show."""
     cells = _conduct(part)
     for outcome, first in (("raised", ", first"), ("crashed", "")):
         if cells.get(outcome) and "error" in part.columns:
@@ -323,7 +323,7 @@ def _pair(part: pl.DataFrame, reference: pl.DataFrame) -> dict[str, Any]:
 
 
 def _compared(run: Run) -> Table:
-    """Return every method and peer once, and again where its settings differ between blocks."""
+    """Return every method and peer once, or several times if its settings differ between blocks."""
     found: dict[tuple[str, str], dict[str, Cell]] = {}
     for b in run.of("calls"):
         for label, about in b.entries.items():
@@ -334,7 +334,7 @@ def _compared(run: Run) -> Table:
 
 
 def tables(run: Run) -> list[Table]:
-    """Return the tables of all blocks, and one of what was compared."""
+    """Return the tables of all blocks, and one of the compared methods."""
     blocks = run.of("calls")
     return [table for b in blocks for table in block_tables(b)] + ([_compared(run)] if blocks else [])
 
@@ -349,7 +349,7 @@ def winners(run: Run) -> list[Winner]:
 
 
 def block_winners(b: CallRows) -> list[Winner]:
-    """Return who solves most, and who is fastest among those that McNemar's test does not tell from the best.
+    """Return two winners: the method that solves most, and the fastest method not significantly different from it.
 
     Methods are compared on the problems that all of them were given, times on those that all of them solved as well.
     """
@@ -381,7 +381,7 @@ def _fastest(b: CallRows, rows: pl.DataFrame, labels: tuple[str, ...]) -> Winner
 
 
 def _problems(part: pl.DataFrame, count: int) -> str:
-    """Return which problems are compared: how many of how many, and of how many a solution is known."""
+    """Describe the compared problems: how many of how many, and how many with a known solution."""
     words = f"the same {len(part):,}{f' of {count:,}' if len(part) < count else ''} problems for all"
     known = int(part["known"].sum())
     if known == len(part):
@@ -398,7 +398,7 @@ TIMING_RULES = (
     "full turns are added where they bring a joint inside its limits. Slow methods are given fewer problems; a ratio of "
     "medians is computed on the problems that both methods were given. Building time includes the first import of a package."
 )
-"""How calls are timed and judged."""
+"""Rules of timing and judging calls."""
 
 LIMITATIONS_OF_CALLS = (
     "Calls are timed in a loop over different targets, with code and tables in the processor's caches. A single call "
@@ -408,7 +408,7 @@ LIMITATIONS_OF_CALLS = (
     "Closed-form peers compute every branch, our methods one solution near the start. A peer that starts threads is "
     "timed with them. Peers have the settings that served them best on the paper's arm; their rows state them.",
 )
-"""What a reader should know before quoting a figure."""
+"""Limitations of the figures."""
 
 
 def _success_plot(run: Run) -> dict[str, Any] | None:
@@ -418,7 +418,7 @@ def _success_plot(run: Run) -> dict[str, Any] | None:
 
 
 def _calls(run: Run) -> dict[str, Any] | None:
-    """Show performance profiles, errors and singular values, tables of every block, and what was compared."""
+    """Show performance profiles, errors and singular values, tables of every block, and the compared methods."""
     blocks = run.of("calls")
     if not blocks:
         return None
@@ -432,7 +432,7 @@ def _rules(run: Run) -> dict[str, Any]:
 
 
 SPEED = Section("Speed of one call", "speed", _rules, order=19)
-"""The end of the section on speed; every kind that stands in it names it among its sections."""
+"""The end of the section on speed; every kind in this section includes it."""
 
 REPORT = KindReport(
     (

@@ -17,7 +17,7 @@ from benchmarks.statistics import percentage, performance_profile
 from optik.types import Array
 
 PLOT_ROOM = 0.03
-"""Room beside the curves, as a fraction of the width of a plot [1]."""
+"""Margin beside the curves, as a fraction of the width of a plot [1]."""
 
 LEAST_ERROR = 1e-12
 """Errors below this [m, rad] are drawn here: they are rounding, not a result."""
@@ -29,10 +29,10 @@ SIGMA_BINS = 12
 """Bins of the smallest singular value, each as wide as the others on a logarithmic axis."""
 
 FEWEST_IN_BIN = 10
-"""Problems of a bin from which a rate is drawn: of fewer it says little."""
+"""Least number of problems in a bin with a plotted rate: with fewer it is not informative."""
 
 PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
-"""From a block, a label and its rows to what is drawn of them; nothing is drawn where it is empty."""
+"""Function from a block, a label and its rows to the plotted values; if they are empty, nothing is drawn."""
 
 
 def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Plot:
@@ -81,7 +81,7 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
 
 
 def _widened(low: float, high: float) -> list[float | None]:
-    """Return a range with room at both ends, so that no curve ends in the frame."""
+    """Return a range with margins at both ends, so that no curve ends at the frame."""
     room = max(PLOT_ROOM * (high - low), 0.05)
     return lean([low - room, high + room])
 
@@ -142,7 +142,7 @@ def errors(blocks: list[CallRows], run: Run) -> Board:
 
 
 def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
-    """Return the percentage solved by the smallest singular value at the solution from which a target was made."""
+    """Return the percentage solved against the smallest singular value at the solution that generated the target."""
     known = [b for b in blocks if b.rows["sigma"].is_finite().any() and not b.rows["solved"].all()]
 
     def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
@@ -168,7 +168,7 @@ def _singular_edges(rows: pl.DataFrame) -> Array:
 
 
 def by_sigma(part: pl.DataFrame, edges: Array) -> list[tuple[float, float, float, float, int]]:
-    """Return the middle, the percentage solved with its interval and the count of every bin that has enough problems."""
+    """Return the middle, the percentage solved with its interval and the count of every bin with enough problems."""
     own = part.filter(pl.col("sigma").is_finite())
     number = np.searchsorted(edges, np.maximum(own["sigma"].to_numpy(), LEAST_ERROR), side="right") - 1
     solved, found = own["solved"].to_numpy(), []

@@ -1,4 +1,4 @@
-"""Section: whether the default is better than the paper's iteration, on the same targets from the same start."""
+"""Section: comparison of the default method with the paper's iteration, on the same targets from the same initial guess."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from optik.registry import short_name
 from optik.types import Flags
 
 PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
-"""Names of the paper's iteration and of the method that is used where none is named."""
+"""Names of the paper's iteration and of the default method."""
 
 DEFAULT_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -40,14 +40,14 @@ DEFAULT_COLUMNS = (
 
 
 def comparisons(run: Run) -> list[BudgetRows]:
-    """Return the blocks that compare methods; all blocks where each varies the options of one method."""
+    """Return the blocks that compare methods; all blocks if each varies the options of one method."""
     blocks: list[BudgetRows] = run.of("budgets")
     return [b for b in blocks if not b.block.is_sweep] or blocks
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The labels of the paper's iteration, of the default with one attempt, and of the default as it comes, on one block.
+    """Labels of the paper's iteration, of the default with one attempt, and of the default with default settings, on one block.
 
     The last is empty where the block does not have it.
     """
@@ -64,7 +64,7 @@ class Pair:
 
     @cached_property
     def given(self) -> pl.DataFrame:
-        """Rows at the largest budget on the problems with a known solution that all of them were given."""
+        """Rows at the largest budget of the problems with a known solution that were given to all of them."""
         return self.rows.given(self.labels)
 
     def solved(self, label: str) -> Flags:

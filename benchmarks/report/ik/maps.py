@@ -1,4 +1,4 @@
-"""Sections on the sheets of graph paper: reached spots, positions of the tool (Fig. 10), errors (Fig. 11 to 13), iterations."""
+"""Sections on the sheets of graph paper: reached spots, tool positions (Fig. 10), errors (Fig. 11 to 13), iterations."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from optik.arm.robot import Robot
 from optik.types import Array
 
 MAP_ITERATIONS = "iterations to 1e−6 m and rad"
-"""What a map can show beside the errors."""
+"""Quantities of a map besides the errors."""
 
 MAP_ERRORS = {"error_x": "error in X (Fig. 11)", "error_y": "error in Y (Fig. 12)", "error_z": "error in Z (Fig. 13)"}
-"""Columns of the errors that a map can show, and what the control calls them."""
+"""Columns of the errors of a map, and their names in the control."""
 
 MAP_BUDGETS = 4
 """Budgets after which positions and errors are shown: the first, the last and two between, as neighbours look alike."""
@@ -36,7 +36,7 @@ ITERATION_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 """Numbers on the scale of iterations."""
 
 POSITION_METHODS = 2
-"""Methods whose positions are shown: the paper's iteration and the default; more would only repeat them."""
+"""Methods whose positions are shown: the paper's iteration and the default. More methods would look the same."""
 
 START_KEY = Key("tool at the start", "#fff", "ring")
 """Entry of a legend for the tool at the start."""
@@ -62,7 +62,7 @@ class Sheet:
 
     @property
     def hover(self) -> str:
-        """A square of it, in the words of a tooltip."""
+        """Return a square of the sheet in the words of a tooltip."""
         return f"{self.u} %{{x:.0f}} mm, {self.v} %{{y:.0f}} mm<br>"
 
 
@@ -112,7 +112,7 @@ class Squares:
 
     @property
     def options(self) -> Json:
-        """Where a heat map stands."""
+        """Options that place a heat map."""
 
         def step(ticks: Array) -> float:
             return float(round((ticks[-1] - ticks[0]) / (len(ticks) - 1), 4)) if len(ticks) > 1 else 1.0
@@ -138,7 +138,7 @@ class Squares:
 
 
 def picture(run: Run) -> dict[str, Any] | None:
-    """Show which spots of the sheet through the tool the default and the paper's iteration reach."""
+    """Show the spots of the sheet through the tool that the default and the paper's iteration reach."""
     found = [pair for pair in pairs(run) if sheets_of(pair.rows)]
     return {"boards": [_picture_board(found[0], run)]} if found else None
 
@@ -196,7 +196,7 @@ def _plane_plots(name: str, b: BudgetRows, robot: Robot) -> tuple[dict[str, Plot
 
 
 def _positions_board(b: BudgetRows, robot: Robot) -> Board:
-    """Plot the spots on the graph paper, and where the tool is when the budget ends a run."""
+    """Plot the spots on the graph paper, and the tool's position when the budget ends a run."""
     solvers = dict(b.rows.select("method", "solver").unique().iter_rows())
     preferred = [next((m for m in b.budgeted if solvers[m] == name), "") for name in ("dls", "lm")]
     methods = list(dict.fromkeys([*(m for m in preferred if m), *b.budgeted]))[:POSITION_METHODS]
@@ -275,7 +275,7 @@ def _maps_board(b: BudgetRows, robot: Robot) -> Board:
 
 
 def _add_maps(plot: Plot, b: BudgetRows, sheet: Sheet, budgets: list[str]) -> None:
-    """Draw a sheet: what has no known solution, and every method's iterations and errors."""
+    """Draw a sheet: squares without a known solution, and every method's iterations and errors."""
     squares, here = Squares.of(b.rows, sheet), {"offset": [str(sheet.offset)]}
     unknown = squares.rows.unique("problem").filter(~pl.col("known"))
     plot.add(squares.filled(unknown, "var(--unknown)", f"{sheet.hover}no known solution"), here)
@@ -300,7 +300,7 @@ def _add_errors(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, wh
 
 
 def _add_iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, when: Json, most: int) -> None:
-    """Draw iterations of the solved, and crosses for the others."""
+    """Draw iterations of the solved spots, and crosses for the others."""
     ticks = [n for n in ITERATION_TICKS if n <= most]
     solved, failed = (rows.filter((pl.col("status") == "solved") == ok) for ok in (True, False))
     high = float(np.log10(max(most, 2)))

@@ -1,4 +1,4 @@
-"""Section: what sampling calls free and is a contact, beside the proof, and the time of both."""
+"""Section: contacts that sampling misses, compared with the proof, and the computing time of both."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ CLEARANCE_COLUMNS = (
 
 
 def section(run: Run) -> dict[str, Any] | None:
-    """Plots of all scenes, and a table for each."""
+    """Show plots of all scenes, and a table for each."""
     blocks = run.of("clearance")
     return {"boards": [_board(blocks, run)], "tables": run.tables_of("clearance"), "after": [HOW]} if blocks else None
 
 
 def tables(run: Run) -> Sequence[Table]:
-    """One table for each block."""
+    """Return one table for each block."""
     return [_table(b) for b in run.of("clearance")]
 
 
 def findings(run: Run) -> Sequence[str]:
-    """Contacts that each sampling calls free, and times, for each block."""
+    """Return the contacts that each sampling misses, and the times, for each block."""
     return [_sentence(b) for b in run.of("clearance")]
 
 
@@ -105,7 +105,7 @@ def _table(b: BlockRows) -> Table:
 
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
-    """Contacts called free against the time of a motion; and how times are distributed."""
+    """Plot missed contacts against the time of a motion, and the distribution of times."""
     ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
     most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
@@ -162,7 +162,7 @@ LIMITATIONS_OF_CLEARANCE = (
     "Clearance is that of the capsules around the arm's links, which stand out beyond the real surface: a contact of "
     "the shapes need not be one of the arm. Pairs of links that always touch are not examined.",
 )
-"""What a reader should know before quoting a figure."""
+"""Limitations of the figures."""
 
 REPORT = KindReport(
     SECTIONS,

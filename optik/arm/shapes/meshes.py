@@ -33,7 +33,7 @@ Folders: TypeAlias = Mapping[str, str | os.PathLike[str]] | Sequence[str | os.Pa
 
 
 class MeshFolders:
-    """The folders below which the meshes of a description must lie."""
+    """The folders from which meshes of a description may be loaded, subfolders included."""
 
     def __init__(self, beside: Path | None = None, package_dirs: Folders = None) -> None:
         given = package_dirs or ()
@@ -96,7 +96,7 @@ class MeshFolders:
 
 
 def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders) -> MeshFolders:
-    """Return the folders below which the meshes of a description must lie."""
+    """Return the folders from which meshes of a description may be loaded, subfolders included."""
     text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
     return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
 

@@ -24,7 +24,7 @@ SPEED_MARGIN = 1e-6
 ONSETS = (0.04, 0.004)
 """Times in which a stop may reach the largest acceleration if the plan's law enforces no jerk limit [s], the longer first."""
 LEAST_FRACTION = 0.1
-"""Least limit of a joint without a limit of its own, as a fraction of the largest value of all joints in the plan [1]."""
+"""Least limit of a joint without a stated limit, as a fraction of the largest value of all joints in the plan [1]."""
 
 
 def relax(plan: Plan, allow: Allow) -> Plan:
@@ -84,7 +84,7 @@ def find_stop_limits(running: Plan) -> tuple[MotionLimits, ...]:
 
 
 def _speed_limit(running: Plan) -> dict[str, Any]:
-    """Return the requested tool speed as a limit on the tool, or on its rotation if it only turns."""
+    """Return the requested tool speed as a limit on the speed of the tool, or on its angular speed if it only rotates."""
     if running.speed is None:
         return {}
     most, moves = running.speed * (1.0 + SPEED_MARGIN), running.certificate.tool_speed.value > 0.5 * running.speed

@@ -44,7 +44,7 @@ REPAIRS, SOFTER = 12, 0.5
 NEGLIGIBLE = 2e-3
 """Fraction of the hardest braking by which b may fall below its least value."""
 AT_GOAL, DEAD_END, TOO_SHORT, TOO_MANY_STEPS = range(4)
-"""How a sweep ended: at rest, at a dead end, at the end of the cells, or after `MOST_SWEEP_STEPS`."""
+"""Outcomes of a sweep: at rest, at a dead end, at the end of the cells, or after `MOST_SWEEP_STEPS`."""
 State = tuple[float, float, float, float]
 """Components of a knot: x, w, b and t."""
 

@@ -1,1 +1,1 @@
-"""What only `optimal` uses: the programme along the path, its start, and the interior-point iteration."""
+"""Parts of `optimal`: the programme along the path, its initial guess, and the interior-point iteration."""

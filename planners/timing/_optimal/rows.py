@@ -95,13 +95,13 @@ RESTING = 1e-9
 BETWEEN_PLACES = np.array([0.21, 0.5, 0.79])
 """Fractions of an interval at which its torque is compared with the limits: between the grid points, which have rows."""
 SWEPT_EVERY = 4
-"""Every which grid point of the sweeps has rows of its own; other rows are interpolated."""
+"""Spacing of the grid points of the sweeps that have computed rows; other rows are interpolated."""
 NO_LIMIT = 1e30
 """Limit of a free value in the sweeps: finite, because they multiply it by durations that may be 0."""
 NEAR = 0.8
 """Fraction of a torque limit at an end of an interval, above which torques inside it are computed."""
 LEAST_ROOM = 1e-3
-"""Least fraction of a torque limit beside gravity with which a row is tightened: less leaves no room for a motion."""
+"""Least fraction of a torque limit above gravity with which a row is tightened: a smaller one leaves no room for a motion."""
 
 
 class Rows(NamedTuple):

@@ -29,19 +29,19 @@ from planners.plan import make_law
 
 
 def all_lines(block: LawBlock) -> list[tuple[LineSet, int]]:
-    """The set and the index of every motion."""
+    """Return the set and the index of every motion."""
     return [(part, index) for part in block.lines for index in range(part.count)]
 
 
 def motion_hash(line: DrawnLine) -> str:
-    """SHA-256 over the start configuration and the path of a motion."""
+    """Return the SHA-256 over the start configuration and the path of a motion."""
     content = hashlib.sha256(np.ascontiguousarray(line.q_start, dtype="<f8").tobytes())
     content.update(json.dumps(line.path.to_dict(), sort_keys=True).encode())
     return content.hexdigest()
 
 
 class Motions:
-    """The motions of a block; the hash of each that is drawn is recorded in ``problems/BLOCK.json``.
+    """The motions of a block; the hash of each sampled motion is recorded in ``problems/BLOCK.json``.
 
     A process that continues a block draws its first motion again, and refuses to go on if that is another one.
     """
@@ -54,7 +54,7 @@ class Motions:
             self.draw(int(min(self._hashes, key=int)))
 
     def draw(self, number: int) -> DrawnLine:
-        """Draw a motion, and record its hash."""
+        """Sample a motion, and record its hash."""
         part, index = self._lines[number]
         line = draw_motion(
             part.robot,
@@ -86,20 +86,20 @@ class Motions:
 
 
 LINES_A_PART = 5
-"""Lines in one part: a run that was stopped repeats at most this number."""
+"""Number of lines in one part: an interrupted run repeats at most this number."""
 
 
 # ---------------------------------------------------------------- parts
 
 
 def part_files(block: LawBlock) -> list[str]:
-    """Names of all parts of a block."""
+    """Return the names of all parts of a block."""
     count = len(all_lines(block))
     return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
 
 
 def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run what a block still lacks."""
+    """Run the unfinished work of a block."""
     if not folder.has(facts_file(block)):
         folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
     lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
@@ -129,7 +129,7 @@ def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal:
 
 
 def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
-    """Facts on every law and peer by label, for the report."""
+    """Return the facts on every law and peer by label, for the report."""
     found: dict[str, dict[str, Any]] = {}
     for entry in (*block.laws, *([block.reference] if block.reference else [])):
         enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
@@ -167,12 +167,12 @@ class _Laws(Kind):
     )
 
     def compared_rows(self, block: LawBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """One problem is one line within one set of limits."""
+        """Return the rows on which two runs are compared: one problem is one line within one set of limits."""
         problem = pl.concat_str("robot", "kind", "index", "limits", separator=" ").alias("problem")
         return rows.filter(pl.col("entry") != "reference").with_columns(problem, label="law")
 
     def prepare(self, block: LawBlock, seed: int) -> None:
-        """Refuse wrong options, and limits that a law needs and the block lacks, before anything is written."""
+        """Raise InvalidInput for wrong options, and for missing limits that a law needs, before anything is written."""
         entries = [*block.laws, *([block.reference] if block.reference else [])]
         for arm in {part.arm: part.load() for part in block.lines}.values():
             for limits in block.limits:

@@ -1,4 +1,4 @@
-"""Detailed view of one line: path speed under every law, the curves that bound it, and the active constraints."""
+"""Detailed view of one line: path speed under every law, its bounding curves, and the active constraints."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from planners.timing.base import speed_bound
 from planners.trajectory import Trajectory
 
 EXAMPLE_INSTANTS = 1201
-"""Instants of each motion that are kept for plots."""
+"""Number of instants of each motion that are stored for plots."""
 
 CURVE_PLACES = 401
-"""Places along the line at which the curves that bound the speed are computed."""
+"""Number of positions along the line at which the bounding curves are computed."""
 
 MOST_SPEED = 1e9
-"""Bounds on the path speed above this [m/s] are written as this: a file has no infinity."""
+"""Largest stored bound on the path speed [m/s]: a file has no infinity."""
 
 
 def write_example(
     block: LawBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str], journal: Journal
 ) -> None:
-    """Write the motions of all laws, their active constraints, and last the curves over s, which mark the end."""
+    """Write the motions of all laws, their active constraints, and last the curves over s, which mark completion."""
     limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
     solver = make_solver(line.robot, block.solver)
     motions, bindings = [], []
@@ -64,7 +64,7 @@ def write_example(
 
 
 def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
-    """The path speed and how near the joints come to their limits, over time."""
+    """Return the path speed and the ratios of the joints to their limits, over time."""
     robot, path, motion = planned.robot, planned.path, planned.trajectory
     t = np.linspace(0.0, motion.end, EXAMPLE_INSTANTS)
     q = motion(t)
@@ -81,7 +81,7 @@ def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
 
 
 def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Array) -> dict[str, Array]:
-    """How near the torques and their rates come to their limits, over time."""
+    """Return the ratios of torques and their rates to their limits, over time."""
     bound = limits.bounds(robot.n)
     given = [name for name in LOADED if np.isfinite(bound[name]).any()]
     if not given:
@@ -91,7 +91,7 @@ def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Arr
 
 
 def binding_frame(proof: Certificate) -> pl.DataFrame:
-    """The active constraint of each piece of a motion."""
+    """Return the active constraint of each piece of a motion."""
     b = proof.binding
     return pl.DataFrame(
         {"from": b.s[:-1], "to": b.s[1:], "ratio": b.ratio, "limit": list(b.limit), "joint": list(b.joint)}
@@ -99,7 +99,7 @@ def binding_frame(proof: Certificate) -> pl.DataFrame:
 
 
 def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
-    """The greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈."""
+    """Return the greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈."""
     s = np.linspace(0.0, joints.end, CURVE_PLACES)
     bound, names = limits.bounds(joints.robot.n), joints.robot.joint_names
     by_joint = ratio_to_limit(joints(s, 1), bound["velocity"])
@@ -116,7 +116,7 @@ def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
 
 
 def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
-    """Maximum-velocity curve: the greatest ṡ (k,) at which some s̈ keeps |q' s̈ + q'' ṡ²| ≤ limit on every joint.
+    """Return the maximum-velocity curve: the greatest ṡ (k,) with an s̈ that satisfies |q' s̈ + q'' ṡ²| ≤ limit on every joint.
 
     Each joint allows an interval of s̈ whose ends are linear in x = ṡ², so the feasible x are an interval from 0, whose end
     bisection finds (Bobrow, Dubowsky and Gibson, IJRR 1985).
@@ -135,7 +135,7 @@ def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
 
 
 def _some_acceleration(q1: Array, q2: Array, limit: Array, x: Array) -> NDArray[np.bool_]:
-    """Whether an s̈ keeps all limits at ṡ² = x (k,)."""
+    """Return whether some s̈ respects all limits at ṡ² = x (k,)."""
     lower, upper = sides(limit)
     moves = np.abs(q1) > 1e-12 * np.abs(q1).max()
     with np.errstate(divide="ignore", invalid="ignore"):

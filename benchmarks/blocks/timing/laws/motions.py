@@ -1,4 +1,4 @@
-"""Motions to time: lines, arcs, seams and joint moves, drawn so that the arm can follow them, and paths from a user's file."""
+"""Motions to time: lines, arcs, seams and joint moves, sampled so that an arm can follow them, and paths from a file."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from planners.paths.line import Line
 from planners.paths.polyline import Polyline
 
 STATIC_SHARE = 0.95
-"""Largest share of a torque limit that gravity and Coulomb friction may take at rest: at all of it no motion could start. The
-rest also covers what lies between the steps of a track, and the other configurations that a redundant arm may take."""
+"""Largest fraction of a torque limit for gravity and Coulomb friction at rest: with all of it no motion could start. The margin
+also covers positions between the steps of a track, and the other configurations of a redundant arm."""
 
 Stands = Callable[[Array], Flags]
-"""From configurations (k, n) to whether the motors can hold the arm there."""
+"""Function from configurations (k, n) to whether the motors can hold the arm there."""
 
 
 def stands_of(arm: Robot, limits: Sequence[LimitSet]) -> Stands | None:
-    """Where an arm can stand still: gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit."""
+    """Return a test for configurations where gravity and Coulomb friction take at most `STATIC_SHARE` of every torque limit."""
     bounds = [sides(part.of(arm).bounds(arm.n)["torque"]) for part in limits if part.counts_torque]
     if not bounds:
         return None
@@ -64,17 +64,17 @@ LINE_LENGTHS = (0.05, 0.4)
 """Shortest and longest line [m]."""
 
 LINE_TURNS = (0.05, 0.5)
-"""Range of the angle [rad] that the tool turns through on every other line; it keeps its orientation on the others."""
+"""Range of the rotation angle [rad] of the tool on every other line; its orientation is constant on the others."""
 
 ARC_RADII, ARC_ANGLES = (0.03, 0.15), (0.5, 3.0)
 """Ranges of the radius [m] and of the angle [rad] of an arc."""
 
 SEAM_CORNERS, SEAM_SEGMENTS, SEAM_BENDS = (2, 5), (0.04, 0.12), (0.2, 1.4)
-"""Least and one more than the largest number of inner waypoints of a seam, ranges of its segments' length [m] and of the
-angle between neighbours [rad]: never back the way it came, which no blend can pass."""
+"""Least and one more than the largest number of inner waypoints of a seam, ranges of its segments' length [m] and of the angle
+between neighbours [rad]: it never reverses, because a blend cannot."""
 
 SEAM_TURN = 0.2
-"""Angle [rad] that the tool turns through on each segment of every other seam."""
+"""Rotation angle [rad] of the tool on each segment of every other seam."""
 
 SEAM_BLEND, SEAM_BLEND_ROTATION = 2e-3, 2e-2
 """Largest distance [m] and rotation [rad] between the blended path and a seam's waypoints."""
@@ -89,21 +89,21 @@ TRACK_TOLERANCE = 1e-9
 """Error that Newton's method must reach at every step [m and rad]."""
 
 NEWTON_STEPS = 4
-"""Iterations of Newton's method at every step of the track: it starts near, and converges quadratically."""
+"""Iterations of Newton's method at every step of the track: its initial guess is near, and it converges quadratically."""
 
 TRACK_DAMPING = 1e-14
-"""Added to J Jᵀ, so that a singular J raises no error; such a track is dropped by its residual."""
+"""Added to J Jᵀ, so that a singular J raises no error; the residual excludes such a track."""
 
 CANDIDATES = 8
 """Lines tracked side by side."""
 
 MOST_DRAWS = 100_000
-"""Draws after which an arm counts as one that has no such line."""
+"""Number of samples after which an arm counts as one without such a line."""
 
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """A line and where the arm starts on it.
+    """A line and the start configuration.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class DrawnLine:
 
 
 def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | None = None) -> Array:
-    """Smallest singular value along tracks of the tool; NaN where a track leaves the limits."""
+    """Return the smallest singular value along tracks of the tool; NaN where a track leaves the limits."""
     q = q.copy()
     lower, upper = robot.limits.lower + LIMIT_MARGIN, robot.limits.upper - LIMIT_MARGIN
     least = robot.singular_values(q)[:, -1]
@@ -157,7 +157,7 @@ def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | N
 
 
 def _newton(robot: Robot, q: Array, poses: Array) -> Array:
-    """Configurations (k, n) at poses (k, 4, 4) near q, each step the least joint motion: Jᵀ (J Jᵀ)⁻¹ e."""
+    """Return configurations (k, n) at poses (k, 4, 4) near q, each step the least joint motion: Jᵀ (J Jᵀ)⁻¹ e."""
     for _ in range(NEWTON_STEPS):
         J = robot.jacobian(q)
         transposed = J.transpose(0, 2, 1)
@@ -176,7 +176,7 @@ def draw_motion(
     payload: float | tuple[float, float] | None = None,
     limits: Sequence[LimitSet] = (),
 ) -> DrawnLine:
-    """Draw one motion, the same for the same robot, kind, index and seed, or read it from a file.
+    """Sample one motion, the same for the same robot, kind, index and seed, or read it from a file.
 
     Lines, arcs and seams start at a configuration uniform inside the limits, and turn the tool where the index is odd. They
     are drawn again until the arm can follow the whole path with `LIMIT_MARGIN` to its limits, and the smallest singular value
@@ -201,7 +201,7 @@ def draw_motion(
 def _joints(
     arm: Robot, kind: str, index: int, rng: np.random.Generator, stands: Stands | None
 ) -> tuple[Array, Path, float, int]:
-    """A straight move in joint space on which the arm can stand: start, path, smallest singular value, draws."""
+    """Return a straight move in joint space on which the arm can rest: start, path, smallest singular value, samples."""
     for draws in range(1, MOST_DRAWS + 1):
         q = arm.limits.sample(rng, 2, margin=LIMIT_MARGIN)
         along = q[0] + np.linspace(0.0, 1.0, TRACK_STEPS + 1)[:, None] * (q[1] - q[0])
@@ -213,7 +213,7 @@ def _joints(
 def _tracked(
     arm: Robot, kind: str, index: int, rng: np.random.Generator, stands: Stands | None
 ) -> tuple[Array, Path, float, int]:
-    """A path of the tool that an independent tracker follows whole: start, path, smallest singular value, draws."""
+    """Return a tool path that an independent tracker follows completely: start, path, smallest singular value, samples."""
     low, high = LINE_KINDS.get(kind, LINE_KINDS["regular"])
     turns = index % 2 == 1
     for draws in range(0, MOST_DRAWS, CANDIDATES):
@@ -233,13 +233,13 @@ def _tracked(
 
 
 def _none(arm: Robot, kind: str) -> InvalidInput:
-    """The error for an arm that has no such path."""
+    """Return the error for an arm without such a path."""
     wanted = "an arm that can follow such paths, and a payload that it can hold"
     return InvalidInput("kind", f"{kind} on {arm.name}: no path in {MOST_DRAWS:,} draws", wanted)
 
 
 def _lines(starts: Array, rng: np.random.Generator, turns: bool) -> list[Path]:
-    """Straight lines from poses (k, 4, 4): a direction uniform on the sphere, a length, and an angle about a random axis."""
+    """Return random straight lines from poses (k, 4, 4): uniform direction, a length, and an angle about a random axis."""
     move, axis = rng.normal(size=(2, CANDIDATES, 3))
     length, angle = rng.uniform(*LINE_LENGTHS, CANDIDATES), rng.uniform(*LINE_TURNS, CANDIDATES)
     goals = starts.copy()
@@ -251,7 +251,7 @@ def _lines(starts: Array, rng: np.random.Generator, turns: bool) -> list[Path]:
 
 
 def _arc(T: Array, rng: np.random.Generator, turns: bool) -> Path:
-    """An arc from the pose T (4, 4) about a random axis."""
+    """Return an arc from the pose T (4, 4) about a random axis."""
     axis, across = rng.normal(size=(2, 3))
     radius, angle = rng.uniform(*ARC_RADII), rng.uniform(*ARC_ANGLES)
     outward = np.cross(axis, across)
@@ -260,7 +260,7 @@ def _arc(T: Array, rng: np.random.Generator, turns: bool) -> Path:
 
 
 def _seam(T: Array, rng: np.random.Generator, turns: bool) -> Path:
-    """A polyline from the pose T (4, 4) through some waypoints, each segment bent against the one before."""
+    """Return a polyline from the pose T (4, 4) through some waypoints; each segment turns away from the previous one."""
     way, waypoints = rng.normal(size=3), [T]
     way /= np.linalg.norm(way)
     for _ in range(int(rng.integers(*SEAM_CORNERS)) + 1):
@@ -279,7 +279,7 @@ def _seam(T: Array, rng: np.random.Generator, turns: bool) -> Path:
 
 
 def motion_in_file(robot: str, path: str, payload: float | tuple[float, float] | None = None) -> DrawnLine:
-    """Read the path of a motion from a file: waypoints of a seam, or a motion that `planners.save` wrote.
+    """Read the path of a motion from a file: waypoints of a seam, or a motion saved by `planners.save`.
 
     Waypoints are a table as of problem sets (`benchmarks.problems.file`): CSV or NPZ. A start in its first row is where the
     arm starts; without one it is the best branch that follows the whole path. Of a motion, path and start are taken.
@@ -302,7 +302,7 @@ def path_in_file(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
 
 
 def _holds_waypoints(file: FilePath) -> bool:
-    """Whether a file is a table of poses, and not a motion that was saved."""
+    """Return whether a file is a table of poses, and not a saved motion."""
     suffix = check_suffix(file, (".csv", ".npz", ".json"))
     if suffix == ".csv":
         lines = decode_text(read_bytes(file)).splitlines()
@@ -318,7 +318,7 @@ def _holds_waypoints(file: FilePath) -> bool:
 
 
 def _waypoints(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
-    """Path through the waypoints of a table, and the start in its first row."""
+    """Return the path through the waypoints of a table, and the start in its first row."""
     poses = read_poses(file, arm)
     if len(poses.targets) < 2:
         raise InvalidInput(str(file), "one row", "two waypoints or more")
@@ -327,7 +327,7 @@ def _waypoints(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
 
 
 def _saved(arm: Robot, file: FilePath) -> tuple[Path, Array | None]:
-    """Path and start of a motion that `planners.save` wrote."""
+    """Return path and start of a motion saved by `planners.save`."""
     motion = load_motion(file)
     theirs = motion.robot if arm.payload is None else replace(motion.robot, payload=arm.payload)
     if theirs != arm:

@@ -24,7 +24,7 @@ from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
 CHECK_INSTANTS = 4999
-"""Instants at which the deviation is sampled beside the certificate: others than those that it looks at itself."""
+"""Number of instants at which the deviation is sampled; they differ from those of the certificate."""
 
 COLUMNS = (
     "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
@@ -33,29 +33,29 @@ COLUMNS = (
     "rotation_speed", "worst", "holds", "broken", "breaks", "follows", "slowed", "least_duration", "distance", "angle",
     "true_distance", "true_angle", "singular_value", "continuous", "ms_law", "ms_certificate", "ms_plan",
 )  # fmt: skip
-"""Columns of a row, beside those of its line. Ratios are worst values over limits: exact, of torques proved bounds."""
+"""Columns of a row, besides those of its line. Ratios are peak / limit: exact, for torques proved bounds."""
 
 FACT_TYPES = {
     pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in JOINT_LIMITS)),
     pl.Boolean: ("holds", "follows"),
     pl.Int64: ("continuous",),
 }
-"""Types of the columns that are no real numbers."""
+"""Types of the columns that are not real numbers."""
 
 SCHEMA = {name: next((kind for kind, some in FACT_TYPES.items() if name in some), pl.Float64) for name in COLUMNS}
 """Type of every column."""
 
 RATIO_DECIMALS = 11
-"""Decimals that are kept of a ratio: round-off takes 1e-12 from a ratio of exactly 1."""
+"""Number of stored decimals of a ratio: rounding changes a ratio of exactly 1 by 1e-12."""
 
 
 def blank(law: str, entry: str) -> dict[str, Any]:
-    """A row with every column, of a law or peer that has no motion yet."""
+    """Return a row with every column, for a law or peer without a motion."""
     return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": "solved", "reason": ""}
 
 
 def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
-    """What a motion keeps, by its certificate, and what sampling finds of its deviation."""
+    """Return the certified figures of a motion, and its sampled deviation."""
     facts: dict[str, Any] = {
         "status": "solved", "duration": motion.duration, "holds": proof.is_valid, "broken": "; ".join(proof.reasons),
         "breaks": ", ".join(breaks(proof)), "tool_speed": proof.tool_speed.value,
@@ -76,30 +76,30 @@ def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, l
 
 
 def least_duration(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> float:
-    """Duration at which the same motion, scaled in time uniformly, just keeps every limit."""
+    """Return the duration at which the motion, scaled uniformly in time, respects every limit."""
     if any(np.isinf(proof.worst(field)[0]) for field in DERIVATIVES):
         return float("inf")
     return motion.duration * stretch_factor(MotionAnalysis(robot, motion, path), limits)
 
 
 def breaks(proof: Certificate) -> list[str]:
-    """The limits that a motion violates, promised or not."""
+    """Return the limits that a motion violates, enforced or not."""
     found = [field for field in ALL_LIMITS if round(proof.worst(field)[0], RATIO_DECIMALS) > 1.0]
     return found + (["position"] if proof.position_margin.min() < -LIMIT_TOLERANCE else [])
 
 
 def off_path(robot: Robot, path: Path, motion: Trajectory, instants: int = CHECK_INSTANTS) -> tuple[float, float]:
-    """Largest distance and angle between tool and path at many instants."""
+    """Return the largest distance and angle between tool and path at many instants."""
     tool = robot.fk(motion(np.linspace(0.0, motion.end, instants)))
     e = se3.error(tool, path.pose(path.nearest(tool)))
     return float(np.linalg.norm(e[:, :3], axis=1).max()), float(np.linalg.norm(e[:, 3:], axis=1).max())
 
 
 NEARLY = 1.001
-"""Values over limits up to this are within 0.1 %: what a discretised method exceeds between its grid points is not a jump."""
+"""Largest ratio to a limit that counts as within 0.1 %: a discretised method may exceed it between its grid points."""
 
 ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
-"""Certified distance [m] and angle [rad] from the path up to which a motion counts: far more than any law leaves (3e-6)."""
+"""Largest certified distance [m] and angle [rad] from the path for a motion that counts: far above any law's (3e-6)."""
 
 
 def facts_file(block: Block) -> str:
@@ -114,15 +114,15 @@ def example_file(block: Block, name: str) -> str:
 
 @dataclass(frozen=True)
 class LawRows(BlockRows):
-    """A block of timed lines, its rows, and the facts on who took part; the reference is none of its entries."""
+    """A block of timed lines, its rows, and the facts on the entries; the reference is none of its entries."""
 
     def example(self, name: str) -> pl.DataFrame | None:
-        """A part of the detailed view."""
+        """Return a part of the detailed view."""
         return self.folder.read(example_file(self.block, name))
 
 
 def read_rows(folder: RunFolder, block: Block) -> pl.DataFrame | None:
-    """All rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
+    """Return all rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
     A motion that exceeds a limit is compared after the uniform slow-down that ours get, too: as much slower as it must be
     to keep all limits. T* is the least duration on that line within those limits of any motion after that, the reference's
@@ -156,7 +156,7 @@ def read_rows(folder: RunFolder, block: Block) -> pl.DataFrame | None:
 
 
 def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
-    """Rows with the worst ratio of all limits, and with ``follows`` false for motions that are not on their path."""
+    """Return rows with the largest ratio of all limits, and with ``follows`` false for motions that leave their path."""
     if "torque" not in rows.columns:  # a run of an older version
         rows = rows.with_columns(torque=pl.lit(None, dtype=pl.Float64), torque_rate=pl.lit(None, dtype=pl.Float64))
     if "worst" not in rows.columns:  # a run of an older version
@@ -169,25 +169,25 @@ def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 NANO = 1e-9
-"""Deviations below a nanometre or nanoradian are round-off."""
+"""Deviations below a nanometre or nanoradian are rounding."""
 
 LEAST_BOUND = 1e-12
-"""Certified deviations [m, rad] are taken as at least this where something is divided by them."""
+"""Least certified deviation [m, rad] that is used as a divisor."""
 
 
 def _column(name: str, statistic: Callable[[Any], Any], scale: float = 1.0) -> Callable[[pl.DataFrame], float]:
-    """A statistic of a column."""
+    """Return a statistic of a column."""
     return lambda rows: scale * float(statistic(rows[name].to_numpy()))
 
 
 def _deviations(ratio: Callable[[Any, Any], Any]) -> Callable[[pl.DataFrame], float]:
-    """The largest ratio of a sampled deviation and a certified one, of distances and of angles."""
+    """Return the largest ratio of a sampled deviation to a certified one, of distances and of angles."""
     pairs = (("true_distance", "distance"), ("true_angle", "angle"))
     return lambda rows: float(max(ratio(rows[true].to_numpy(), rows[bound].to_numpy()).max() for true, bound in pairs))
 
 
 def _largest(*columns: str) -> Callable[[pl.DataFrame], float]:
-    """The largest value of some columns, in which limits that are free have none."""
+    """Return the largest value of some columns, which are empty for joints without limits."""
 
     def compute(rows: pl.DataFrame) -> float:
         most = rows.select(pl.max_horizontal(columns)).to_series().max()
@@ -197,7 +197,7 @@ def _largest(*columns: str) -> Callable[[pl.DataFrame], float]:
 
 
 def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float]:
-    """A statistic of the ratio of a column of one law to that of another, on the motions that both have."""
+    """Return a statistic of the ratio of a column between two laws, on the motions that both have."""
 
     def compute(rows: pl.DataFrame, law: str, to: str) -> float:
         mine, theirs = (rows.filter(pl.col("law") == label).select("line", "limits", column) for label in (law, to))
@@ -247,11 +247,11 @@ MEASURES = (
         "largest certified deviation / max(dense sampling, 1 nm or nrad)",
     ),
 )  # fmt: skip
-"""What a target of timed lines may ask for; ``solved`` is computed on all rows of a law, with a motion or without."""
+"""Measures that a target of timed lines can name; ``solved`` is computed on all rows of a law, with a motion or without."""
 
 
 def in_group(rows: pl.DataFrame, group: str) -> pl.DataFrame:
-    """Rows of a kind of line, of a robot, or within a set of limits."""
+    """Return the rows of a kind of line, of a robot, or within a set of limits."""
     if not group:
         return rows
     return rows.filter(pl.any_horizontal(pl.col(name) == group for name in ("kind", "robot", "limits")))

@@ -37,14 +37,14 @@ LINE_KINDS = {"regular": (0.05, np.inf), "near_singular": (0.02, 0.04)}
 """Range of the smallest singular value along the whole line, for each kind of line."""
 
 MOTION_KINDS = (*LINE_KINDS, "arc", "seam", "joints", "file")
-"""All kinds of motions: straight lines of two kinds, other drawn ones, and those of a file."""
+"""All kinds of motions: straight lines of two kinds, other sampled ones, and those of a file."""
 
 OF_ROBOT = "robot"
-"""Value of a limit in a suite that means the limit of each robot itself."""
+"""Value of a limit in a suite for the limit of each robot."""
 
 
 class LineSet(Settings):
-    """Motions of a kind on a robot, drawn at random, or the one in a file."""
+    """Motions of a kind on a robot, sampled at random, or the one in a file."""
 
     robot: RobotName = key("The arm: a name, or the path of a file.")
     kind: Annotated[str, one_of(*MOTION_KINDS)] = key(
@@ -65,21 +65,21 @@ class LineSet(Settings):
 
     @property
     def label(self) -> str:
-        """What reports and targets call the kind: that of a file by the file's name."""
+        """Name of the kind in reports and targets; for a file, the file's name."""
         return FilePath(self.path).name if self.path else self.kind
 
     @property
     def arm(self) -> str:
-        """What reports and targets call the arm: its name, with the payload where one is given."""
+        """Name of the arm in reports and targets, with the payload if there is one."""
         return arm_label(self.robot, self.payload)
 
     def load(self) -> Robot:
-        """The arm, with its payload."""
+        """Return the arm, with its payload."""
         return arm_with(self.robot, self.payload)
 
 
 class LimitSet(Settings):
-    """Limits of a motion: numbers, one for each joint, or ``"robot"`` for the robot's own."""
+    """Limits of a motion: numbers, one for each joint, or ``"robot"`` for the robot's."""
 
     velocity: Any = key('Velocity limit: a number, one for each joint, or `"robot"`.', None, "rad/s, m/s")
     acceleration: Any = key("Acceleration limit.", None, "rad/s², m/s²")
@@ -106,12 +106,12 @@ class LimitSet(Settings):
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Names of those that are the robot's own."""
+        """Names of the limits that are the robot's."""
         return tuple(field for field, value in self._given.items() if value == OF_ROBOT)
 
     @property
     def limits(self) -> MotionLimits:
-        """Those that are numbers."""
+        """Limits that are numbers."""
         return MotionLimits(**{field: value for field, value in self._given.items() if value != OF_ROBOT})
 
     def of(self, robot: Robot) -> MotionLimits:
@@ -135,19 +135,19 @@ class LimitSet(Settings):
 
 
 def told(limits: MotionLimits, entry: Entry) -> MotionLimits:
-    """Limits that a law is told: all but those that its entry leaves out."""
+    """Return the limits that a law receives: all but those that its entry excludes."""
     return limits.select(tuple(name for name in limits.names if name not in entry.without)) if entry.without else limits
 
 
 def _words(given: dict[str, Any]) -> str:
-    """Limits in words, in the order of the file."""
+    """Describe the limits, in the order of the file."""
     return ", ".join(
         f"own {field}" if value == OF_ROBOT else str(value) for field, value in given.items() if value is not None
     )
 
 
 class Example(Settings):
-    """The motion of which the report has a detailed view."""
+    """The motion of the report's detailed view."""
 
     fixed = frozenset({"path"})
 
@@ -213,7 +213,7 @@ class LawBlock(Block):
         return block.model_copy(update={"example": block._chosen(f"{cls.noun} {block.id!r}: example")})
 
     def _chosen(self, where: str) -> Example:
-        """The example with all that it leaves out."""
+        """Return the example with all defaults."""
         given, kinds = self.example, [part.label for part in self.lines]
         chosen = next((part for part in self.lines if part.kind == "near_singular"), self.lines[0])
         robot, kind = given.robot or chosen.robot, given.kind or chosen.label
@@ -242,15 +242,15 @@ class LawBlock(Block):
 
     @property
     def arms(self) -> tuple[str, ...]:
-        """What reports call the arms: each with each of its payloads."""
+        """Names of the arms in reports: each with each of its payloads."""
         return tuple(dict.fromkeys(part.arm for part in self.lines))
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of motions as reports call them, in their order."""
+        """Kinds of motions with their names in reports, in their order."""
         return tuple(dict.fromkeys(part.label for part in self.lines))
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Kinds of motions, arms and limits, which a target may name."""
+        """Kinds of motions, arms and limits, which a target can name."""
         return tuple(dict.fromkeys((*self.kinds, *self.arms, *(part.label for part in self.limits))))

@@ -67,7 +67,7 @@ class Timer:
 
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
-    """Rows of one line."""
+    """Return the rows of one line."""
     solver = make_solver(line.robot, block.solver)
 
     def follow_it() -> FollowResult:
@@ -97,7 +97,7 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
 
 
 def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: Journal = UNKEPT) -> list[Timer]:
-    """All laws, the peers that are installed and are given this line, and the reference."""
+    """Return all laws, the installed peers that take this line, and the reference."""
     found: list[Timer | None] = []
     for entry in (*block.laws, *block.peers, *([block.reference] if block.reference else [])):
         if entry.role == "peer" and entry.most is not None and line.index >= entry.most:
@@ -111,7 +111,7 @@ def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: J
 
 
 def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
-    """A peer; None where it is not installed."""
+    """Return a peer; None if it is not installed."""
     peer = build_timing_peer(entry.name, peer_limits(limits, n))
     if isinstance(peer, Absent):
         return None
@@ -119,7 +119,7 @@ def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
 
 
 def _crashed(entry: Entry, why: str) -> Timer:
-    """A law or a peer that has ended the process, and is not called again."""
+    """Return a law or a peer that has crashed the process, and is not called again."""
 
     def never(*given: Any) -> Any:
         raise AssertionError(f"{entry.label} is not called again")
@@ -136,7 +136,7 @@ def _ours(entry: Entry, limits: MotionLimits) -> Timer:
 def _times(
     timers: Sequence[Timer], joints: JointPath, rounds: int, journal: Journal
 ) -> tuple[dict[str, list[float]], dict[str, Any]]:
-    """Times of all calls [ms], and what each law or peer returned last; the first round is not one of those that count."""
+    """Return the times of all calls [ms], and the last result of each law or peer; the first round does not count."""
     times: dict[str, list[float]] = {c.label: [] for c in timers}
     raws: dict[str, Any] = {}
     for turn, c in turns(timers, rounds + 1):
@@ -161,7 +161,7 @@ def _timed_rows(
     timers: Sequence[Timer],
     journal: Journal,
 ) -> list[dict[str, Any]]:
-    """Rows of one line within some limits."""
+    """Return the rows of one line within some limits."""
     times, raws = _times([c for c in timers if not c.ended], joints, block.rounds, journal)
     rows = []
     for c in timers:
@@ -178,7 +178,7 @@ def _timed_rows(
 def _judged(
     block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, c: Timer, raw: Any
 ) -> dict[str, Any]:
-    """Columns on the motion that a law or a peer returned, by its certificate."""
+    """Return the columns on the motion of a law or a peer, by its certificate."""
     motion = _motion(c, joints, raw)
     if isinstance(motion, str):
         return {"status": "timing_infeasible", "reason": motion}
@@ -193,7 +193,7 @@ def _judged(
 
 
 def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Timer) -> dict[str, Any]:
-    """Columns of a whole plan by a law of ours; its time too, for the law whose plans are timed."""
+    """Return the columns of a whole plan by a law of ours, and its time for the law whose plans are timed."""
 
     def plan_it() -> Plan:
         assert c.law is not None
@@ -219,7 +219,7 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
 
 
 def _motion(c: Timer, joints: JointPath, raw: Any) -> Trajectory | str:
-    """The motion that a call returned, or why there is none."""
+    """Return the motion of a call, or the reason why there is none."""
     if isinstance(raw, NoSolution):
         return raw.reason
     try:
@@ -241,6 +241,6 @@ def _once_ms(call: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def _median_ms(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
-    """Median of some calls, the first left out, and what the last returned."""
+    """Return the median of some calls without the first, and the last result."""
     ns, raws = timed(call, [()] * (rounds + 1))
     return float(np.median(ns[1:])) / 1e6, raws[-1]

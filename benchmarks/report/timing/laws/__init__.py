@@ -25,12 +25,12 @@ from planners.limits import FIELD_LIMITS
 
 
 def timing(run: Run) -> dict[str, Any]:
-    """For every block: plots, a table for each kind of line, limit violations, whole plans, and one line in detail."""
+    """Show for every block plots, a table for each kind of line, limit violations, whole plans, and one line in detail."""
     return {"blocks": [_block(b, run) for b in run.of("laws")]}
 
 
 def findings(run: Run) -> list[str]:
-    """Durations and times of every law of ours, and of the peers that were installed, on all lines."""
+    """Return the durations and times of every law of ours, and of the peers that were installed, on all lines."""
     return [words for b in run.of("laws") if (words := _medians(b))]
 
 
@@ -78,7 +78,7 @@ def _block(b: LawRows, run: Run) -> dict[str, Any]:
 
 
 def limit_words(part: LimitSet) -> str:
-    """What a set of limits is, in words."""
+    """Describe a set of limits."""
     own = listed([name.replace("_", " ") for name in part.own])
     words = [f"{own} of the robot"] if own else []
     for kind in FIELD_LIMITS:
@@ -99,19 +99,19 @@ def _reference(b: LawRows) -> str:
 DECIDED_BY = (
     "bootstrap 95 % intervals; differences by Wilcoxon's signed-rank test, for which fewer than six motions are too few"
 )
-"""How laws are ranked, in words."""
+"""Rule of the ranking in words."""
 
 FEWEST_SHARED = 5
-"""Motions that all ranked laws were asked for, from which they are ranked: of fewer a median says nothing."""
+"""Least number of motions for a ranking of laws: with fewer a median is not informative."""
 
 
 def winners(run: Run) -> Sequence[Winner]:
-    """Two questions for each kind of line of each block."""
+    """Return two questions for each kind of line of each block."""
     return [winner for b in run.of("laws") for kind in b.block.kinds for winner in kind_winners(b, kind)]
 
 
 def kind_winners(b: LawRows, kind: str) -> list[Winner]:
-    """Which law has the shortest motions on a kind of line, and which of these laws is computed fastest.
+    """Return the law with the shortest motions on a kind of line, and the fastest to compute of those equally short.
 
     Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
     path. All are compared on the motions that all of them were asked for.
@@ -136,7 +136,7 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
 
 
 def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
-    """Labels of the laws that can be ranked, and why the others cannot, in words that go on."""
+    """Return the labels of the laws that can be ranked, and the reasons of the others."""
     unbounded = [
         label
         for label in b.entries
@@ -151,7 +151,7 @@ def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
 
 
 def _winner(question: str, unit: str, values: Mapping[str, Array], note: str) -> Winner:
-    """The least median of paired values, and those that Wilcoxon's test does not show to be longer."""
+    """Return the least median of paired values, and those not significantly longer by Wilcoxon's test."""
     entries = sorted(((label, *median_interval(x)) for label, x in values.items()), key=lambda entry: entry[1])
     level, count = not_longer(entries[0][0], values), len(values[entries[0][0]])
     return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, level, count)
@@ -164,18 +164,18 @@ OF_MODELS = (
     "Torques are those of the arms' models: what motors deliver at a speed or a temperature, and the elasticity of gears, are "
     "not in them."
 )
-"""What every report with torques says."""
+"""Text of every report with torques."""
 
 
 def subjects(blocks: Sequence[LawBlock]) -> tuple[str]:
-    """How many lines or paths were timed."""
+    """Describe how many lines or paths were timed."""
     parts = [part for block in blocks for part in block.lines]
     words = "straight lines" if all(part.kind in LINE_KINDS for part in parts) else "paths"
     return (f"time laws along {sum(part.count for part in parts)} {words}",)
 
 
 def limitations(run: Run) -> tuple[str, ...]:
-    """What a reader should know before quoting a figure."""
+    """List the limitations of the figures."""
     sets = [part for b in run.of("laws") for part in b.block.limits]
     return (
         "T* is the shortest known duration, not a proved optimum.",

@@ -30,13 +30,13 @@ RATE_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000)
 """Numbers on the axis of torque rates over their limits: without a limit on the rate they are tens of times too large."""
 
 MOST_RATIO = 1000.0
-"""Ratio of a torque or its rate to its limit that is drawn for all larger ones: a plot has no infinity."""
+"""Ratio of a torque or its rate to its limit at which larger ones are drawn: a plot has no infinity."""
 
 LEAST_RATIO = 0.01
-"""Ratio that is drawn for all smaller ones."""
+"""Ratio at which smaller ones are drawn."""
 
 LEAST_EXCESS = 0.01
-"""Excess over T* [%] that is drawn for all that come nearer: a logarithmic axis has no 0."""
+"""Excess over T* [%] at which smaller ones are drawn: a logarithmic axis has no 0."""
 
 
 def durations(b: LawRows, run: Run) -> Board:
@@ -79,7 +79,7 @@ def durations(b: LawRows, run: Run) -> Board:
 
 
 def torques(b: LawRows, run: Run) -> Board | None:
-    """Share of motions up to every multiple of their limits on torque and on its rate."""
+    """Return the fraction of motions up to every multiple of their limits on torque and on its rate."""
     fields = [field for field in limited(b.rows) if field in LOADED]
     if not fields:
         return None
@@ -124,18 +124,18 @@ def torques(b: LawRows, run: Run) -> Board | None:
 
 
 def _around(values: pl.Series) -> list[float | None]:
-    """Decades that hold all values that are drawn, and the limit with some room beyond it."""
+    """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
     drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
     return lean([np.log10(0.9 * min(drawn.min(), 1.0)), np.log10(1.2 * max(drawn.max(), 1.0))])
 
 
 def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
-    """A logarithmic axis with these numbers on it."""
+    """Return a logarithmic axis with these tick values."""
     return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
 
 
 def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
-    """Share of lines [%] at or below each value."""
+    """Return the fraction of lines [%] at or below each value."""
     if not len(values):
         return
     x, shares = steps_of(values, count)
@@ -147,7 +147,7 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
 
 
 def _path_words(robot: str, kind: str, index: int) -> str:
-    """Which path, counted from 1."""
+    """Name a path, counted from 1."""
     return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
 
 
@@ -161,7 +161,7 @@ def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
 
 
 def against_singularity(b: LawRows, run: Run) -> Board:
-    """Durations and their ratio to T* over the smallest singular value on the way."""
+    """Plot durations and their ratio to T* over the smallest singular value on the path."""
     across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
@@ -188,14 +188,14 @@ def against_singularity(b: LawRows, run: Run) -> Board:
 
 
 _METRES, _RADIANS = (1e3, "mm"), (1.0, "rad")
-"""Scale and unit of the places on a path, of the tool and in joint space."""
+"""Scale and unit of the path parameter, of the tool and in joint space."""
 
 FAR = 1e3
 """Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
 
 
 def example_boards(b: LawRows, run: Run) -> list[Board]:
-    """The phase plane of all laws, and the active constraints of each."""
+    """Show the phase plane of all laws, and the active constraints of each."""
     motions, binding, curve = (b.example(name) for name in ("motions", "binding", "curve"))
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []
@@ -205,7 +205,7 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
 
 
 def _which(b: LawRows) -> str:
-    """Which path is shown, in words; paths count from 1."""
+    """Describe which path is shown; paths count from 1."""
     chosen, arm = b.block.example, arm_label(b.block.example.robot, b.block.example.payload)
     within = f"on {arm}, within the limits {quoted(chosen.limits)}"
     if chosen.path:
@@ -260,7 +260,7 @@ def _phase(
 
 
 def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str, of: tuple[float, str]) -> Board:
-    """The active constraints of every law along the line, and how near its joints come to their limits."""
+    """Show the active constraints of every law along the line, and the ratio of the joints to their limits."""
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)
     drawn = [name for name in LOADED if name in motions.columns and motions[name].is_not_nan().any()]
@@ -279,7 +279,7 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
 
 
 def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
-    """The worst value over limit of every derivative along the line."""
+    """Plot the largest ratio to its limit of every derivative along the line."""
     scale, unit = of
     beyond = {
         "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND_COLOUR,

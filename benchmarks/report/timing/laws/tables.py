@@ -1,4 +1,4 @@
-"""Tables of a block of timed lines: laws and peers alike, limit violations, whole plans, and what was compared."""
+"""Tables of a block of timed lines: laws and peers, limit violations, whole plans, and the compared methods."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ TORQUE_NOTE = (
     "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "
     "without Coulomb friction."
 )
-"""What every table with torques says."""
+"""Note of every table with torques."""
 
 LAW_COLUMN = Column("label", "Law", show="text")
 """First column of every table."""
 
 
 def limited(rows: pl.DataFrame) -> list[str]:
-    """The limits on joints that some motion has: those on torque only where they were asked."""
+    """Return the limits on joints that some motion has: those on torque only if they were requested."""
     return [field for field in JOINT_LIMITS if field in DERIVATIVES or rows[field].is_not_null().any()]
 
 
@@ -42,7 +42,7 @@ def _words(field: str) -> str:
 
 
 def law_tables(b: LawRows) -> list[Table]:
-    """A table for each kind of line on all arms, then for each arm."""
+    """Return a table for each kind of line on all arms, then for each arm."""
     whole, parts = [], []
     for kind in b.block.kinds:
         rows = in_group(b.rows, kind)
@@ -63,7 +63,7 @@ def law_tables(b: LawRows) -> list[Table]:
 
 
 def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
-    """Every law and peer on some lines: as it is, within 0.1 %, and after a uniform slow-down."""
+    """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
     ms, fields = "ms", limited(rows)
     columns = (
         LAW_COLUMN,
@@ -124,12 +124,12 @@ def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
 
 
 def or_infinite(column: pl.Series) -> Array:
-    """Values of a column, infinity where there is none: a line without a motion is not left out."""
+    """Return the values of a column, infinity if there is none: a line without a motion is not left out."""
     return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
 
 
 def share_of(column: pl.Series) -> tuple[float, float, float]:
-    """Share of rows at which a column is true, with Wilson's interval."""
+    """Return the fraction of rows at which a column is true, with Wilson's interval."""
     count = int(column.fill_null(value=False).sum())
     low, high = wilson(count, len(column))
     return 100.0 * count / len(column), 100.0 * low, 100.0 * high
@@ -167,7 +167,7 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
 
 
 def violations(b: LawRows) -> Table | None:
-    """Limit violations of every law: how often, by how much, and the duration at which there would be none."""
+    """Return limit violations of every law: how often, by how much, and the duration without violations."""
     found: list[tuple[int, str, dict[str, Cell]]] = []
     fields = limited(b.rows)
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
@@ -199,7 +199,7 @@ def violations(b: LawRows) -> Table | None:
 
 
 def plan_times(b: LawRows) -> Table | None:
-    """Where the time of a whole plan goes, by arm and kind of line."""
+    """Return the computing times of the steps of a whole plan, by arm and kind of line."""
     steps = {"ms_follow": "follow", "ms_law": "law", "ms_certificate": "certificate", "ms_plan": "whole plan"}
     timed = b.rows.filter(pl.col("ms_plan").is_not_null())
     found: list[Mapping[str, Cell]] = []
@@ -219,7 +219,7 @@ def plan_times(b: LawRows) -> Table | None:
 
 
 def compared(b: LawRows) -> Table:
-    """What each law and peer promises, its version and its settings."""
+    """Return the enforced limits of each law and peer, its version and its settings."""
     columns = (
         LAW_COLUMN,
         Column("promises", "enforces", show="text"),
@@ -238,7 +238,7 @@ def compared(b: LawRows) -> Table:
 
 
 def all_tables(run: Run) -> list[Table]:
-    """Tables of all blocks."""
+    """Return tables of all blocks."""
     found = []
     for b in run.of("laws"):
         found += [*law_tables(b), violations(b), plan_times(b), compared(b)]

@@ -18,7 +18,7 @@ from optik.registry import short_name
 
 
 def summary(run: Run) -> dict[str, Any] | None:
-    """What was planned; None where the suite has no line."""
+    """Describe the planned task; None if the suite has no line."""
     task = next(iter(run.suite.of("plans")), None)
     if task is None:
         return None
@@ -33,7 +33,7 @@ def summary(run: Run) -> dict[str, Any] | None:
 
 
 def findings(run: Run) -> list[str]:
-    """Durations of the laws with the limits that each breaks, for the first IK method."""
+    """Return the durations of the laws with the limits that each violates, for the first IK method."""
     line = line_plans(run)
     if line is None or not line.solved:
         return []
@@ -48,7 +48,7 @@ def findings(run: Run) -> list[str]:
 
 
 def limitations(run: Run) -> list[str]:
-    """What a reader should know before quoting a motion's figures."""
+    """List the limitations of a motion's figures."""
     line = line_plans(run)
     if line is None or not line.solved:
         return []
@@ -68,7 +68,7 @@ def limitations(run: Run) -> list[str]:
 
 
 def winners(run: Run) -> list[Winner]:
-    """The law with the shortest motion, out of those that keep every limit."""
+    """Return the law with the shortest motion among those that respect every limit."""
     found = line_plans(run)
     if found is None:
         return []
@@ -89,7 +89,7 @@ def winners(run: Run) -> list[Winner]:
 
 
 def tables(run: Run) -> list[Table]:
-    """The time laws side by side."""
+    """Return the table of the time laws."""
     found = line_plans(run)
     return [] if found is None else [law_table(found)]
 

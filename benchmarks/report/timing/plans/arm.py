@@ -18,11 +18,11 @@ EYE_DISTANCE = 2.4
 """Distance of the eye, in units of the scene: the whole arm is in view."""
 
 STANDING_EVERY = 12
-"""Pictures from one arm that is drawn standing to the next: six of them, so that a still page shows the motion."""
+"""Interval of pictures between solid drawings of the arm: six of them, so that a still page shows the motion."""
 
 
 def moving_arm(run: Run) -> dict[str, Any] | None:
-    """The arm in pictures equally spaced in time, for every law."""
+    """Show the arm in pictures equally spaced in time, for every law."""
     frames = run.folder.read("line/frames.parquet")
     line = line_plans(run)
     if frames is None or line is None or not line.solved:
@@ -64,7 +64,7 @@ def moving_arm(run: Run) -> dict[str, Any] | None:
 
 
 def _scene(gravity: Array, direction: Array, points: Array) -> Json:
-    """A scene that holds all pictures, seen from the side of the line and a little above, up as up is."""
+    """Return a scene that contains all pictures, seen from the side of the line and a little above, with z upwards."""
     up = -gravity
     side = np.cross(up, direction)
     if np.linalg.norm(side) < 1e-6 * np.linalg.norm(direction):
@@ -87,7 +87,7 @@ def _scene(gravity: Array, direction: Array, points: Array) -> Json:
 
 
 def _straight(start: Array, goal: Array, samples: int) -> Plot:
-    """The line alone, with its samples."""
+    """Draw only the line, with its samples."""
     axes = {
         f"{a}axis": {
             "title": {"text": f"{a.upper()} [mm]"}, "nticks": 5, "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR,
@@ -108,7 +108,7 @@ def _straight(start: Array, goal: Array, samples: int) -> Plot:
 
 
 def _standing(pictures: Json, k: int) -> Json:
-    """The arm as it stands at one instant."""
+    """Draw the arm at one instant."""
     return line_3d(
         x=pictures["x"][k], y=pictures["y"][k], z=pictures["z"][k], mode="lines", name="arm on its way", hoverinfo="skip",
         line={"color": MUTED_COLOUR, "width": 3}, opacity=0.5,

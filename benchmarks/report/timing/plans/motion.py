@@ -29,16 +29,16 @@ WHOLE_MOTION, MOTION_START, MOTION_END = "whole motion", "first 0.06 s", "last 0
 """Choices of the horizontal range."""
 
 END_SECONDS = 0.06
-"""Seconds at either end that a plot can show alone: three of the paper's intervals."""
+"""Seconds at either end that a plot can zoom to: three of the paper's intervals."""
 
 OF_TORQUES = (
     " Torques are those of the arm's model, of a payload's interval the end that needs more; the rate of the torque is without "
     "Coulomb friction, which jumps where a joint starts, reverses or stops."
 )
-"""What the plots of torques show."""
+"""Caption of the plots of torques."""
 
 ENVELOPE = 15
-"""Instants of which the largest deviation is drawn: it is zero at the samples of the path and swings between them."""
+"""Number of instants whose largest deviation is drawn: it is zero at the samples of the path and oscillates between them."""
 
 JOINT_CURVES = {
     "q": ("position", "q [rad]", None),
@@ -52,7 +52,7 @@ JOINT_CURVES = {
 
 
 def motion(run: Run) -> dict[str, Any] | None:
-    """Boards of joints and tool, and the figures that the plots clip."""
+    """Return boards of joints and tool, and the figures that the plots clip."""
     rows = run.folder.read("line/motion.parquet")
     found = line_plans(run)
     if rows is None or found is None or not found.solved:
@@ -67,7 +67,7 @@ def motion(run: Run) -> dict[str, Any] | None:
 
 
 def _active_board(found: LinePlans) -> Board:
-    """The active constraint along the path, of every law."""
+    """Plot the active constraint along the path, of every law."""
     plans = found.of_laws
     frames = []
     for p in plans:
@@ -89,7 +89,7 @@ def _active_board(found: LinePlans) -> Board:
 
 
 def _beyond(found: LinePlans) -> list[str]:
-    """What the plots cannot show: in words, from the certificates."""
+    """Describe the values outside the plots, from the certificates."""
     out = []
     for p in found.of_laws:
         acceleration, jerk = (worst(p["certificate"], f) for f in ("acceleration", "jerk"))
@@ -158,7 +158,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
 
 
 def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
-    """The torques that Coulomb friction can make at each instant: all of them where a joint rests or reverses."""
+    """Add the possible torques of Coulomb friction at each instant: an interval if a joint rests or reverses."""
     for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
         friction = float(part["coulomb"][0])
         if friction == 0.0:
@@ -175,7 +175,7 @@ def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
 
 
 def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
-    """Range of every joint; None where it is free."""
+    """Return the range of every joint; None if it is unlimited."""
     plan = found.solved[0]
     field = JOINT_CURVES[column][2]
     if field is not None:
@@ -185,7 +185,7 @@ def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, fl
 
 
 def _sides(bound: Any, n: int) -> list[tuple[float, float] | None]:
-    """Limits of every joint, as files have them: one number, one a joint, or a pair of those; None where free."""
+    """Return the limits of every joint from a file: one number, one per joint, or a pair of these; None if unlimited."""
     if bound is None:
         return [None] * n
     pair = isinstance(bound, list) and len(bound) == 2 and (isinstance(bound[0], list) or (bound[0] or 0.0) < 0.0)
@@ -202,7 +202,7 @@ def _sides(bound: Any, n: int) -> list[tuple[float, float] | None]:
 
 
 def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
-    """Shade what is beyond the limits: of one joint, or of all where they are the same."""
+    """Shade the area beyond the limits of one joint, or of all if they are the same."""
     for joint, limit in zip(joints, limits, strict=True):
         if limit is not None:
             plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
@@ -239,7 +239,7 @@ def _outside(limit: tuple[float, float]) -> list[Json]:
 
 
 def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
-    """Ranges that hold whole curves; the shaded bands would widen those that Plotly finds."""
+    """Return ranges that contain whole curves; the shaded bands would widen those that Plotly computes."""
     for law in (*laws, ALL_LAWS):
         of_law = rows if law == ALL_LAWS else rows.filter(pl.col("law") == law)
         for joint in (ALL_JOINTS, *joints):
@@ -296,7 +296,7 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
 
 
 def _envelope(t: Array, y: Array) -> tuple[Array, Array]:
-    """Largest of every few instants: a deviation is zero at the samples of the path and swings in between."""
+    """Return the largest of every few instants: a deviation is zero at the samples of the path and oscillates between them."""
     k = len(t) // ENVELOPE * ENVELOPE
     return t[:k].reshape(-1, ENVELOPE).mean(axis=1), np.maximum(y[:k].reshape(-1, ENVELOPE).max(axis=1), NOISE)
 

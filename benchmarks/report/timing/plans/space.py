@@ -40,7 +40,7 @@ PLANE_HALF = 0.8
 
 
 def space(run: Run) -> dict[str, Any] | None:
-    """Clearance over time and in space, for every law."""
+    """Show clearance over time and in space, for every law."""
     rows, found = run.folder.read("line/clearance.parquet"), line_plans(run)
     pictures = run.folder.read_json(NEAREST)
     if rows is None or found is None or not found.solved or not pictures:
@@ -56,7 +56,7 @@ def space(run: Run) -> dict[str, Any] | None:
 
 
 def _left_out(pairs: Sequence[Sequence[str]]) -> str:
-    """Pairs that were not examined, by reason."""
+    """Return the pairs that were not examined, by reason."""
     by_reason: dict[str, list[str]] = {}
     for first, second, why in pairs:
         by_reason.setdefault(why, []).append(f"{first} and {second}")
@@ -64,7 +64,7 @@ def _left_out(pairs: Sequence[Sequence[str]]) -> str:
 
 
 def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
-    """The least distance of all pairs, and that between links, with what is proved."""
+    """Plot the least distance of all pairs and that between links, with the proved bounds."""
     laws = rows["law"].unique(maintain_order=True).to_list()
     margin = 1e3 * float(pictures[0]["margin"])
     below = {
@@ -114,7 +114,7 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
 
 
 def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
-    """The shapes of arm and scene where they are nearest."""
+    """Draw the shapes of arm and scene at the instant of their least distance."""
     points = np.vstack([1e3 * np.array(capsule[:2]) for picture in pictures for capsule in picture["arm"]])
     corners = [1e3 * _corners(box) for box in pictures[0]["boxes"]]
     everything = np.vstack([points, *corners])
@@ -161,19 +161,19 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
 
 
 def _broken(values: Array) -> list[float | None]:
-    """Coordinates of several lines in one trace: NaN is where one ends."""
+    """Return the coordinates of several lines in one trace, separated by NaN."""
     return lean([None if np.isnan(v) else v for v in values])
 
 
 def _corners(box: Sequence[Any]) -> Array:
-    """Corners (8, 3) of a box [m]."""
+    """Return corners (8, 3) of a box [m]."""
     T, edges = np.array(box[0]), np.array(box[1])
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     return np.asarray(0.5 * signs * edges @ T[:3, :3].T + T[:3, 3])
 
 
 def _edges(box: Sequence[Any]) -> Array:
-    """The edges of a box as lines (k, 3) [m]."""
+    """Return the edges of a box as lines (k, 3) [m]."""
     corners, out = _corners(box), []
     for i in range(8):
         for bit in (1, 2, 4):
@@ -183,7 +183,7 @@ def _edges(box: Sequence[Any]) -> Array:
 
 
 def _square(plane: Sequence[Any]) -> Array:
-    """A square of a plane around the point of it that is nearest to the base (k, 3) [m]."""
+    """Return a square of a plane around its point nearest to the base (k, 3) [m]."""
     point, normal = np.array(plane[0]), np.array(plane[1])
     across = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     across /= np.linalg.norm(across)
@@ -194,7 +194,7 @@ def _square(plane: Sequence[Any]) -> Array:
 
 
 def _capsule(capsule: Sequence[Any]) -> Array:
-    """Rings at both ends of a capsule's segment and two lengthwise lines around it (k, 3) [m]."""
+    """Return rings at both ends of a capsule's segment and two lengthwise lines around it (k, 3) [m]."""
     a, b, radius = np.array(capsule[0]), np.array(capsule[1]), float(capsule[2])
     length = float(np.linalg.norm(b - a))
     z = (b - a) / length if length else np.array([0.0, 0.0, 1.0])
@@ -212,7 +212,7 @@ def _capsule(capsule: Sequence[Any]) -> Array:
 
 
 def axes_in_space(gravity: Array, points: Array) -> Json:
-    """Axes with equal scales that hold everything, up as up is."""
+    """Return axes with equal scales that contain everything, with z upwards."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
     axes = {

@@ -27,7 +27,7 @@ def law_control(laws: Sequence[str], *more: str) -> Control:
 
 
 def line_plans(run: Run) -> LinePlans | None:
-    """The plans of the line."""
+    """Return the plans of the line."""
     found: list[LinePlans] = run.of("plans")
     return found[0] if found else None
 
@@ -43,7 +43,7 @@ SAME_DURATION = 1e-9
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst value of a derivative over its limit: of which joint, and when.
+    """The largest ratio of a derivative to its limit, with its joint and time.
 
     Attributes
     ----------
@@ -60,17 +60,17 @@ class Worst:
 
     @property
     def infinite(self) -> bool:
-        """Whether the next lower derivative jumps."""
+        """Whether the next lower derivative is discontinuous."""
         return self.value == float("inf")
 
     @property
     def broken(self) -> bool:
-        """Whether it is beyond the limit."""
+        """Whether the limit is exceeded."""
         return self.ratio is not None and self.ratio > 1.0
 
 
 def worst(certificate: dict[str, Any], field: str) -> Worst:
-    """Worst of one of velocity, acceleration and jerk, read from a certificate in a file.
+    """Return the largest ratio of one of velocity, acceleration and jerk, read from a certificate in a file.
 
     In the file, None in a value means infinity. None in a ratio means infinity where the value is infinite, else no limit.
     """
@@ -89,7 +89,7 @@ def worst(certificate: dict[str, Any], field: str) -> Worst:
 
 
 def broken_limits(certificate: dict[str, Any]) -> list[str]:
-    """Limits that a motion breaks, promised or not, in words; empty where it keeps all."""
+    """Describe the limits that a motion violates, enforced or not; empty if there are none."""
     out = []
     for field in (f for f in JOINT_LIMITS if f in DERIVATIVES or limits_torque(certificate, f)):
         w = worst(certificate, field)
@@ -102,12 +102,12 @@ def broken_limits(certificate: dict[str, Any]) -> list[str]:
 
 
 def ratio_words(w: Worst) -> str:
-    """Value over limit; near 1 with as many digits as show how near."""
+    """Format a ratio to a limit; near 1 with enough digits to show the difference."""
     return "no limit" if w.ratio is None else ratio_of(w.ratio)
 
 
 def limits_torque(certificate: dict[str, Any], field: str) -> bool:
-    """Whether a motion had a limit on torque, or on its rate."""
+    """Return whether a motion had a limit on torque, or on its rate."""
     extreme = certificate.get(field) or {"time": []}
     return any(time is not None for time in extreme["time"])  # a value may be infinite, which a file has as None
 
@@ -140,7 +140,7 @@ LAW_COLUMNS = (
 
 
 def laws(run: Run) -> dict[str, Any] | None:
-    """A row for each law, and how far the IK method matters."""
+    """Return a row for each law, and the influence of the IK method."""
     found = line_plans(run)
     if found is None:
         return None
@@ -148,7 +148,7 @@ def laws(run: Run) -> dict[str, Any] | None:
 
 
 def law_table(found: LinePlans) -> Table:
-    """The time laws side by side, planned with the first IK method that solved the line."""
+    """Return the table of the time laws, planned with the first IK method that solved the line."""
     solver = found.solver
     plans = [p for p in found.plans if p["solver"] == solver]
     within = [p for p in plans if p["status"] == "solved" and not broken_limits(p["certificate"])]
@@ -193,7 +193,7 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
 
 
 def ik_matters(found: LinePlans) -> str:
-    """How far the motions depend on the IK method, in one sentence."""
+    """Describe in one sentence how much the motions depend on the IK method."""
     by_law: dict[str, list[dict[str, Any]]] = {}
     for p in found.solved:
         by_law.setdefault(p["law"], []).append(p)
@@ -215,7 +215,7 @@ def ik_matters(found: LinePlans) -> str:
 
 
 def _small(micrometres: float) -> str:
-    """A length; below what is a result, that."""
+    """Format a length; below the least result, as an upper bound."""
     floor = noise_floor("µm")
     return number(floor, 1).removeprefix("1·") if micrometres <= floor else number(micrometres, 2)
 
