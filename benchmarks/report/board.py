@@ -108,7 +108,6 @@ class Plot:
     height: int = 340
     traces: list[Json] = field(default_factory=list)
     layouts: list[Json] = field(default_factory=list)
-    frames: list[Json] = field(default_factory=list)
 
     def add(self, trace: Json, when: When | None = None, variants: Sequence[tuple[When, Json]] = ()) -> None:
         """Show a trace at some choices; variants change its look at others."""
@@ -133,7 +132,7 @@ class Plot:
                 traces = [entry | {"trace": _raised(entry["trace"], values, floor)} for entry in traces]
                 if any(floor in entry["trace"].get(values, ()) for entry in traces):
                     layout["annotations"] = [*layout.get("annotations", ()), _floor_mark(values, floor)]
-        data = {"id": self.id, "layout": layout, "traces": traces, "layouts": self.layouts, "frames": self.frames}
+        data = {"id": self.id, "layout": layout, "traces": traces, "layouts": self.layouts}
         return {key: value for key, value in data.items() if value}
 
 
@@ -152,11 +151,6 @@ class Board:
     def shown(self) -> tuple[Control, ...]:
         """Controls with more than one option."""
         return tuple(c for c in self.controls if len(c.options) > 1)
-
-    @property
-    def animated(self) -> bool:
-        """Whether one of its plots is animated."""
-        return any(p.frames for p in self.plots)
 
     @property
     def state(self) -> dict[str, str]:

@@ -70,8 +70,8 @@ class Page(HTMLParser):
 
 def boards_of(page: Page) -> list[Any]:
     """The plots of every board, as the browser has them."""
-    packed = [s for s in page.scripts if re.fullmatch(r"H4sI[\w+/=]+", s) and len(s) < 1e6]
-    return [unpack(text) for text in packed]
+    scripts = zip(page.all("script"), page.scripts, strict=True)
+    return [unpack(text) for attrs, text in scripts if attrs.get("type") == "text/plain" and "id" not in attrs]
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from benchmarks.report.ik import budgets
 from tests.benchmarks.browser import CHROMIUM, Browser
 
 EVIL = "<script>alert('x')</script> & <b>a|b</b>"
-PLAYS = "document.querySelector('[data-play]')?.getAttribute('aria-pressed') === 'true'"
+PART = "document.getElementById('arm').shadowRoot.getElementById"
 ALL_DRAWN = "performance.getEntriesByName('all plots').length"
 
 
@@ -82,16 +82,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def drawn(browser: Browser, page: Path) -> Browser:
-    """The page, drawn; Play was pressed as soon as the page was parsed, before anything was drawn."""
-    press = "() => document.querySelector('[data-play]').click()"
-    source = f"document.addEventListener('readystatechange', {press}, {{ once: true }});"
-    script = browser.send("Page.addScriptToEvaluateOnNewDocument", source=source)
+    """The page, drawn."""
     browser.emulate(width=1280)
     browser.open(page)
-    browser.until(PLAYS)
-    browser.until("Number(document.querySelector('[data-frame]').value) > 2")
-    browser.run("document.querySelector('[data-play]').click()")
-    browser.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
     browser.until(ALL_DRAWN)
     return browser
 
@@ -106,12 +99,22 @@ def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
     assert drawn.asked(page) == []
 
 
-def test_play_works_also_when_it_is_pressed_before_anything_is_drawn(opened: Browser) -> None:
-    assert not opened.run(PLAYS)
-    assert opened.run("document.querySelector('[data-play]').textContent") == "Play"
-    opened.run("document.querySelector('[data-play]').click()")
-    assert opened.run(PLAYS)
-    opened.run("document.querySelector('[data-play]').click()")
+def test_the_arm_plays_the_default_law_and_a_second_one_on_request(opened: Browser, small_run: RunFolder) -> None:
+    rows = small_run.read("line/motion.parquet")
+    assert rows is not None
+    ends = dict(rows.group_by("law").agg(pl.col("t").max()).iter_rows())
+    first = "optimal" if "optimal" in ends else rows["law"][0]
+    laws = f"[...{PART}('which').options].map(option => option.value)"
+    assert set(opened.run(laws)) == set(ends)
+    assert [opened.run(f"{PART}('{name}').value") for name in ("which", "beside")] == [first, ""]
+    assert opened.run(f"Number({PART}('time').max)") == pytest.approx(ends[first])
+    slowest = max(ends, key=lambda law: ends[law])
+    opened.run(f"(s => {{ s.value = '{slowest}'; s.dispatchEvent(new Event('change')); }})({PART}('beside'))")
+    opened.until(f"Math.abs(Number({PART}('time').max) - {ends[slowest]}) < 1e-6")
+    opened.run(f"{PART}('play').click()")
+    opened.until(f"Number({PART}('time').value) > 0.1")
+    opened.run(f"{PART}('play').click()")
+    assert opened.run(f"{PART}('play').getAttribute('aria-pressed')") == "false"
 
 
 def test_every_control_is_driven(opened: Browser) -> None:

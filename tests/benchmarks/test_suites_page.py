@@ -221,7 +221,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
     for title, types in (("Spots (`what", SPOT_TYPES), ("Cycles (`what", ISO_TYPES), ("Laws (`what", LAW_TYPES)):
         executed[title] = set(types) - executed["All executions"]
     found |= executed
-    tables = ("samples", "motion", "tool", "frames")
+    tables = ("samples", "motion", "tool")
     found |= {f"`line/{t}": set(pl.read_parquet(small_run.path / f"line/{t}.parquet").columns) for t in tables}
     for title, columns in found.items():
         assert columns_in(title) == columns, title

@@ -112,9 +112,6 @@ MOTION_INSTANTS = 751
 TOOL_INSTANTS = 1501
 """Number of stored instants of the tool's deviation, which oscillates between the samples; the largest of several is drawn."""
 
-PICTURES = 61
-"""Number of pictures of the moving arm: enough to look smooth, few enough for a small page."""
-
 PLAN_REPEATS = 3
 """Number of timed plans; the median is used, so the one that compiles does not count."""
 
@@ -234,24 +231,6 @@ def _samples(planned: Plan) -> pl.DataFrame:
     )
 
 
-def _frames(planned: Plan) -> pl.DataFrame:
-    """Return points of the arm, base to tool, in pictures equally spaced in time."""
-    t = np.linspace(0.0, planned.trajectory.end, PICTURES)
-    points = planned.robot.frames(planned.trajectory(t))[:, :, :3, 3]
-    k, m = points.shape[:2]
-    return pl.DataFrame(
-        {
-            "law": planned.law,
-            "frame": np.repeat(np.arange(k), m),
-            "t": np.repeat(t, m),
-            "point": np.tile(np.arange(m), k),
-            "x": points[..., 0].ravel(),
-            "y": points[..., 1].ravel(),
-            "z": points[..., 2].ravel(),
-        }
-    )
-
-
 class _Plans(Kind):
     """The line of a suite: its table ``[line]``."""
 
@@ -308,7 +287,6 @@ class _Plans(Kind):
             folder.write(
                 "line/samples.parquet", pl.concat([_samples(p) for p in {p.solver: p for p in reversed(good)}.values()])
             )
-            folder.write("line/frames.parquet", pl.concat([_frames(p) for p in shown]))
             if block.scene:
                 folder.write("line/clearance.parquet", pl.concat([clearance_frame(p) for p in shown]))
                 folder.write_json(NEAREST, [picture for p in shown if (picture := nearest_picture(p)) is not None])

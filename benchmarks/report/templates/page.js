@@ -90,7 +90,6 @@
           this.ready().then(() => this.draw());
         });
       }
-      this.player = figure.querySelector("[data-play]") && new Player(this);
       this.tell();
     }
 
@@ -128,7 +127,6 @@
         Plotly.react(plot.id, data, layout, config(plot));
         fitted.observe(place);
       }
-      if (this.player) this.player.reset();
     }
 
     trace(entry, style) {
@@ -136,77 +134,6 @@
       for (const variant of entry.variants || []) if (fits(variant.when, this.state)) merge(trace, themed(variant.patch, style));
       if (trace.meta === "log10") trace.z = logarithm(trace.customdata);
       return trace;
-    }
-  }
-
-  // Moves the trace marked "moves" through the pictures of the chosen law, at half the real speed.
-  class Player {
-    constructor(board) {
-      this.board = board;
-      this.button = board.figure.querySelector("[data-play]");
-      this.slider = board.figure.querySelector("[data-frame]");
-      this.output = board.figure.querySelector("[data-time]");
-      this.timer = null;
-      this.wanted = false; // pressed before the plot was there
-      this.button.addEventListener("click", () => (this.timer || this.wanted ? this.pause() : this.start()));
-      this.slider.addEventListener("input", () => { this.pause(); this.show(Number(this.slider.value)); });
-    }
-
-    get plot() { return this.board.plots.find(plot => plot.frames); }
-    get pictures() { return this.plot.frames.find(entry => fits(entry.when, this.board.state)); }
-
-    reset() {
-      const wanted = this.wanted;
-      this.pause();
-      this.slider.max = this.pictures.t.length - 1;
-      this.show(Math.min(Number(this.slider.value), this.pictures.t.length - 1));
-      if (wanted) this.play();
-    }
-
-    show(k) {
-      if (!this.board.drawn) return;
-      const { t, x, y, z } = this.pictures;
-      const moving = document.getElementById(this.plot.id).data.findIndex(trace => trace.meta === "moves");
-      this.slider.value = k;
-      this.output.textContent = `${t[k].toFixed(2)} s`;
-      Plotly.restyle(this.plot.id, { x: [x[k]], y: [y[k]], z: [z[k]] }, [moving]);
-    }
-
-    start() {
-      if (this.board.drawn) return this.play();
-      this.wanted = true;
-      this.press();
-      this.board.ready();
-    }
-
-    press() {
-      this.button.textContent = "Pause";
-      this.button.setAttribute("aria-pressed", "true");
-    }
-
-    play() {
-      const { t } = this.pictures;
-      const last = t.length - 1;
-      const from = Number(this.slider.value) >= last ? 0 : t[Number(this.slider.value)];
-      const begin = performance.now();
-      this.press();
-      const step = now => {
-        const at = from + (now - begin) / 2000;
-        let k = t.findIndex(value => value > at);
-        if (k < 0) k = last + 1;
-        this.show(Math.max(0, k - 1));
-        if (k > last) this.pause();
-        else this.timer = requestAnimationFrame(step);
-      };
-      this.timer = requestAnimationFrame(step);
-    }
-
-    pause() {
-      if (this.timer) cancelAnimationFrame(this.timer);
-      this.timer = null;
-      this.wanted = false;
-      this.button.textContent = "Play";
-      this.button.setAttribute("aria-pressed", "false");
     }
   }
 
@@ -247,6 +174,14 @@
   // ---------------------------------------------------------------- the page
 
   const boards = [...document.querySelectorAll("figure.board")].map(figure => new BoardView(figure));
+  // The arm that plays motions: its script and its data.
+  const drawArm = async place => {
+    const [text, data] = JSON.parse(new TextDecoder().decode(await inflate(place.querySelector("script").textContent)));
+    const script = document.createElement("script");
+    script.textContent = text;
+    document.head.append(script);
+    optikArm(place, JSON.parse(data));
+  };
   // One after another, from the top, so that the page answers in between.
   const drawAll = async () => {
     for (const board of boards) {
@@ -254,6 +189,8 @@
       if (board === boards[0]) performance.mark("first plot");
       await new Promise(resolve => setTimeout(resolve));
     }
+    const arm = document.getElementById("arm");
+    if (arm) await drawArm(arm);
     performance.mark("all plots");
   };
   drawAll();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,8 @@ import numpy as np
 from benchmarks.report.base import KindReport, Section, Table, Winner
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.arm import moving_arm
 from benchmarks.report.timing.plans.motion import motion
-from benchmarks.report.timing.plans.space import space
+from benchmarks.report.timing.plans.space import line_in_space, space
 from benchmarks.report.timing.plans.tables import broken_limits, law_table, laws, line_plans
 from benchmarks.report.words import listed
 from optik.registry import short_name
@@ -96,7 +96,7 @@ def tables(run: Run) -> list[Table]:
 
 SECTIONS = (
     Section("The line", "plans", summary, order=70, place="summary"),
-    Section("The line in space (Fig. 5 and 6)", "line", moving_arm, order=70),
+    Section("The line in space (Fig. 5 and 6)", "line", line_in_space, Path(__file__).with_name("arm.html.j2"), 70),
     Section("Joint and tool motion", "motion", motion, order=80),
     Section("Clearance", "clearance-line", space, order=75),
     Section("Time laws", "laws", laws, order=90),

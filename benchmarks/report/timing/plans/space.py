@@ -1,7 +1,8 @@
-"""Section: clearance over time, and the arm's shapes and the scene at the instant of the least clearance."""
+"""Sections: the line with the arm that plays along it (Fig. 5 and 6), and the clearance over time and where it is least."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,10 +22,17 @@ from benchmarks.report.figures import (
     line,
     line_3d,
 )
+from benchmarks.report.numbers import number
+from benchmarks.report.packing import squeeze
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.tables import law_control, line_plans
 from optik.arm.robot import Robot
 from optik.types import Array
+from planners.cell.view.page import embed_arm
+from planners.cell.view.show import Track, thin
+
+ARM_INSTANTS = 251
+"""Number of instants of a motion of the arm; the viewer interpolates cubics between them."""
 
 AROUND = 13
 """Points of a drawn circle."""
@@ -37,6 +45,59 @@ SCENE_COLOUR = "var(--c1)"
 
 PLANE_HALF = 0.8
 """Half of the edge of the square that is drawn of a plane [m]."""
+
+
+def line_in_space(run: Run) -> dict[str, Any] | None:
+    """Show the line with its samples, and the arm along it under the time law that the reader chooses."""
+    rows, found = run.folder.read("line/motion.parquet"), line_plans(run)
+    if rows is None or found is None or not found.solved:
+        return None
+    robot = run.robot(found.block.robot)
+    ends = np.array([np.array(found.solved[0]["path"][end])[:3, 3] for end in ("start", "goal")])
+    laws = law_control(rows["law"].unique(maintain_order=True).to_list())
+    names = sorted((law for law, _ in laws.options), key=lambda law: law != laws.value)
+    motions = {law: _track(rows.filter(pl.col("law") == law), robot.n) for law in names}
+    words = [", ".join(number(1e3 * x, 4) for x in point) for point in ends]
+    legend = (Key("line", "var(--c1)"), Key("samples", "var(--c0)", "dot"), Key("start", "var(--c2)", "dot"),
+              Key("goal", "var(--c3)", "dot"))  # fmt: skip
+    board = Board(
+        "line-board", (_straight(1e3 * ends, found.block.samples),), (), legend,
+        f"The line with its {found.block.samples} samples, in the base frame. Drag to turn.",
+    )  # fmt: skip
+    return {
+        "words": [f"From ({words[0]}) mm to ({words[1]}) mm."], "boards": [board],
+        "arm": squeeze(json.dumps(embed_arm(robot, motions, ends)).encode()),
+    }  # fmt: skip
+
+
+def _track(rows: pl.DataFrame, n: int) -> Track:
+    """Return a motion for the viewer, from a row for each instant and joint."""
+    t, q, dq = (rows[name].to_numpy().reshape(-1, n) for name in ("t", "q", "dq"))
+    return thin(Track(t[:, 0], q, dq), ARM_INSTANTS)
+
+
+def _straight(ends: Array, samples: int) -> Plot:
+    """Plot the line alone, with its samples [mm]."""
+    scene = {"aspectmode": "cube", **{f"{a}axis": _axis_in_space(a, 5) for a in "xyz"}}
+    plot = Plot(
+        "straight", "The straight line in Cartesian coordinates (Fig. 5)",
+        {"scene": scene, "margin": dict.fromkeys("lrtb", 0)}, height=520,
+    )  # fmt: skip
+    along = ends[0] + np.linspace(0.0, 1.0, samples)[:, None] * (ends[1] - ends[0])
+    plot.add(_points(ends, "line", mode="lines", line={"color": "var(--c1)", "width": 4}))
+    plot.add(_points(along, "sample", marker={"color": "var(--c0)", "size": 2}))
+    plot.add(_points(ends[:1], "P₀", marker={"color": "var(--c2)", "size": 6, "symbol": "circle"}))
+    plot.add(_points(ends[1:], "P", marker={"color": "var(--c3)", "size": 6, "symbol": "diamond"}))
+    return plot
+
+
+def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> Json:
+    x, y, z = (lean(values) for values in points.T)
+    hover = f"{name}<br>%{{x:.1f}}, %{{y:.1f}}, %{{z:.1f}} mm{HOVER}"
+    return line_3d(x=x, y=y, z=z, mode=mode, name=name, hovertemplate=hover, **options)
+
+
+# ---------------------------------------------------------------- clearance
 
 
 def space(run: Run) -> dict[str, Any] | None:
@@ -215,13 +276,14 @@ def axes_in_space(gravity: Array, points: Array) -> Json:
     """Return axes with equal scales that contain everything, with z upwards."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
-    axes = {
-        f"{a}axis": {
-            "title": {"text": f"{a.upper()} [mm]"}, "range": lean([low[i] - room, high[i] + room]), "nticks": 6,
-            "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR, "showbackground": False,
-        }
-        for i, a in enumerate("xyz")
-    }  # fmt: skip
+    axes = {f"{a}axis": _axis_in_space(a, 6, range=lean([low[i] - room, high[i] + room])) for i, a in enumerate("xyz")}
     up = dict(zip("xyz", lean(-gravity), strict=True))
     camera = {"up": up, "eye": {"x": 1.0, "y": -1.2, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
     return {"aspectmode": "data", "camera": camera, **axes}
+
+
+def _axis_in_space(name: str, ticks: int, **options: Any) -> Json:
+    return options | {
+        "title": {"text": f"{name.upper()} [mm]"}, "nticks": ticks, "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR,
+        "linecolor": MUTED_COLOUR, "showbackground": False,
+    }  # fmt: skip
