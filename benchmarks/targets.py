@@ -86,7 +86,7 @@ class Target(Settings):
     def fitted(
         self, where: str, measures: tuple[Measure, ...], labels: tuple[str, ...], groups: tuple[str, ...]
     ) -> Target:
-        """Return the target, checked against its block; without a named entry it applies to the first."""
+        """Check a target against its block and return it; without a named entry it applies to the first."""
         at = f"{where}: targets"
         measure = measure_named(measures, self.measure, at)
         method = self.method or (labels[0] if labels and "method" not in self.model_fields_set else "")

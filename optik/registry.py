@@ -228,7 +228,7 @@ def _entry_point(group: str, name: Any, kind: str) -> EntryPoint | None:
 def _reason(group: str, name: str, count: int) -> str:
     """Return why the entry points of a name cannot be used, or an empty string."""
     if name in own_names(group):
-        return f"it has the name of one of ours, {group}.{name}, which stays what it is"
+        return f"it has the name of one of ours, {group}.{name}, which cannot be replaced"
     if count > 1:
         return f"{count} packages register it"
     return "it means a path" if is_path(name) else ""

@@ -57,7 +57,7 @@ def simulate_controller(trajectory: Trajectory, rate: float, interpolation: str)
 
 
 def count_derivatives(interpolation: str) -> int:
-    """Return how many of q, q̇, q̈ an interpolation passes through."""
+    """Return the number of derivatives (of q, q̇, q̈) that an interpolation passes through."""
     if not isinstance(interpolation, str) or interpolation not in INTERPOLATIONS:
         raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
     return INTERPOLATIONS.index(interpolation) + 1

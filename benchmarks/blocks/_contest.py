@@ -89,5 +89,5 @@ def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:
     facts: dict[str, Any] | None = folder.read_json(file)
     if facts is None:
         top = file.partition("/")[0]
-        raise InvalidInput("run", f"no facts on {block!r}", f"whole parts; delete {top}/ and run again")
+        raise InvalidInput("run", f"no facts on {block!r}", f"complete parts; delete {top}/ and run again")
     return facts

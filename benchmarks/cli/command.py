@@ -37,7 +37,7 @@ NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 
 ALLOW_HELP = (
     "Violations to permit, comma separated or repeated: contact (or a distance below the margin), path (error above the "
-    "tolerance), limits (one is exceeded, or a jump, or a joint range), jerk (its limit is exceeded), coverage (a part of the "
+    "tolerance), limits (one or a joint range is exceeded, or a jump), jerk (its limit is exceeded), coverage (a part of the "
     "path is missing), not_proved (a bound is neither violated nor proved)."
 )
 """Help of ``--allow``."""
@@ -156,7 +156,7 @@ class RobotCommand(JsonCommand):
         "Robot", "A name from `optik robots`, or a file: .urdf, .toml, .json or .py.", "paper6r", "--robot", "-r"
     )
     tip: str | None = option("Robot", "Tool link of a URDF; required if it has several ends.")
-    base: str | None = option("Robot", "Base link of a URDF, in which poses are given; by default its root.")
+    base: str | None = option("Robot", "Base link of a URDF, the frame of all poses; by default its root.")
 
     def load(self) -> optik.Robot:
         """Load the robot."""
@@ -182,7 +182,7 @@ class StartCommand(RobotCommand):
 
     start_deg: str = numbers(
         "Robot",
-        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or else a sampled one.",
+        "Start configuration [degrees, prismatic mm]: 20,-35,40; by default the arm's home, or a random configuration.",
         "",
     )
     solver: str = option("Method", f"IK method, one of: {', '.join(optik.ik.solvers())}; or a file: ./jt.py.", "lm")

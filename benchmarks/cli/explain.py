@@ -72,7 +72,7 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
 
 
 def _check(block: Block) -> None:
-    """Check what needs the data files."""
+    """Check the settings that depend on data files."""
     if isinstance(block, ProblemBlock) and not _code(block.set) and not _code(block.robot):
         check_set(block)
     for line in block.lines if isinstance(block, LawBlock) else ():

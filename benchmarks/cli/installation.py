@@ -65,7 +65,7 @@ class DoctorCommand(JsonCommand):
     """
 
     def run(self) -> None:
-        """Print what was checked."""
+        """Print the checks."""
         rows = [
             *_check_machine(), *_check_requirements(), *_check_cache(), *_check_extras(), *_check_peers(), *_check_plugins(),
         ]  # fmt: skip
@@ -192,7 +192,7 @@ def _check_plugins() -> Iterator[Check]:
 
 @dataclass(frozen=True, kw_only=True)
 class KernelsCommand(JsonCommand):
-    """List compiled kernels (functions compiled by Numba): shipped ones, and those of this machine with the reason."""
+    """List compiled kernels (functions compiled by Numba): shipped ones, and those compiled here, with the reason."""
 
     compile_: bool = option(
         "Options", "Compile the kernels of common calls that are neither shipped nor cached.", False, "--compile"

@@ -284,7 +284,7 @@ class ViewCommand(Command):
 
 
 def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
-    """Return what a page plays; with a drive, execute a plan first."""
+    """Return the recording for a page; with a drive, execute a plan first."""
     from planners.cell.drives import make_drive
     from planners.cell.view.show import Show, show_execution, show_motion
     from planners.plan import Plan

@@ -355,7 +355,7 @@ class JointsCommand(PlanCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class PathCommand(PlanCommand):
-    """Plan and certify a motion of the tool along a path of any kind, also from a file or an installed package.
+    """Plan and certify a motion of the tool along a path of a type from optik, a file or an installed package.
 
     --set gives the data of the path, with the keys of its to_dict. By default, start is the tool's pose at the start
     configuration.

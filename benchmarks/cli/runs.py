@@ -325,7 +325,7 @@ class CompareCommand(JsonCommand):
             raise typer.Exit(1)
 
     def _print(self, found: Comparison) -> None:
-        """Print the differences, the different settings, and what was not compared."""
+        """Print the differences, the different settings, and the parts that were not compared."""
         from benchmarks.report.numbers import number
 
         table = Table("block", "method", "measure", "A", "B", "change", "")

@@ -38,7 +38,7 @@ COUNTERPARTS = (
     Counterpart("Eq. 9, 12", "orientation error, step size", "misprints with their evidence", "misprints"),
     Counterpart("Eq. 11", "damping factor λ", "damping against the distance to a singularity", "damping"),
     Counterpart("Eq. 14, 15, Fig. 5", "straight line and its samples", "the line with its samples", "line"),
-    Counterpart("Eq. 16, 17", "joint velocities, quintic segments", "time law quintic, beside the others", "laws"),
+    Counterpart("Eq. 16, 17", "joint velocities, quintic segments", "time law quintic, among other laws", "laws"),
     Counterpart("Fig. 6", "the arm along the line", "the arm along the line, moving", "line"),
     Counterpart("Fig. 10", "positions of laser point and robot end", "spots and tools on the graph paper", "maps"),
     Counterpart("Fig. 11", "X error over the workspace", "map of the error in X, and against the distance", "maps"),

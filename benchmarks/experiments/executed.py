@@ -1,4 +1,4 @@
-"""The paper's claims about the workspace on executed motions: the same rules, with the noise of a whole cell."""
+"""The paper's claims about the workspace on executed motions: the same rules, with the noise of the cell."""
 
 from __future__ import annotations
 

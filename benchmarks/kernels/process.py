@@ -13,7 +13,7 @@ from optik.compiled.kernel import Helper, Kernel
 
 
 class Teller(event.Listener):  # type: ignore[misc]
-    """Prints the name of a kernel when it has been compiled."""
+    """Event listener of Numba that prints the name of each compiled kernel."""
 
     def __init__(self, out: Any) -> None:
         self._out = out

@@ -1,1 +1,1 @@
-"""Problem sets, one per file: targets, start configurations, and what is known about each problem."""
+"""Problem sets, one per file: targets, start configurations, and known properties of each problem."""

@@ -26,7 +26,7 @@ MARKER_CHARACTERS = {
 
 @dataclass(frozen=True)
 class Control:
-    """A control with which the reader chooses what a board shows."""
+    """A control with which the reader selects the content of a board."""
 
     key: str
     label: str
@@ -199,7 +199,7 @@ def _escaped(data: Any, names: Sequence[str]) -> Any:
 
 
 def _raised(trace: Json, values: str, floor: float) -> Json:
-    """Return a trace whose values are raised to the least result."""
+    """Return a trace with values below the least result replaced by it."""
     found = trace.get(values)
     if not isinstance(found, list | tuple):
         return trace

@@ -85,7 +85,7 @@ class SettingDifference(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison of two runs: differences, what could not be compared and why, and the settings that differ."""
+    """A comparison of two runs: differences, different settings, and the parts that could not be compared with the reason."""
 
     differences: tuple[Difference, ...]
     left_out: tuple[str, ...]

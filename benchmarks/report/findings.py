@@ -26,7 +26,7 @@ def claims(run: Run) -> dict[str, Any] | None:
 
 
 def claims_of(findings: Sequence[Finding]) -> dict[str, Any]:
-    """Return what the template of claims shows."""
+    """Return the data for the template of claims."""
     return {"paper": PAPER_TITLE, "findings": [(f, badge(f.verdict)) for f in findings]}
 
 

@@ -67,7 +67,9 @@ class Cluster(Pool):
         try:
             error = future.exception()
         except CancelledError:
-            words = f"lost the Dask scheduler at {self._address}; finished parts are kept: repeat the command to resume"
+            words = (
+                f"lost the Dask scheduler at {self._address}; finished parts are stored: repeat the command to resume"
+            )
             raise PoolLost(words) from None
         if isinstance(error, self._dask.KilledWorker):
             return Failure("every worker of the cluster that ran it ended", again=True)

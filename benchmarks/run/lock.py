@@ -62,7 +62,7 @@ class Lock:
             raise OutputError(self._file, f"cannot be written ({error.strerror})") from None
 
     def release(self) -> None:
-        """Release the lock, and remove its file unless it records a crash in work that this process has not repeated."""
+        """Release the lock; remove its file unless it records a crash whose work this process has not repeated."""
         if sys.platform == "win32":
             os.close(self._opened)  # an open file cannot be removed
         if self.is_void:

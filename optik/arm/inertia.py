@@ -88,7 +88,7 @@ def _check_tensor(mass: float, tensor: Array, where: str) -> Array:
     if low < -TENSOR_ROUNDING * scale:
         raise InvalidInput(argument, moments, "moments ≥ 0")
     if low + middle < (1.0 - TRIANGLE_SLACK) * high:
-        raise InvalidInput(argument, moments, "moments of which none exceeds the sum of the other two")
+        raise InvalidInput(argument, moments, "moments, each at most the sum of the other two")
     radius = (high / mass) ** 0.5 if mass > 0.0 else 0.0
     if radius > FARTHEST_MASS:
         wanted = f"kg·m² with a radius of gyration of at most {FARTHEST_MASS:g} m; is it in kg·mm² or g·mm²?"

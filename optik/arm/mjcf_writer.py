@@ -26,7 +26,7 @@ ROD_THICKNESS = 0.1
 
 
 def assume_masses(robot: Robot) -> tuple[Robot, str]:
-    """Return an arm whose masses are known, and what was assumed for it, in words.
+    """Return an arm with known masses, and a description of the assumptions.
 
     An arm that has masses is returned as it is. One without gets, for each link, a solid cylinder from its joint to the next
     one (the tool, for the last), `ROD_THICKNESS` of the arm's length thick and at least as long, of `ROD_DENSITY`; motors

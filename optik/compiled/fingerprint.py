@@ -216,7 +216,7 @@ class _Walk:
         self.note("unordered", type(v).__qualname__, *sorted(parts))
 
     def _other(self, v: Any) -> None:
-        """Add any other object: an intrinsic by its definition, the rest by its pickle, both with the text of their file."""
+        """Add any other object: an intrinsic by its definition, others by their pickle, both with the text of their file."""
         made = getattr(v, "_defn", None)
         self.note("other", type(v).__module__, type(v).__qualname__)
         if isinstance(made, FunctionType):

@@ -23,7 +23,7 @@ config._config_fname = os.devnull  # a .numba_config.yaml in the working folder 
 config.reload_config()
 
 F = TypeVar("F", bound=Callable[..., Any])
-"""Type of the function: the type checker sees the signature of what is compiled."""
+"""Type of the function: the type checker sees the signature of the compiled function."""
 QUIET_SECONDS = 2.0
 """Time of compilation after which a terminal shows progress."""
 

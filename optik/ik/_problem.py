@@ -36,7 +36,7 @@ class IKStatus(StrEnum):
 
     @property
     def advice(self) -> str:
-        """What to try next, in words; empty for SOLVED."""
+        """Advice in words; empty for SOLVED."""
         return _ADVICE[self]
 
 

@@ -326,7 +326,7 @@ class Task:
         if off > most:
             why = f"the laser unit measures the tool {_mm(off)} from its position by the encoders"
             reason = f"{why}, but noise and calibration explain at most {_mm(most)}"
-            advice = "check what the unit reads there" + ("" if stated else "; or state the covariance of its pose")
+            advice = "check the reading of the unit there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         # the variance of the readings of spot and tool remains after a correction
         self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.settings.plane)))

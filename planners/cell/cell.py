@@ -113,9 +113,7 @@ class Cell(CellParts):
         if not isinstance(drive, Drive):
             raise InvalidInput("drive", format_value(drive), "a Drive, or the name of one")
         if q is not None:
-            raise InvalidInput(
-                "q", "a configuration, with a Drive object", "the configuration given to the drive itself"
-            )
+            raise InvalidInput("q", "a configuration and a Drive object", "the configuration given to the drive itself")
         if drive.robot == self.robot:
             return drive
         if drive.robot != self._bare:

@@ -302,7 +302,7 @@ def describe_cube(edge: float) -> str:
 
 
 def _repeatability(positions: Array) -> Array:
-    """Return the mean distance from the mean plus three standard deviations of it, over the cycles (first axis)."""
+    """Return the mean distance from the mean plus three standard deviations of the distance, over the cycles (first axis)."""
     distance = np.linalg.norm(positions - positions.mean(axis=0), axis=-1)
     return np.asarray(distance.mean(axis=0) + 3.0 * distance.std(axis=0, ddof=1))
 

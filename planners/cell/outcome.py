@@ -153,12 +153,12 @@ class Outcome:
 
     @property
     def reason(self) -> str:
-        """Why the task failed; empty if it did not fail."""
+        """Reason of a failed task; otherwise empty."""
         return self.failed.reason if self.failed is not None else ""
 
     @property
     def advice(self) -> str:
-        """What to try after a failure; empty if the task did not fail."""
+        """Advice for a failed task; otherwise empty."""
         return self.failed.advice if self.failed is not None else ""
 
     @property

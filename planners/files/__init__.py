@@ -100,7 +100,7 @@ def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] 
     except InvalidInput as error:
         raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
     except OptikError as error:
-        raise InvalidInput(str(file), str(error), "a whole motion") from None
+        raise InvalidInput(str(file), str(error), "a complete motion") from None
 
 
 def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None, **options: float) -> Format:

@@ -65,7 +65,7 @@ def _read_arrays(content: bytes, names: tuple[str, ...]) -> list[Any]:
             shape, _, dtype = read(packed)
             claimed, held = math.prod(shape) * dtype.itemsize, member.file_size - packed.tell()
             if claimed != held:
-                raise InvalidInput(member.filename, f"{held} bytes for an array of {claimed}", "a whole array")
+                raise InvalidInput(member.filename, f"{held} bytes for an array of {claimed}", "a complete array")
             packed.seek(0)
             found.append(np.lib.format.read_array(packed, allow_pickle=False))
     return found

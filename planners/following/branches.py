@@ -113,7 +113,7 @@ def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) ->
 
 
 def _list_windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
-    """Return the windings of joint i that start inside its limits: s at which it leaves them, two costs, number of turns."""
+    """Return the windings of joint i that start inside its limits: path parameter where each leaves them, two costs, turns."""
     # s is infinite if it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]
     q, turn = way.q[0, i], 2.0 * np.pi

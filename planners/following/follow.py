@@ -355,7 +355,7 @@ class Follower:
         return IKRecord(position, rotation, iterations, samples[: len(results)]), failure
 
     def _find_advice(self, failure: PlanFailure) -> str:
-        """Return what would work; each advice is tried first."""
+        """Return a remedy as advice; each one is tried before it is given."""
         robot, path = self.robot, self.path
         shorter = (
             f"a path that ends before s = {failure.s:.6g}" if failure.s > 0.0 else "another start configuration or path"

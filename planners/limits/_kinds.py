@@ -120,7 +120,7 @@ class Jerk(DerivativeLimit):
 
 
 class LoadedLimit(Limit):
-    """A limit on the torques of the joints, or on their rates. It is not evaluated where it is free.
+    """A limit on the torques of the joints, or on their rates. It is not evaluated where it has no bound.
 
     A payload given as an interval is two loads, the lightest and the heaviest. The torque is affine in the payload's mass, so
     one of the two has the peak value.

@@ -24,7 +24,7 @@ from planners.trajectory import Trajectory
 
 
 class RecordedLaw(TimeLaw):
-    """A stand-in for the law of a plan: its name, the limits that it enforces, and the requested speed."""
+    """A record of the law of a plan: its name, the limits that it enforces, and the requested speed."""
 
     enforced = ()
 
@@ -36,7 +36,7 @@ class RecordedLaw(TimeLaw):
         return tuple(name for name in self._enforced if name in limits.names)
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Refuse, because the law itself is not available."""
+        """Raise NoSolution, because the plan's law is not available."""
         raise NoSolution(f"{self.name} starts from rest only")
 
 
@@ -64,7 +64,7 @@ def build_request(
 
 
 def _own_law(plan: Plan) -> TimeLaw:
-    """Return the plan's own law if it can start from a moving state; else a stand-in that enforces the same limits."""
+    """Return the plan's own law if it can start from a moving state; else a record that enforces the same limits."""
     if plan.law in laws() and plan.speed is None:
         law = law_for(plan.law)
         if type(law).run_from is not TimeLaw.run_from:
@@ -84,7 +84,7 @@ def certify_motion(
 
 
 def run_law(request: PlanRequest, joints: JointPath, limits: MotionLimits, at: PathState) -> Trajectory | None:
-    """Return the law's motion from exactly this state; None if the law finds none. `optimal` runs for a stand-in."""
+    """Return the law's motion from exactly this state; None if the law finds none. `optimal` replaces a recorded law."""
     law = Optimal() if isinstance(request.law, RecordedLaw) else request.law
     if at.s >= joints.end * (1.0 - 1e-9):  # no path left
         return None

@@ -95,7 +95,7 @@ def _nanoseconds(time: Any, point: str) -> int:
     sec, nanosec = (time.get(k) for k in ("sec", "nanosec")) if isinstance(time, dict) else (None, None)
     if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST_DURATION and 0 <= nanosec < NANOSECONDS:
         return sec * NANOSECONDS + nanosec
-    raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "whole sec and nanosec, from 0")
+    raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "sec and nanosec, integers from 0")
 
 
 def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:

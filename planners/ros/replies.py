@@ -96,7 +96,7 @@ def read_result(state: Any, values: Any) -> Result:
     known = [each.value for each in GoalState]
     code, words = values.get("error_code", 0), values.get("error_string", "")
     if type(code) is not int or not isinstance(words, str):
-        raise InvalidInput("result", repr(dict(values))[:80], "a whole error_code and an error_string")
+        raise InvalidInput("result", repr(dict(values))[:80], "an integer error_code and an error_string")
     return Result(GoalState(state) if type(state) is int and state in known else GoalState.UNKNOWN, code, words[:200])
 
 
@@ -105,7 +105,7 @@ def read_stamp(message: Mapping[str, Any], what: str) -> int:
     stamp = _mapping(_mapping(message.get("header", {}), f"{what}.header").get("stamp", {}), f"{what}.header.stamp")
     sec, nanosec = stamp.get("sec", 0), stamp.get("nanosec", 0)
     if type(sec) is not int or type(nanosec) is not int or not (0 <= nanosec < NANOSECONDS and sec >= 0):
-        raise InvalidInput(f"{what}.header.stamp", repr(dict(stamp))[:60], "whole sec and nanosec, from 0")
+        raise InvalidInput(f"{what}.header.stamp", repr(dict(stamp))[:60], "sec and nanosec, integers from 0")
     return sec * NANOSECONDS + nanosec
 
 

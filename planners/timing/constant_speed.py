@@ -171,7 +171,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
         c, c1, c2 = _rates(joint_path, s, turning)
         if c.min() <= 1e-6 * c.max():
             raise NoSolution(
-                f"the tool's point stands still at s = {s[c.argmin()]:.6g}: no speed of it is constant along this path",
+                f"the tool point does not move at s = {s[c.argmin()]:.6g}: no speed of it is constant along this path",
                 s=float(s[c.argmin()]), advice="another law, with tool_speed= or rotation_speed= as limits",
             )  # fmt: skip
         h = np.diff(s)

@@ -45,7 +45,7 @@ class Quintic(TimeLaw):
         self.segments = round(duration / step)
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path; the limits are not looked at."""
+        """Time the joint path without checking the limits."""
         t = np.linspace(0.0, self.duration, self.segments + 1)
         s = np.linspace(0.0, joint_path.end, self.segments + 1)
         q = joint_path(s)

@@ -136,7 +136,7 @@ def _solve(joint_path: JointPath, limits: MotionLimits, s: Array, around: Array 
 
 
 def _refine(joint_path: JointPath, limits: MotionLimits, s: Array, speed: Array) -> tuple[Array, Array]:
-    """Return grid and speeds after bisecting the intervals that exceed a limit; the last ones that TOPP-RA solved."""
+    """Bisect the intervals that exceed a limit; return the last grid and speeds that TOPP-RA solved."""
     for _ in range(REFINEMENTS):
         wrong = (_peak_ratios(joint_path, limits, s, speed) > 1.0 + GRID_EXCESS) & (
             np.diff(s) > 2.0 * GRID_APART * s[-1]

@@ -207,7 +207,7 @@ def changed(block: int, **changes: Any) -> Any:
         (changed(0, count=0), InvalidInput, r"count: expected a whole number ≥ 1; got 0"),
         (changed(0, drive="ros"), InvalidInput, r"drive: expected one of auto, ideal, mujoco; got 'ros'"),
         (changed(0, laser_m=[1, 2]), InvalidInput, r"laser_m: expected three numbers"),
-        (changed(0, noise={"friction": 1.5}), InvalidInput, r"friction: expected a share below 1; got 1\.5"),
+        (changed(0, noise={"friction": 1.5}), InvalidInput, r"friction: expected a number below 1; got 1\.5"),
         (changed(0, noise={"laser_angle": -1e-3}), InvalidInput, r"laser_angle: expected a number, 0 or more"),
         (changed(0, noise={"laser_angle": math.nan}), InvalidInput, "laser_angle"),
         (changed(0, noise={"lazer_angle": 1}), InvalidInput, "expected 'laser_angle'"),
@@ -234,7 +234,7 @@ def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exceptio
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (changed(1, start_deg=[1, 2]), "start_deg: expected 6, one a joint"),
+        (changed(1, start_deg=[1, 2]), "start_deg: expected 6, one for each joint"),
         (changed(1, start_deg=[0, 200, 0, 0, 0, 0]), "inside the limits"),
         (changed(1, move_m=[3, 0, 0]), "a line that the arm can follow"),
         (changed(2, moves_m=[[0, 0, 0]]), "a motion"),

@@ -68,7 +68,7 @@ def test_motions_are_recorded_by_their_hash_and_a_run_does_not_continue_with_oth
     motions = Motions(folder, block, 7)
     drawn = [motions.draw(number) for number in (0, 1)]
     first = folder.read_json("problems/m.json")
-    assert (first["problems"], first["sha256_of"]) == (3, "the 2 drawn by now")
+    assert (first["problems"], first["sha256_of"]) == (3, "the 2 sampled so far")
     assert first["motions"] == {str(k): motion_hash(one) for k, one in enumerate(drawn)}
     assert first["motions"]["0"] == motion_hash(draw_motion("paper6r", "joints", 0, seed=7))
 

@@ -274,7 +274,7 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path:
     np.savez(file, header=arrays["header"], coefficients=arrays["coefficients"])
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("knots.npy", whole.getvalue() + np.zeros(2).tobytes())
-    with pytest.raises(InvalidInput, match=r"motion\.npz: knots\.npy: expected a whole array"):
+    with pytest.raises(InvalidInput, match=r"motion\.npz: knots\.npy: expected a complete array"):
         load_motion(file)
 
 

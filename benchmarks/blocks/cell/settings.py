@@ -164,7 +164,7 @@ Amount = Annotated[float, numbered("a number, 0 or more", least=0.0)]
 
 def _below_1(value: float) -> float:
     if value >= 1.0:
-        raise InvalidInput("", value, "a share below 1")
+        raise InvalidInput("", value, "a number below 1")
     return value
 
 
@@ -283,7 +283,7 @@ class IsoBlock(CellBlock):
 
 def _told_all(laws: tuple[Entry, ...]) -> tuple[Entry, ...]:
     if untold := [law.label for law in laws if law.without]:
-        raise InvalidInput("", f"`without` of {untold[0]}", "laws that are told every limit")
+        raise InvalidInput("", f"`without` of {untold[0]}", "laws without the key `without`")
     return laws
 
 
@@ -297,7 +297,7 @@ class LawsBlock(CellBlock):
     moves_m: Annotated[tuple[Three, ...], LISTED] = key(
         "From the start of each line to its end, in the base frame.", (PAPER_MOVE,), "m"
     )
-    repeats: Annotated[int, counted(0)] = key("Executions of each motion with noise, beside one without.", 0)
+    repeats: Annotated[int, counted(0)] = key("Executions of each motion with noise, in addition to one without.", 0)
     same_duration: Flag = key("Whether each motion is also executed slowed to the longest of its line.", True)
 
     @property

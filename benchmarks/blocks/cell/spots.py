@@ -195,7 +195,7 @@ def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
 
 
 def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
-    """Check the options of every method and of the problem set, and draw the spots."""
+    """Check the options of every method and of the problem set, and sample the spots."""
     with naming(f"cell {block.id!r}: options"):
         robot, problems = problem_set(block, seed)
     for method in block.methods:

@@ -222,7 +222,7 @@ def start_of(block: IsoBlock | LawsBlock) -> tuple[Robot, Array]:
     """Return the arm of a block, and its start in radians and metres."""
     robot, where = _arm(block.robot, block.payload), f"cell {block.id!r}: start_deg"
     if len(block.start_deg) != robot.n:
-        raise InvalidInput(where, f"{len(block.start_deg)} numbers", f"{robot.n}, one a joint of {robot.name}")
+        raise InvalidInput(where, f"{len(block.start_deg)} numbers", f"{robot.n}, one for each joint of {robot.name}")
     q = np.array(block.start_deg) / unit_factors(robot)
     if not robot.limits.contains(q):
         raise InvalidInput(where, list(block.start_deg), f"a configuration inside the limits of {robot.name}")

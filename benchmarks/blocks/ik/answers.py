@@ -191,7 +191,7 @@ class AnswersWork:
         )
 
     def draw(self, robot: Robot) -> tuple[Array, Array]:
-        """Draw targets and starts."""
+        """Sample targets and starts."""
         last = self.first + self.count
         draws = range(self.first // DRAWN_AT_ONCE, (last - 1) // DRAWN_AT_ONCE + 1)
         drawn = [_draw(robot, self.set, self.options, self.seed, number) for number in draws]
@@ -291,7 +291,7 @@ class _Answers(Kind):
             make_solver(robot, method.name, **method.options)
         drawn = _draw(robot, block.set, block.options, seed, 0)
         if len(drawn) != DRAWN_AT_ONCE:
-            expected = f"a set of which {DRAWN_AT_ONCE} problems can be drawn at a time"
+            expected = f"a set with at least {DRAWN_AT_ONCE} problems"
             raise InvalidInput(f"answers {block.id!r}: set", f"{block.set}, which gave {len(drawn)}", expected)
         return seed, drawn.sha256
 

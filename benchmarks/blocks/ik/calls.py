@@ -26,7 +26,7 @@ from benchmarks.targets import Measure, Target, measure_named
 from optik.arm.library import load
 
 CALL_PART = 2000
-"""Number of problems in one part: each method takes them in a row, so a longer disturbance affects all methods alike."""
+"""Number of problems in one part: each method takes them in a row, so a longer disturbance affects all methods equally."""
 
 SHIFT_US = 10.0
 """Shift of the shifted geometric mean of times [µs]: differences far below it do not decide the mean."""

@@ -24,7 +24,7 @@ class RuckigJoints(TimingPeer):
     package = "ruckig"
     settings = (
         "Ruckig(n).calculate from the first to the last configuration of the path, at rest at both, with the limits of every "
-        "joint, otherwise defaults (time synchronisation): the motion keeps the limits and leaves the line by centimetres, "
+        "joint, otherwise defaults (time synchronisation): the motion respects the limits and leaves the line by centimetres, "
         "as its deviation shows; a bound on what ignoring the path gains, not a law for it"
     )
     enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration", "jerk")

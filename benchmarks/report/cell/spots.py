@@ -41,7 +41,7 @@ PART_COLOURS = dict(zip(PART_WORDS, (colour(0), colour(1), colour(2), colour(3))
 """Their colours."""
 
 TOTAL_COLOUR = INK_COLOUR
-"""Colour of the whole error."""
+"""Colour of the total error."""
 
 WHOLE = "whole"
 """Text in place of a budget for methods with default settings."""
@@ -70,7 +70,7 @@ def shown_at(setting: str, after: str) -> dict[str, list[str]]:
 
 
 def millimetres(values: pl.Series) -> np.ndarray:
-    """Lengths for a plot."""
+    """Return lengths in millimetres for a plot."""
     return 1e3 * values.to_numpy()
 
 
@@ -170,7 +170,7 @@ LEAST_MM = 1e-6
 """Least value of a plot [mm]: no plant is exact to a nanometre, and the axis must end somewhere."""
 
 SPLIT_COLUMNS = {**{part: f"{part}_error" for part in PART_WORDS}, "total": "position_error"}
-"""Columns of the lengths of the parts and of the whole."""
+"""Columns of the lengths of the parts and of the total error."""
 
 
 def split(run: Run) -> dict[str, Any] | None:

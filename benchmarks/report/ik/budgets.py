@@ -179,7 +179,7 @@ def _about(b: BudgetRows, run: Run) -> dict[str, Any]:
 
 
 def _findings(run: Run) -> list[str]:
-    """Say whether the default is better than the paper's iteration; elsewhere, what every method solves."""
+    """Say whether the default is better than the paper's iteration; without them, list the success rate of every method."""
     answered = pairs(run)
     others = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
     found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]

@@ -40,7 +40,7 @@ TIME_BUDGETS_US = (10.0, 30.0, 100.0, 1e3, 1e4, 1e5)
 LABEL = Column("label", "Method", show="text")
 """First column of every table."""
 
-GIVEN = Column("given", "given as many problems as any", show="text", aside=True)
+GIVEN = Column("given", "given the largest number of problems", show="text", aside=True)
 """Whether a method was given the largest number of problems; no value of the others is marked as the best of its column."""
 
 CellsOf = Callable[[str, pl.DataFrame], dict[str, Cell]]

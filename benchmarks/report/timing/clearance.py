@@ -31,7 +31,7 @@ HOW = (
     "or in time, up to the first contact. Both examine the same pairs of the same shapes. The truth is a contact if coal finds "
     "one at some sample, or confirms the one of the proof at its instant."
 )
-"""What was judged, and how."""
+"""Description of the judged motions and of the methods."""
 
 CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
@@ -159,7 +159,7 @@ SECTIONS = (Section("Contact between samples", "clearance", section, order=25),)
 """Plots and a table for each scene."""
 
 LIMITATIONS_OF_CLEARANCE = (
-    "Clearance is that of the capsules around the arm's links, which stand out beyond the real surface: a contact of "
+    "Clearance is that of the capsules around the arm's links, which extend beyond the real surface: a contact of "
     "the shapes need not be one of the arm. Pairs of links that always touch are not examined.",
 )
 """Limitations of the figures."""

@@ -125,7 +125,7 @@ def _stl(content: bytes, where: str) -> Array:
         raise InvalidInput(where, f"{len(content)} bytes that are not a complete STL", "a complete STL")
     numbers = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
     if len(numbers) % 3 or len(numbers) != 3 * len(re.findall(rb"\bendfacet\b", content)):
-        raise InvalidInput(where, f"{len(numbers)} corners, of which some triangle lacks one", "a whole STL")
+        raise InvalidInput(where, f"{len(numbers)} corners, not three for each facet", "a complete STL")
     return _floats(numbers, where).reshape(-1, 3, 3)
 
 

@@ -149,7 +149,7 @@ class Watch(ca.Callback):
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """Return the number of outputs: whether to stop."""
+        """Return the number of outputs, which is one: the request to stop."""
         return 1
 
     def get_name_in(self, i: int) -> str:

@@ -34,7 +34,7 @@ CLAMPED_STEPS = 20
 def refine_within(
     chain: Chain, bounds: Range, target: Array, tolerance: tuple[float, float], steps: int, q: Array
 ) -> tuple[int, float, float]:
-    """Refine q (n,) inside bounds until it meets a target pose within a tolerance; return what `refine` returns."""
+    """Refine q (n,) inside bounds until it meets a target pose within a tolerance; return the result of `refine`."""
     rule = (tolerance[0], tolerance[1], float(steps), 4.0, 0.5, GAIN, LEAST_DAMPING, 1.0)
     k, _, p2, r2 = descend_inside(chain, bounds, (WHOLE_POSE.copy(), target), rule, 0, q, np.empty((0, 6)))
     return k, sqrt(p2), sqrt(r2)
@@ -131,7 +131,7 @@ def find_nearest_branch(
     chain: Chain, bounds: Range, limits: Range, target: Array,
     tolerance: tuple[float, float], candidates: Array, q0: Array, q: Array,
 ) -> tuple[int, bool, bool]:  # fmt: skip
-    """Write the branch nearest to `q0` into q, and return the number of roots and what `choose_nearest` returns.
+    """Write the branch nearest to `q0` into q, and return the number of roots and the result of `choose_nearest`.
 
     The second flag is also true if a root is singular.
 

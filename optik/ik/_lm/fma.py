@@ -1,4 +1,4 @@
-"""Explicit fused multiply–add, x y + z rounded once, so that one lane and many lanes round alike."""
+"""Explicit fused multiply–add, x y + z rounded once, so that one lane and many lanes give the same result."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class FaultKind(StrEnum):
 
 
 class Fault(NamedTuple):
-    """A fault: its kind, time [s], joint (None for all), reason, and advice what to do before resuming."""
+    """A fault: its kind, time [s], joint (None for all), reason, and advice before resuming."""
 
     kind: FaultKind
     t: float
@@ -221,7 +221,7 @@ class Drive(ABC):
         """
 
     def carry(self, robot: Robot) -> None:
-        """Change what the arm at rest carries: its tool, payload and shapes.
+        """Change tool, payload and shapes of the arm at rest.
 
         A simulated drive with a model of its own overrides this to change the model, too.
 

@@ -110,7 +110,7 @@ class MujocoDrive(SimulatedDrive):
             self._put(q)
 
     def carry(self, robot: Robot) -> None:
-        """Change what the arm at rest carries; see `Drive.carry`.
+        """Change tool, payload and shapes of the arm at rest; see `Drive.carry`.
 
         A given plant carries the same load; the ratio of its payload mass to the robot's does not change.
         """

@@ -31,7 +31,7 @@ PLOTS = {
     "torque": ("Torque", ""),
     "clearance": ("Clearance", ""),
 }
-"""Quantities of a motion that a page plots: title, and what follows the unit of a joint."""
+"""Quantities of a motion that a page plots: title, and suffix of a joint's unit."""
 PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
 """Quantities with a limit of the motion, and the name of that limit."""
 SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own"}
@@ -102,7 +102,7 @@ def _describe_arm(robot: Robot) -> dict[str, Any]:
 
 
 def find_up(robot: Robot) -> Array:
-    """Return the direction against gravity, in which a viewer stands upright."""
+    """Return the direction opposite to gravity, which a viewer shows upwards."""
     return np.asarray(-robot.gravity / np.linalg.norm(robot.gravity), dtype=np.float64)
 
 

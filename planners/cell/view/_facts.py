@@ -18,7 +18,7 @@ def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
     """Return the arm, law, path and scene of a motion as rows."""
     robot, path = motion.robot, motion.path
     shapes = (
-        "no shapes, drawn as lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+        "no shapes, shown as lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
     )
     turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
     way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn

@@ -60,7 +60,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """The address of the page."""
+        """Address of the page."""
         host, port = str(self._server.server_address[0]), self._server.server_address[1]
         shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)
         return f"http://{shown}:{port}"
@@ -101,7 +101,7 @@ class Viewer:
         self.moment = moment
 
     def describe(self) -> dict[str, Any]:
-        """Return what the page asks for while the simulated drive runs."""
+        """Return the response to a request of the page while the simulated drive runs."""
         moment, running = self.moment, self.thread is not None
         state = {"running": running, "runs": self.runs, "words": self.words}
         return state | ({"t": moment.t, "q": moment.actual.tolist()} if moment is not None and running else {})

@@ -85,7 +85,7 @@ def make_page(show: Show, *, live: bool = False) -> str:
 
 
 def embed_arm(robot: Robot, motions: Mapping[str, Track], path: Array, scene: Scene | None = None) -> EmbeddedArm:
-    """Return what another page needs to play an arm along a path: one of the motions by name, and on request a second one."""
+    """Return the data for playing an arm in another page: one of the motions by name, and on request a second one."""
     data, _, _ = describe_surroundings(robot, path, scene)
     data["motions"] = {name: describe_track(track) for name, track in motions.items()}
     legend = [("path", "path"), ("executed", "compared motion")] + ([("scene", "scene")] if scene else [])

@@ -320,7 +320,7 @@ def _add_nodes(
 
 
 def _is_increasing(s: Array, fixed: Indices) -> NDArray[np.bool_]:
-    """Return which path parameters (k,) exceed all before them; the fixed ones are kept, and bound those between them."""
+    """Return which path parameters (k,) exceed all previous ones; the fixed ones always count, and bound those between them."""
     i = np.arange(s.size)
     before, after = s[fixed[np.searchsorted(fixed, i, side="right") - 1]], s[fixed[np.searchsorted(fixed, i)]]
     farthest = np.maximum.accumulate(np.where((s > before) & (s < after), s, before))

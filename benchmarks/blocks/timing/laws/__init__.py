@@ -81,7 +81,7 @@ class Motions:
             "motions": {number: self._hashes[number] for number in known},
         }
         if len(known) < len(self._lines):
-            about["sha256_of"] = f"the {len(known):,} drawn by now"
+            about["sha256_of"] = f"the {len(known):,} sampled so far"
         self._folder.write_json(about_file(self._block), about)
 
 

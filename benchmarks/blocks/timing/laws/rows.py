@@ -108,7 +108,7 @@ def facts_file(block: Block) -> str:
 
 
 def example_file(block: Block, name: str) -> str:
-    """Name of a part of the detailed view."""
+    """Return the file name of a part of the detailed view."""
     return f"timing/{slug(block.id)}.example-{name}.parquet"
 
 
