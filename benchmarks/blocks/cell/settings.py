@@ -29,7 +29,7 @@ from benchmarks.settings import (
     numbered,
     one_of,
 )
-from benchmarks.statistics import wilson
+from benchmarks.statistics import percentage
 from benchmarks.targets import Measure
 from optik import se3
 from optik.errors import InvalidInput
@@ -86,8 +86,7 @@ def within(rows: pl.DataFrame) -> pl.Series:
 
 def _within(rows: pl.DataFrame) -> tuple[float, float, float]:
     ok = within(rows)
-    low, high = wilson(int(ok.sum()), len(ok))
-    return 100.0 * float(ok.sum()) / len(ok), 100.0 * low, 100.0 * high
+    return percentage(int(ok.sum()), len(ok))
 
 
 def _executed(rows: pl.DataFrame) -> float:

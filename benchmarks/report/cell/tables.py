@@ -24,7 +24,7 @@ from benchmarks.blocks.cell.settings import (
 from benchmarks.records import slug
 from benchmarks.report.base import Column, Table
 from benchmarks.report.run import Run
-from benchmarks.statistics import quantiles, wilson
+from benchmarks.statistics import percentage, quantiles
 from optik.types import Array
 from planners.cell.iso9283 import SIMULATED, PoseFigures
 
@@ -140,10 +140,9 @@ def spots_table(b: BlockRows) -> Table:
     known = b.rows.filter("known")
     for (setting, budget), part in known.group_by("setting", "budget", maintain_order=True):
         ok, ends = within(part), part.filter(pl.col("position_error").is_not_null())
-        low, high = wilson(int(ok.sum()), len(ok))
         row: dict[str, Cell] = {
             "label": str(setting), "budget": _budget_words(budget, part["along"][0]), "count": len(part),
-            "within": (100.0 * float(ok.sum()) / len(ok), 100.0 * low, 100.0 * high), "failed": len(part) - len(ends),
+            "within": percentage(int(ok.sum()), len(ok)), "failed": len(part) - len(ends),
         }  # fmt: skip
         if not ends.is_empty():
             row |= dict(zip(("error", "p95"), _mm(ends["position_error"], (0.5, 0.95)), strict=True))

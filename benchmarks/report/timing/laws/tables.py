@@ -13,7 +13,7 @@ from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
 from benchmarks.report.base import Column, Table
-from benchmarks.statistics import median_interval, quantiles, wilson
+from benchmarks.statistics import median_interval, percentage, quantiles
 from optik.types import Array
 from planners.limits import DERIVATIVES
 
@@ -130,9 +130,7 @@ def or_infinite(column: pl.Series) -> Array:
 
 def share_of(column: pl.Series) -> tuple[float, float, float]:
     """Return the fraction of rows at which a column is true, with Wilson's interval."""
-    count = int(column.fill_null(value=False).sum())
-    low, high = wilson(count, len(column))
-    return 100.0 * count / len(column), 100.0 * low, 100.0 * high
+    return percentage(int(column.fill_null(value=False).sum()), len(column))
 
 
 def _largest(column: pl.Series, scale: float = 1.0) -> float | None:
