@@ -117,19 +117,27 @@ class Winner:
     count: int | None = None
 
     @property
+    def is_too_few(self) -> bool:
+        """Whether the paired test cannot find a difference in so few values."""
+        return self.count is not None and is_too_few(self.count, len(self.entries) - 1)
+
+    @property
     def sample(self) -> str:
         """Number of values in the paired test, with a note if they are too few; empty without a test."""
-        if self.count is None:
-            return ""
-        few = ": too few for a test" if is_too_few(self.count, len(self.entries) - 1) else ""
-        return f" (n = {self.count:,}{few})"
+        few = ": too few for a test" if self.is_too_few else ""
+        return "" if self.count is None else f" (n = {self.count:,}{few})"
 
     @property
     def tied(self) -> tuple[str, ...]:
-        """Labels of the best and of all not significantly different from it, by the paired test or overlapping intervals."""
+        """Labels of the best and of all not significantly different from it, by the paired test or overlapping intervals.
+
+        With too few values for a test, entries are ranked by value: only those with the best value are tied.
+        """
+        _, best, low, high = self.entries[0]
+        if self.is_too_few:
+            return tuple(label for label, value, *_ in self.entries if value == best)
         if self.level is not None:
             return self.level
-        _, _, low, high = self.entries[0]
         return tuple(label for label, _, a, b in self.entries if a <= high and b >= low)
 
 

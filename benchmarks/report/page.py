@@ -18,7 +18,6 @@ from benchmarks.report.packing import squeeze
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built
 from benchmarks.report.shown import shown_table
-from benchmarks.report.winners import tied_words
 from optik.plugins.files import forbid_code
 
 PAGE = "report.html"
@@ -41,7 +40,7 @@ def render(run: Run) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "strict": strict, "tied": tied_words}
+    environment.filters |= {"number": number, "percent": percent, "strict": strict}
     environment.filters["shown"] = lambda table: shown_table(table, run)
     environment.filters["packed"] = lambda board: board.packed(run.labels)
     placed = {place: built(run, place) for place in ("top", "terms", "summary", "section")}

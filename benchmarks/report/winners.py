@@ -45,7 +45,7 @@ class Won:
     how: str
     best: Place
     tied: tuple[str, ...]
-    sample: str
+    remark: str
     second: Place | None
 
 
@@ -69,9 +69,17 @@ def _won(winner: Winner, run: Run) -> Won:
         winner.how,
         places[0],
         tied,
-        winner.sample,
+        _remark(winner, tied),
         places[second] if second is not None else None,
     )
+
+
+def _remark(winner: Winner, tied: tuple[str, ...]) -> str:
+    """Name the entries tied with the best, and say if there are too few values for a test."""
+    if not tied:
+        return f"ranked by value{winner.sample}" if winner.is_too_few else ""
+    words = "same value" if winner.is_too_few else "not significantly different"
+    return f"{words}{winner.sample}: {tied_words(tied)}"
 
 
 def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
@@ -101,9 +109,11 @@ def winners_table(run: Run) -> Table | None:
     for winner in winners(run):
         label, *value = winner.entries[0]
         tied, second = _order(winner)
+        few = f"ranked by value{winner.sample}" if winner.is_too_few else ""
         row: dict[str, Cell] = {
             "question": winner.question, "best": label, "value": (value[0], value[1], value[2]), "unit": winner.unit,
-            "tied": listed(tied), "note": "; ".join(words for words in (winner.note, winner.how) if words),
+            "tied": listed(tied),
+            "note": "; ".join(words for words in (winner.note, winner.how, few) if words),
         }  # fmt: skip
         if second is not None:
             other, *ends = winner.entries[second]

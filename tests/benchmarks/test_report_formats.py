@@ -33,7 +33,7 @@ from benchmarks.report.run import Run
 from benchmarks.report.shown import shown_cell, shown_table, written
 from benchmarks.report.steps import steps_of
 from benchmarks.report.timing import plans
-from benchmarks.report.winners import tied_words, won
+from benchmarks.report.winners import tied_words, winners_table, won
 from benchmarks.report.words import listed
 from benchmarks.statistics import holm, mcnemar_p, signed_rank
 from optik.errors import MissingDependency
@@ -334,6 +334,27 @@ def test_a_test_that_cannot_find_a_difference_says_so(methods: int, count: int, 
     assert (p >= 0.05) == ("too few" in Winner("Who?", "%", "more", entries, "methods", level=(), count=count).sample)
 
 
+@pytest.mark.parametrize(
+    ("second", "count", "tied", "remark"),
+    [
+        (61.0, 7, ("b", "c"), "not significantly different (n = 7): b, c"),
+        (61.0, 6, (), "ranked by value (n = 6: too few for a test)"),
+        (1.0, 5, ("b",), "same value (n = 5: too few for a test): b"),
+    ],
+)
+def test_with_too_few_values_for_a_test_entries_are_ranked_by_value(
+    second: float, count: int, tied: tuple[str, ...], remark: str, small_run: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entries = tuple((label, value, 0.0, 99.0) for label, value in (("a", 1.0), ("b", second), ("c", 90.0)))
+    answer = [Winner("Who?", "s", "less", entries, "methods", level=("a", "b", "c"), count=count)]
+    monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: answer))
+    found = won(Run(small_run))[0]
+    assert (found.tied, found.remark) == (tied, remark)
+    table = winners_table(Run(small_run))
+    assert table is not None
+    assert ("ranked by value" in str(table.rows[0]["note"])) == (count < 7)
+
+
 def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     entries = (("ipopt", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0))
     answer = [Winner("Who?", "%", "more", entries, "methods")]
@@ -344,7 +365,7 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     ]
     assert (found.best.label, found.best.value, found.best.interval) == ("ipopt", "90.0 %", "80.0 to 95.0")
     assert found.tied == ("b",)
-    assert not found.sample
+    assert found.remark == "not significantly different: b"
     assert found.second is not None
     assert found.second.label == "c"
     assert found.best.colour.startswith("var(--m")
