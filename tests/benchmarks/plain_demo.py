@@ -65,8 +65,11 @@ def rates(run: Path, name: str) -> dict[str, dict[str, float]]:
     """The table of methods of a block."""
     rows = block(run, name)
     methods = list(dict.fromkeys(rows["method"].tolist()))
+    own = {m: given_to_all(rows, [m])[m] for m in methods}
+    most = max(len(part["problem"]) for part in own.values())
+    ranked = [m for m in methods if len(own[m]["problem"]) >= min(1000, most / 2)]
     out = {}
-    for m, mine in given_to_all(rows, methods).items():
+    for m, mine in (own | given_to_all(rows, ranked)).items():
         hits = solved(mine, 1e-6)
         took = mine["iterations"][mine["status"] == "solved"]
         out[m] = {

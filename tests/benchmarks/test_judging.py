@@ -14,13 +14,14 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.calls import CallRows
+from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Table, load_report
-from benchmarks.report.ik.calls import block_tables, block_winners
+from benchmarks.report.ik.calls import block_winners
 from benchmarks.report.ik.calls_plots import by_sigma, profile_costs
+from benchmarks.report.ik.calls_tables import block_tables
 from benchmarks.report.run import Run
 from benchmarks.report.shown import shown_table
 from benchmarks.run import run_suite
@@ -207,6 +208,20 @@ def test_a_method_that_remembers_answers_is_named(block: CallRows) -> None:
     assert table(block)["remembers"]["first_round"] > 3.0
     assert table(block)["remembers"]["median"] >= 400.0  # of its first round, in which it had to wait
     assert "remembers took" in block_tables(block)[0].note
+
+
+def test_a_first_round_counts_by_the_ratios_of_single_problems_not_of_the_medians() -> None:
+    fast, slow = 1_000, 12_700  # times of two kinds of problem, of which the median of all is one or the other
+    ns = [fast] * 6 + [slow] * 5
+    first = [*ns[:5], slow, *ns[6:]]  # one fast problem was disturbed in the first round
+    rows = pl.DataFrame({"method": "two kinds", "ns": [float(x) for x in ns], "first_ns": first})
+    assert np.median(first) / np.median(ns) > 12.0
+    found = timed_by_first_round(rows)
+    assert found["first_round"].unique().to_list() == [1.0]
+    assert found["ns"].to_list() == ns
+    slower = timed_by_first_round(rows.with_columns(first_ns=pl.col("ns") * 3.5))
+    assert slower["first_round"].unique().to_list() == [3.5]
+    assert slower["ns"].to_list() == [3.5 * x for x in ns]
 
 
 # ---------------------------------------------------------------- the order of the methods

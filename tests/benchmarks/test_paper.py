@@ -71,6 +71,7 @@ def test_rates_and_medians_are_what_the_files_hold(run: Run, block: str) -> None
     assert set(shown) == set(found)
     for label, expect in found.items():
         row: Any = shown[label]
+        assert row["count"] == expect["count"]
         for key in ("position", "position_95", "rotation", "iterations"):
             assert row[key] == pytest.approx(expect[key], nan_ok=True)
         assert row["fine"][:2] == pytest.approx((expect["fine"], expect["low"]))

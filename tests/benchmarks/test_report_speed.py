@@ -17,7 +17,7 @@ from benchmarks.blocks.ik.calls import read_rows
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.ik.accuracy import choose
-from benchmarks.report.ik.calls import conspicuous
+from benchmarks.report.ik.calls_tables import conspicuous
 from benchmarks.report.run import Run
 from benchmarks.report.shown import written
 from benchmarks.run import run_suite
@@ -156,14 +156,14 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     last = rows.filter(pl.col("budget") == 60)
     far = last.filter((pl.col("group") == "0.03 ≤ σ < 1") & (pl.col("method") == "λ=0.001"))
     assert far.filter(pl.col("status") == "solved").height == 12
-    assert "0.03 ≤ σ < 1 : λ=0.001: 100.0 % solved after a median of" in page.text
+    assert "0.03 ≤ σ < 1 : λ=0.001: 100.0 % of 12 solved after a median of" in page.text
     near = last.filter((pl.col("group") == "0 ≤ σ < 0.03") & (pl.col("method") == "λ=0.3"))
     percent = 100 * near.filter(pl.col("status") == "solved").height / 12
-    assert f"λ=0.3 with {percent:.1f} %" in page.text
+    assert f"λ=0.3 with {percent:.1f} % of 12" in page.text
     assert "half steps: " in page.text
     (found,) = [t for t in load_report(load_kind("budgets")).tables(Run(folder)) if t.id == "damping"]
     assert [column.words for column in found.columns if not column.aside] == [
-        "Damping", "solved, 0 ≤ σ < 0.03", "solved, 0.03 ≤ σ < 1",
+        "Damping", "solved, 0 ≤ σ < 0.03 (n = 12)", "solved, 0.03 ≤ σ < 1 (n = 12)",
     ]  # fmt: skip
     row = {row["label"]: row for row in found.rows}["λ=0.3"]
     assert row["share 0 ≤ σ < 0.03"][0] == pytest.approx(percent)  # type: ignore[index]

@@ -291,7 +291,7 @@ class _Answers(Kind):
             make_solver(robot, method.name, **method.options)
         drawn = _draw(robot, block.set, block.options, seed, 0)
         if len(drawn) != DRAWN_AT_ONCE:
-            expected = f"a set with at least {DRAWN_AT_ONCE} problems"
+            expected = f"a set with {DRAWN_AT_ONCE} problems at count = {DRAWN_AT_ONCE}"
             raise InvalidInput(f"answers {block.id!r}: set", f"{block.set}, which gave {len(drawn)}", expected)
         return seed, drawn.sha256
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from benchmarks.blocks._entries import BudgetedMethod
 from benchmarks.blocks._problems import ProblemBlock, store_problems
 from benchmarks.blocks._seeds import reseed
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part
-from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, shared, within
+from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, within
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Budgets, Entries, Flag, key, naming
@@ -120,18 +120,9 @@ class BudgetRows(BlockRows):
         return self.rows.filter(pl.col("budget") == self.budget)
 
     @cached_property
-    def paired(self) -> pl.DataFrame:
-        """Rows of the problems that every method was run on."""
-        return shared(self.rows)
-
-    @cached_property
     def known(self) -> pl.DataFrame:
         """Rows of the problems with a known solution."""
         return self.rows.filter("known")
-
-    def given(self, labels: Sequence[str]) -> pl.DataFrame:
-        """Return the rows at the largest budget of some methods, on the problems with a known solution given to all of them."""
-        return shared(self.last.filter("known"), tuple(labels)).sort("problem")
 
     def problems(self) -> tuple[int, int]:
         """Return the number of problems, and of those with a known solution."""

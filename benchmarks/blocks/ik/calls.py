@@ -31,8 +31,8 @@ CALL_PART = 2000
 SHIFT_US = 10.0
 """Shift of the shifted geometric mean of times [µs]: differences far below it do not decide the mean."""
 
-REMEMBERS_FROM = 3.0
-"""Ratio of a first round to the median of all rounds from which the method may remember answers, or compile late."""
+FIRST_ROUND_FROM = 3.0
+"""Ratio of the first call of a problem to the median call, from which a method is timed by its first round."""
 
 # ---------------------------------------------------------------- measures
 
@@ -211,17 +211,21 @@ def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
     )
 
 
-def without_memory(rows: pl.DataFrame) -> pl.DataFrame:
+def timed_by_first_round(rows: pl.DataFrame) -> pl.DataFrame:
     """Return rows in which a method whose later rounds are far faster than its first is timed by its first round.
 
-    Every round has the same problems, so a method that remembers its answers has to compute in the first only.
+    Every round has the same problems, so a method that stores its answers computes in the first only. What counts is the
+    median over the problems of the ratio of the first call to the median call: medians of all times would differ as well
+    where a few problems move between two groups of times.
     """
     if "first_ns" not in rows.columns:
         return rows
-    first, typical = (pl.col(name).median().over("method") for name in ("first_ns", "ns"))
-    by_first = (first > REMEMBERS_FROM * typical).fill_null(value=False)
-    ns = pl.when(by_first).then(pl.col("first_ns").cast(pl.Float64)).otherwise(pl.col("ns"))
-    return rows.with_columns(first_round=(first / typical).fill_null(float("nan")), ns=ns)  # none: all calls crashed
+    ratio = (
+        (pl.col("first_ns") / pl.col("ns")).median().over("method").fill_null(float("nan"))
+    )  # null: all calls crashed
+    slower = (ratio > FIRST_ROUND_FROM) & ratio.is_not_nan()
+    ns = pl.when(slower).then(pl.col("first_ns").cast(pl.Float64)).otherwise(pl.col("ns"))
+    return rows.with_columns(first_round=ratio, ns=ns)
 
 
 @dataclass(frozen=True)
@@ -285,7 +289,7 @@ class _Calls(Kind):
 
     def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
         rows = read_rows(folder, block)
-        return None if rows is None else without_memory(rows)
+        return None if rows is None else timed_by_first_round(rows)
 
     def read(self, folder: RunFolder, block: CallBlock) -> BlockRows | None:
         rows = self.rows(folder, block)

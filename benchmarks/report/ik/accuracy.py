@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import polars as pl
@@ -11,7 +12,7 @@ from benchmarks.blocks.ik.budgets import BudgetRows, success
 from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.board import Board, Control, Json, Key, Plot
 from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
-from benchmarks.report.ik.default import budget_axis, comparisons
+from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
 from benchmarks.report.words import listed
@@ -138,26 +139,22 @@ def _add_distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
 
 def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
     plots = _error_plots("budget", budget_axis())
-    for column, plot in plots.items():
+    for b in blocks:
+        rows, _ = compared_rows(b)
+        for (column, plot), label in product(plots.items(), b.budgeted):
+            _add_budget_lines(plot, b, rows.filter(pl.col("method") == label), label, run.colour(label), column)
+    for plot in plots.values():
         plot.layout["shapes"] = [TWO_MM_LINE]
-        for b in blocks:
-            for label in b.budgeted:
-                _add_budget_lines(plot, b, label, run.colour(label), column)
     legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.budgeted]
-    differ = ""
-    if any(b.known.group_by("method").agg(pl.col("problem").n_unique())["problem"].n_unique() > 1 for b in blocks):
-        differ = (
-            " (each method's own: not all methods were run on the same targets; for paired figures see the table above)"
-        )
     return Board(
         "by-budget", tuple(plots.values()), (Control.of_blocks(blocks),),
         (*legend, *QUANTILE_KEYS, Key("2 mm", "var(--alarm)")),
-        f"Targets with a known solution{differ}. Thin line: the paper's 2 mm.", "Against the iteration budget",
+        f"{COMPARED_PROBLEMS} Thin line: the paper's 2 mm.", "Against the iteration budget",
     )  # fmt: skip
 
 
-def _add_budget_lines(plot: Plot, b: BudgetRows, label: str, colour: str, column: str) -> None:
-    part = b.known.filter(pl.col("method") == label).with_columns(_millimetres(column))
+def _add_budget_lines(plot: Plot, b: BudgetRows, part: pl.DataFrame, label: str, colour: str, column: str) -> None:
+    part = part.with_columns(_millimetres(column))
     if part.is_empty():
         return
     found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
@@ -231,14 +228,18 @@ def _figures(b: BudgetRows) -> Figures:
             share, low, high = success(part, 1e-6)
             median, p95 = quantiles(1e3 * part["position_error"].to_numpy(), (0.5, 0.95))
             (took,) = quantiles(part.filter(pl.col("status") == "solved")["iterations"].to_numpy(), (0.5,))
-            found[g, m] = {"share": share, "low": low, "high": high, "iterations": took, "median": median, "p95": p95}
+            found[g, m] = {"count": len(part), "share": share, "low": low, "high": high}
+            found[g, m] |= {"iterations": took, "median": median, "p95": p95}
     return found
 
 
 def _damping_table(b: BudgetRows, strata: list[str], table: Figures) -> Table:
     """Return the success rate in each stratum; iterations and errors on request."""
     columns = [Column("label", "Damping", show="text")]
-    columns += [Column(f"share {g}", f"solved, {g}", "%", "more", "share") for g in strata]
+    columns += [
+        Column(f"share {g}", f"solved, {g} (n = {table[g, b.methods[0]]['count']:,})", "%", "more", "share")
+        for g in strata
+    ]
     columns += [
         Column(f"{key} {g}", f"{words}, {g}", unit, better, show, aside=True)
         for g in strata
@@ -253,9 +254,8 @@ def _damping_table(b: BudgetRows, strata: list[str], table: Figures) -> Table:
                 f"{key} {g}": f[key] for key, *_ in STRATUM_COLUMNS
             }
         rows.append(row)
-    counts = "; ".join(f"{g}: {b.last.filter(pl.col('group') == g)['problem'].n_unique():,} targets" for g in strata)
     title = f"Damping by distance to a singularity, at most {b.budget} iterations, one attempt"
-    return Table("damping", title, tuple(columns), tuple(rows), f"{counts}. Intervals are Wilson's, 95 %.")
+    return Table("damping", title, tuple(columns), tuple(rows), "n: targets. Intervals are Wilson's, 95 %.")
 
 
 def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:
@@ -279,7 +279,7 @@ def _advice(constants: dict[str, float], others: list[str], figures: dict[str, d
         text += f"; {listed(rest)} not significantly less successful, but no faster"
     worst = min(constants, key=lambda m: figures[m]["share"])
     if worst not in level:
-        text += f"; lowest: {worst} with {percent(figures[worst]['share'])}"
+        text += f"; lowest: {worst} with {_rate(figures[worst])}"
     calm = min(constants, key=lambda m: figures[m]["p95"])
     if figures[calm]["p95"] < 0.1 * figures[first]["p95"]:
         text += (
@@ -292,15 +292,19 @@ def _advice(constants: dict[str, float], others: list[str], figures: dict[str, d
 def _words(figures: dict[str, float]) -> str:
     took = figures["iterations"]
     after = f" after a median of {iterations(round(took)) if took % 1 == 0 else f'{took:g} iterations'}"
-    return f"{percent(figures['share'])} solved{'' if math.isnan(took) else after}"
+    return f"{_rate(figures)} solved{'' if math.isnan(took) else after}"
+
+
+def _rate(figures: dict[str, float]) -> str:
+    return f"{percent(figures['share'])} of {figures['count']:,}"
 
 
 def _best_everywhere(strata: list[str], constants: dict[str, float], others: list[str], table: Figures) -> str:
     """Name the damping with the best success rate in its worst stratum, and the same rate of the other methods."""
-    lowest = {m: min(table[g, m]["share"] for g in strata) for m in (*constants, *others)}
-    best = max(constants, key=lambda m: (lowest[m], -sum(table[g, m]["iterations"] for g in strata)))
-    text = f"{best} has the highest success rate in its worst stratum, {percent(lowest[best])}"
-    return text + "".join(f"; {m}: {percent(lowest[m])}" for m in others) + "."
+    lowest = {m: min((table[g, m] for g in strata), key=lambda f: f["share"]) for m in (*constants, *others)}
+    best = max(constants, key=lambda m: (lowest[m]["share"], -sum(table[g, m]["iterations"] for g in strata)))
+    text = f"{best} has the highest success rate in its worst stratum, {_rate(lowest[best])}"
+    return text + "".join(f"; {m}: {_rate(lowest[m])}" for m in others) + "."
 
 
 def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:

@@ -15,10 +15,20 @@ from benchmarks.report.base import Column, KindReport, Section, Table, Winner
 from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.figures import HOVER, axis, bars, lean
 from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
-from benchmarks.report.ik.default import add_success, answer, comparisons, default, default_table, pairs, success_plot
+from benchmarks.report.ik.default import (
+    COMPARED_PROBLEMS,
+    add_success,
+    answer,
+    compared_rows,
+    comparisons,
+    default,
+    default_table,
+    pairs,
+    success_plot,
+)
 from benchmarks.report.ik.maps import maps, picture, sheets_of
 from benchmarks.report.numbers import percent
-from benchmarks.report.ranked import most_solved, ranked
+from benchmarks.report.ranked import most_solved
 from benchmarks.report.run import Run
 from benchmarks.report.words import listed
 from optik.registry import short_name
@@ -34,22 +44,18 @@ ENDINGS = {
 }
 """Ways in which a solve ends: in words, and the colour of each."""
 
-NO_SOLUTION = "no known solution"
-"""Name of problems without an ending in the plot of endings."""
-
 METHOD_COLUMNS = (
     Column("label", "Method", show="text"),
-    Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share"),
-    Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share"),
-    Column("position", "median position error", "mm", "less"),
-    Column("position_95", "p95 position error", "mm", "less"),
+    Column("count", "targets", show="count"),
+    Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share", among="ranked"),
+    Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share", among="ranked"),
+    Column("position", "median position error", "mm", "less", among="ranked"),
+    Column("position_95", "p95 position error", "mm", "less", among="ranked"),
     Column("iterations", "median iterations, solved", show="count"),
-    Column("rotation", "median rotation error", "°", "less", aside=True),
-    Column("rotation_95", "p95 rotation error", "°", "less", aside=True),
+    Column("rotation", "median rotation error", "°", "less", aside=True, among="ranked"),
+    Column("rotation_95", "p95 rotation error", "°", "less", aside=True, among="ranked"),
     Column("iterations_95", "p95 iterations, solved", show="count", aside=True),
-    Column("own", f"solved at {level_words(SUCCESS_LEVELS[-1])}, all problems given", "%", show="share", aside=True),
-    Column("known", "problems with a known solution", show="count", aside=True),
-    Column("unknown", "problems without one", show="count", aside=True),
+    Column("ranked", "ranked", show="text", aside=True),
 )
 """Columns of a table of methods."""
 
@@ -69,27 +75,25 @@ def methods(run: Run) -> dict[str, Any] | None:
 
 
 def method_table(b: BudgetRows) -> Table:
-    """Return all methods of a block on the same problems, at the largest budget."""
-    known, rows = b.given(b.methods), []
+    """Return all methods of a block at the largest budget; the best is marked among those that are ranked."""
+    (compared, who), rows = compared_rows(b), []
+    last = compared.filter(pl.col("budget") == b.budget)
     for label in b.methods:
-        own = b.last.filter(pl.col("method") == label)
-        part = known.filter(pl.col("method") == label)
+        part = last.filter(pl.col("method") == label)
         coarse, fine, position, rotation, took = (measure.compute(part) for measure in MEASURES)
         rows.append(
             {
-                "label": label, "coarse": coarse, "fine": fine, "position": position[0], "position_95": position[1],
+                "label": label, "count": len(part), "ranked": "yes" if label in who.labels else "",
+                "coarse": coarse, "fine": fine, "position": position[0], "position_95": position[1],
                 "rotation": rotation[0], "rotation_95": rotation[1], "iterations": took[0], "iterations_95": took[1],
-                "own": success(own.filter("known"), SUCCESS_LEVELS[-1]),
-                "known": int(own["known"].sum()), "unknown": int((~own["known"]).sum()),
             }
         )  # fmt: skip
     total, total_known = b.problems()
     whole = f" {listed(b.whole)}: default settings, with restarts." if b.whole else ""
     return Table(
         f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
-        f"{known['problem'].n_unique():,} problems with a known solution that all methods were given, of {total_known:,} with "
-        f"one and {total:,} in all; at most {b.budget} iterations from the given start.{whole} Errors include failures. "
-        "Intervals are Wilson's, 95 %.",
+        f"{COMPARED_PROBLEMS} {total_known:,} of {total:,} targets have a known solution. At most {b.budget} iterations from "
+        f"the given start.{whole} Errors include failures. Intervals are Wilson's, 95 %.",
     )  # fmt: skip
 
 
@@ -98,55 +102,54 @@ def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
     for level in SUCCESS_LEVELS:
         plot = success_plot(f"success-{level:.0e}", f"Success at {level_words(level)} m and rad", "problems")
         for b in blocks:
-            add_success(plot, b, run, b.paired.filter("known"), b.methods, level, {"block": [b.block.id]})
+            add_success(plot, b, run, compared_rows(b)[0], b.methods, level, {"block": [b.block.id]})
         plots.append(plot)
     legend = (
         run.key(label, {"block": [b.block.id]}, marked=label not in b.whole) for b in blocks for label in b.methods
     )
     return Board(
         "success", tuple(plots), (Control.of_blocks(blocks),), tuple(legend),
-        "Problems with a known solution that all methods were given; bars are Wilson 95 % intervals. A run that its budget "
-        "stops is judged at its last iterate. Level line: a method with default settings, which has no budget.",
+        f"{COMPARED_PROBLEMS} Bars are Wilson 95 % intervals. A run that its budget stops is judged at its last iterate. Level "
+        "line: a method with default settings, which has no budget.",
     )  # fmt: skip
 
 
 def _status_board(blocks: list[BudgetRows]) -> Board:
     plot = Plot(
-        "status", "Final status at the largest budget, on the problems that all methods were given",
+        "status", "Final status at the largest budget",
         {
             "barmode": "stack", "bargap": 0.35,
-            "xaxis": axis("problems [%]", range=[0, 100]),
+            "xaxis": axis("targets [%]", range=[0, 100]),
             "yaxis": axis("", autorange="reversed", ticks="", type="category"),
         },
     )  # fmt: skip
-    colours = dict(ENDINGS.values()) | {NO_SOLUTION: "var(--unknown)"}
+    colours = dict(ENDINGS.values())
     seen: dict[str, list[str]] = {}
     for b in blocks:
         here = {"block": [b.block.id]}
         plot.vary(here, {"height": 64 + 36 * len(b.methods)})
-        for words, counts, total in _endings(b):
+        for words, counts in _endings(b):
             seen.setdefault(words, []).append(b.block.id)
             trace = bars(
-                y=b.methods, x=lean([100.0 * n / total for n in counts]), customdata=counts, name=words,
+                y=b.methods, x=lean([100.0 * n / max(total, 1) for n, total in counts]), customdata=counts, name=words,
                 marker={"color": colours.get(words, "var(--c7)")},
-                hovertemplate=f"%{{y}}<br>{words}: %{{customdata}} problems, %{{x:.1f}} %{HOVER}",
+                hovertemplate=f"%{{y}}<br>{words}: %{{customdata[0]}} of %{{customdata[1]}} targets, %{{x:.1f}} %{HOVER}",
             )  # fmt: skip
             plot.add(trace, here)
     legend = tuple(Key(words, colours[words], "fill", {"block": seen[words]}) for words in colours if words in seen)
-    return Board("statuses", (plot,), (Control.of_blocks(blocks),), legend)
+    return Board("statuses", (plot,), (Control.of_blocks(blocks),), legend, COMPARED_PROBLEMS)
 
 
-def _endings(b: BudgetRows) -> list[tuple[str, list[int], int]]:
-    """Return every ending in words, with its count for each method, and the number of problems, the same for all methods."""
-    last = b.paired.filter(pl.col("budget") == b.budget)
-    known = last.filter("known")
-    wanted = {
-        ENDINGS.get(s, (s,))[0]: known.filter(pl.col("status") == s) for s in (*ENDINGS, *sorted(set(last["status"])))
-    }
-    wanted[NO_SOLUTION] = last.filter(~pl.col("known"))
-    counts = {words: [part.filter(pl.col("method") == m).height for m in b.methods] for words, part in wanted.items()}
-    total = max(last["problem"].n_unique(), 1)
-    return [(words, found, total) for words, found in counts.items() if any(found)]
+def _endings(b: BudgetRows) -> list[tuple[str, list[list[int]]]]:
+    """Return every ending in words, with its count and the number of targets of each method."""
+    last = compared_rows(b)[0].filter(pl.col("budget") == b.budget)
+    parts = [last.filter(pl.col("method") == m) for m in b.methods]
+    found = []
+    for status in dict.fromkeys((*ENDINGS, *sorted(set(last["status"])))):
+        counts = [[part.filter(pl.col("status") == status).height, len(part)] for part in parts]
+        if any(count for count, _ in counts):
+            found.append((ENDINGS.get(status, (status,))[0], counts))
+    return found
 
 
 # ---------------------------------------------------------------- the head of the report
@@ -187,15 +190,13 @@ def _findings(run: Run) -> list[str]:
 
 
 def _rates(b: BudgetRows) -> str:
-    known = b.given(b.methods)
-    if known.is_empty():
-        return ""
+    last = compared_rows(b)[0].filter(pl.col("budget") == b.budget)
     words = []
-    for label in b.methods:
-        rate, low, high = success(known.filter(pl.col("method") == label), SUCCESS_LEVELS[-1])
-        words.append(f"{label} {percent(rate)} ({low:.1f} to {high:.1f} %)")
-    count = known["problem"].n_unique()
-    return f"{b.block.title}, {count:,} targets, at most {b.budget} iterations; solved: {'; '.join(words)}."
+    for label in b.methods if len(last) else ():
+        part = last.filter(pl.col("method") == label)
+        rate, low, high = success(part, SUCCESS_LEVELS[-1])
+        words.append(f"{label} {percent(rate)} of {len(part):,} ({low:.1f} to {high:.1f} %)")
+    return f"{b.block.title}, at most {b.budget} iterations; targets solved: {'; '.join(words)}." if words else ""
 
 
 def _limitations(run: Run) -> list[str]:
@@ -214,10 +215,10 @@ def _limitations(run: Run) -> list[str]:
             "found one; it does not prove that the target is out of reach. All graph-paper targets have the start's "
             "orientation."
         )
-    if any(b.paired["problem"].n_unique() < b.problems()[0] for b in blocks):
+    if any(b.rows.group_by("method").agg(pl.col("problem").n_unique())["problem"].n_unique() > 1 for b in blocks):
         items.append(
-            "Some methods were run on a subset of the problems. The tables compare on the problems common to all methods; "
-            "plots with other problems say so."
+            "Some methods were run on a subset of the problems. Methods are compared on the targets that all ranked methods "
+            "were given. A method that was given far fewer is not ranked: its figures are those of its own targets."
         )
     return items
 
@@ -226,14 +227,14 @@ def _winners(run: Run) -> list[Winner]:
     """Return who solves most targets in one attempt, for each block that compares methods."""
     found = []
     for b in comparisons(run):
-        known = b.last.filter("known")
-        who = ranked({label: known.filter(pl.col("method") == label).height for label in b.budgeted})
-        rows = b.given(who.labels).with_columns(good=succeeded(SUCCESS_LEVELS[-1]))
-        if rows.is_empty():
+        rows, who = compared_rows(b)
+        last = rows.filter(pl.col("budget") == b.budget).with_columns(good=succeeded(SUCCESS_LEVELS[-1]))
+        labels = [label for label in b.budgeted if label in who.labels]
+        solved = {label: last.filter(pl.col("method") == label)["good"].to_numpy() for label in labels}
+        if not any(map(len, solved.values())):
             continue
-        solved = {label: rows.filter(pl.col("method") == label)["good"].to_numpy() for label in who.labels}
         note = (
-            f"{rows['problem'].n_unique():,} targets with a known solution, the same for all, at most {b.budget} iterations, "
+            f"{len(solved[labels[0]]):,} targets with a known solution, the same for all, at most {b.budget} iterations, "
             f"within {level_words(SUCCESS_LEVELS[-1])} m and rad{who.left_out}"
         )
         found.append(most_solved(f"Highest success rate in one attempt: {b.block.title}", "methods", solved, note))

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.base import Column, Table
 from benchmarks.report.board import Board, Json, Plot
 from benchmarks.report.figures import HOVER, axis, lean, line
 from benchmarks.report.numbers import number, p_value, percent
+from benchmarks.report.ranked import Ranked, ranked
 from benchmarks.report.run import Run
-from benchmarks.statistics import SIGNIFICANT, McNemar, mcnemar
+from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
 from optik.types import Flags
 
@@ -26,6 +28,7 @@ PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
 
 DEFAULT_COLUMNS = (
     Column("label", "Method", show="text"),
+    Column("count", "targets", show="count"),
     Column("success", "solved", "%", "more", "share"),
     Column("alone", "solved by this method only", show="count"),
     Column("lost", "solved by the paper's only", show="count"),
@@ -43,6 +46,22 @@ def comparisons(run: Run) -> list[BudgetRows]:
     """Return the blocks that compare methods; all blocks if each varies the options of one method."""
     blocks: list[BudgetRows] = run.of("budgets")
     return [b for b in blocks if not b.block.is_sweep] or blocks
+
+
+COMPARED_PROBLEMS = (
+    "Targets with a known solution that all ranked methods were given; of a method that was given far fewer, its own."
+)
+"""The problems of all figures that compare methods."""
+
+
+def compared_rows(b: BudgetRows) -> tuple[pl.DataFrame, Ranked]:
+    """Return the rows from which every section takes the figures of a method, and which methods are ranked.
+
+    They are those of the targets with a known solution that all ranked methods were given, and the other methods' own.
+    """
+    who = ranked({label: b.known.filter(pl.col("method") == label)["problem"].n_unique() for label in b.methods})
+    others = b.known.filter(~pl.col("method").is_in(who.labels))
+    return pl.concat([shared(b.known, who.labels), others]).sort("problem"), who
 
 
 @dataclass(frozen=True)
@@ -64,8 +83,9 @@ class Pair:
 
     @cached_property
     def given(self) -> pl.DataFrame:
-        """Rows at the largest budget of the problems with a known solution that were given to all of them."""
-        return self.rows.given(self.labels)
+        """Rows at the largest budget on the compared targets that all of them were given."""
+        rows, _ = compared_rows(self.rows)
+        return shared(rows.filter(pl.col("budget") == self.rows.budget), self.labels)
 
     def solved(self, label: str) -> Flags:
         """Return which of these problems (k,) a method solved, in the order of their numbers."""
@@ -79,14 +99,17 @@ class Pair:
 
     def times(self, run: Run) -> dict[str, list[float]]:
         """Return the median times of solved and unsolved calls [µs], on the problems of a block of calls given to all."""
-        mine = self.rows.block
         for calls in run.of("calls"):
-            other = calls.block
-            same = (other.robot, other.set, other.options) == (mine.robot, mine.set, mine.options)
+            same = has_same_problems(calls.block, self.rows.block)
             if same and set(self.labels) <= set(calls.rows["method"].unique()):
                 rows = shared(calls.rows, self.labels)
                 return {label: _median_times(rows.filter(pl.col("method") == label)) for label in self.labels}
         return {}
+
+
+def has_same_problems(a: ProblemBlock, b: ProblemBlock) -> bool:
+    """Say whether two blocks have the same problems."""
+    return (a.robot, a.set, a.options) == (b.robot, b.set, b.options)
 
 
 def _median_times(rows: pl.DataFrame) -> list[float]:
@@ -136,7 +159,7 @@ def answer(pair: Pair, run: Run) -> str:
     """Say whether one attempt of the default is better than the paper's iteration, and by how much."""
     test = pair.against_paper(pair.attempt)
     count = test.both + test.first + test.second + test.neither
-    word = "No significant difference"
+    word = f"Too few targets for a test (n = {count})" if is_too_few(count, 1) else "No significant difference"
     if test.p < SIGNIFICANT:
         word = "Yes" if test.first > test.second else "No"
     rates = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
@@ -169,7 +192,8 @@ def default_table(pair: Pair, run: Run) -> Table:
         took = part.filter(pl.col("status") == "solved")["iterations"].to_numpy()
         solved, failed = times.get(label, (None, None))
         row: dict[str, Any] = {
-            "label": label, "success": success(part, SUCCESS_LEVELS[-1]), "solved_us": solved, "failed_us": failed,
+            "label": label, "count": len(part), "success": success(part, SUCCESS_LEVELS[-1]),
+            "solved_us": solved, "failed_us": failed,
             "iterations": float(np.median(took)) if len(took) else None,
         }  # fmt: skip
         if label != pair.paper:
