@@ -48,10 +48,10 @@ def test_the_readme_s_words_on_time_laws_are_those_of_the_published_run() -> Non
     words = " ".join(README.split())
     ours = regular["optimal"]
     assert float(ours["kept [%]"]) == float(singular["optimal"]["kept [%]"]) == 100.0
-    assert f"On {int(ours['count']) + int(singular['optimal']['count'])} straight-line motions" in words
+    assert f"on {int(ours['count']) + int(singular['optimal']['count'])} straight-line motions" in words
     assert f"| **`optimal`, ours** | {float(ours['slowed_down']):.4f} | {float(ours['ms [ms]']):.1f} |" in words
     for label, name in (
-        ("CasADi, fatrop", "CasADi with fatrop, stretched to meet the limits"),
+        ("CasADi, fatrop", "CasADi with fatrop, motion stretched to meet the limits"),
         ("copp, two passes", "copp"),
     ):
         row = regular[label]
