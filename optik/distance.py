@@ -25,7 +25,7 @@ LARGEST_COORDINATE = 1e4
 
 @inlined
 def _nearest_to_origin(u: Triple, v: Triple) -> tuple[float, float]:
-    """Return the squared distance of the origin to the segment from u to v, and the fraction of the nearest point."""
+    """Return the squared distance from the origin to the segment u–v, and its nearest point as a fraction from u to v."""
     x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
     square = x * x + y * y + z * z
     share = 0.0

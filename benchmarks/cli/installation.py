@@ -49,7 +49,7 @@ LAST_WORDS = 400
 
 
 class Check(NamedTuple):
-    """One check: its group and name, its state (usable, absent or problem), and the version or the command that helps."""
+    """One line of `optik doctor`: group, name, state (usable, absent or problem), and the version or the command to type."""
 
     part: str
     name: str
@@ -65,7 +65,7 @@ class DoctorCommand(JsonCommand):
     """
 
     def run(self) -> None:
-        """Print the checks."""
+        """Check the installation, and print the results."""
         rows = [
             *_check_machine(), *_check_requirements(), *_check_cache(), *_check_extras(), *_check_peers(), *_check_plugins(),
         ]  # fmt: skip

@@ -159,7 +159,7 @@ def _persists(robot: Robot, q: Array) -> Flags:
 
 
 def _moved(robot: Robot, q: Array, away: Array, wanted: Array) -> Array:
-    """Return configurations (j, n) moved to the nearest point with the wanted smallest singular value (j,), by bisection."""
+    """Return configurations (j, n) moved along `away` to the nearest ones with the specified smallest singular values (j,)."""
 
     def sigma(distance: Array) -> Array:
         values: Array = robot.singular_values(q + distance[:, None] * away)

@@ -1,4 +1,4 @@
-"""The journal of a block that is timed in one process: files that survive a crash of the process."""
+"""Crash journal of a block that is timed in one process: files that survive a crash of this process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WORTH_KEEPING = 0.5
 
 
 class Journal:
-    """The method that runs now, the methods that crashed their process, and the finished rows of an unfinished part.
+    """Crash journal of a block: the method that is running, the methods that crashed, and the rows measured so far.
 
     The label of each method is written before its work begins. After a crash, `left` is the method that was running. Methods
     that crashed are failures in the manifest of the run. All other files are removed when the block is finished.
@@ -48,7 +48,7 @@ class Journal:
 
     @contextmanager
     def at_work(self, label: str) -> Iterator[None]:
-        """Record the method that runs in this context."""
+        """Record that a method is running, until the context ends."""
         self._write(label)
         try:
             yield
@@ -75,13 +75,13 @@ class Journal:
             record_failures(self._folder, self._table, label, [why])
 
     def keep(self, name: str, rows: pl.DataFrame, seconds: float) -> None:
-        """Keep rows of an unfinished part."""
+        """Store the rows measured so far in an unfinished part."""
         if self._path is not None and seconds >= WORTH_KEEPING:
             self._path.mkdir(parents=True, exist_ok=True)
             write_atomically(self._path / f"{name}.arrow", lambda part: rows.write_ipc(part))
 
     def kept(self, name: str) -> pl.DataFrame | None:
-        """Return the kept rows; None if there are none."""
+        """Return the stored rows of an unfinished part; None if there are none."""
         if self._path is None:
             return None
         try:

@@ -149,7 +149,7 @@ class Board:
 
     @property
     def shown(self) -> tuple[Control, ...]:
-        """Controls with more than one option."""
+        """Controls that the page shows: those with more than one option."""
         return tuple(c for c in self.controls if len(c.options) > 1)
 
     @property

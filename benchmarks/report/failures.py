@@ -73,7 +73,7 @@ def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
 
 
 def home_of(kind: Kind, sections: Sequence[Section]) -> Section:
-    """Return the section of a kind that shows its failures: the one with the kind's title, else the first."""
+    """Return the report section that lists a kind's failures: the section with the kind's title, else its first one."""
     own = sorted((s for s in sections if s.place == "section"), key=lambda section: section.order)
     return next((section for section in own if section.title == kind.title), own[0])
 

@@ -44,7 +44,7 @@ def ranked(given: Mapping[str, int]) -> Ranked:
 
 
 def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:
-    """Return the method that solved most of the same problems, and those not significantly different by McNemar's test."""
+    """Return the method that solved the most of the same problems, and those not significantly different (McNemar's test)."""
     entries = sorted(((label, *percentage(int(x.sum()), len(x))) for label, x in solved.items()), key=lambda e: -e[1])
     best = entries[0][0]
     p_values = {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best}

@@ -36,7 +36,7 @@ class ShownCell:
 
 @dataclass(frozen=True)
 class ShownRow:
-    """One row: its cells, and the colour of its method; empty where it is of no method."""
+    """One row: its cells, and the colour of its method; empty if it belongs to no method."""
 
     cells: tuple[ShownCell, ...]
     colour: str = ""

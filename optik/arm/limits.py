@@ -80,7 +80,7 @@ class JointLimits:
                 "limits", f"shapes {lower.shape} and {upper.shape}", "lower and upper of one length n ≥ 1"
             )
         if np.isnan(lower).any() or np.isnan(upper).any():
-            raise InvalidInput("limits", "NaN", "numbers (infinity where a joint is free)")
+            raise InvalidInput("limits", "NaN", "numbers (infinity for a joint without a limit)")
         if (lower == np.inf).any() or (upper == -np.inf).any():
             raise InvalidInput(
                 "limits", "a lower limit of +∞ or an upper one of −∞", "limits that a joint value can satisfy"
@@ -96,7 +96,7 @@ class JointLimits:
             raise InvalidInput(
                 "limits",
                 f"{lower[i]:.6g} to {upper[i]:.6g} at joint {i + 1}",
-                f"at most {LARGEST_LIMIT:g} rad or m; infinity where a joint is free (type continuous in a URDF)",
+                f"at most {LARGEST_LIMIT:g} rad or m; infinity for a joint without a limit (type continuous in a URDF)",
             )
         object.__setattr__(self, "lower", lower)
         object.__setattr__(self, "upper", upper)

@@ -383,7 +383,7 @@ class ArmDynamics(ArmModel):
 
 
 def unit_factors(arm: ArmModel) -> Array:
-    """Return the factors (n,) from rad and m to the units in text."""
+    """Return the factors (n,) that convert joint values from rad to degrees, and from m to mm, as text shows them."""
     return np.where(arm.prismatic, 1000.0, 180.0 / np.pi)
 
 

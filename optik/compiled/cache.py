@@ -52,7 +52,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return None if place is None else str(place.locator.get_cache_path())
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for types of arguments, from the machine's cache, else from the archive."""
+        """Return the machine code for the argument types, from this machine's cache or the shipped archive; None without it."""
         target_context.refresh()
         codegen = target_context.codegen()
         if depends := self._depends(sig):
@@ -102,7 +102,7 @@ class KernelCache(_Cache):  # type: ignore[misc]
         return f"{module}.{self._qualname}".replace("<", "").replace(">", "")
 
     def _depends(self, sig: Any) -> str:
-        """Return the fingerprint of the code for types of arguments; empty if it can be neither cached nor shipped."""
+        """Return the fingerprint of the code for given argument types; empty if the code can be neither cached nor shipped."""
         if not self._enabled:
             return ""
         try:

@@ -119,7 +119,7 @@ class _Walk:
             self._object(v)
 
     def _object(self, v: Any) -> None:
-        """Add an object that may be reached several times, or from itself."""
+        """Add the contents of an object on its first visit; later visits add only its number."""
         if isinstance(v, np.ndarray) and not v.dtype.hasobject:
             self.note("array", repr(v.dtype), str(v.shape), str(v.strides), v.tobytes())
         elif is_jitted(v):

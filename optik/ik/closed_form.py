@@ -240,7 +240,7 @@ class ClosedForm(IKSolver):
         return [self._find_candidates(target @ nudge) for nudge in self._nudges[:times]]
 
     def _enumerate(self, target: Array, near: Array, clamped: bool) -> tuple[Array, int]:
-        """Return the roots (k, n) found from many seeds, with or without the limits, and the number of steps."""
+        """Return the solutions (k, n) that Newton steps find from many seeds, inside the limits or not, and the step count."""
         starts = np.vstack([near, self._starts])
         roots = np.empty((ENOUGH_ROOTS, self.robot.n))
         bounds = self._limits if clamped else self._free

@@ -366,7 +366,7 @@ class Task:
         return point is None or float(np.linalg.norm(point - self.target[:3, 3])) > self.settings.moved
 
     def _make_stop_test(self) -> StopRequest | None:
-        """Return the stop test of the execution: the request of the caller, or a spot that has moved."""
+        """Return the stop condition of the execution: the caller's request, or a motion of the laser spot during the task."""
         stop, follow, since = self.settings.stop, self.settings.follow, self.clock
         if follow is None:
             return stop

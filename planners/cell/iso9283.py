@@ -212,7 +212,7 @@ def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> A
 
 
 def _crossing(point: Array, tangent: Array, path: Array) -> Array:
-    """Return the crossing of one plane that is nearest to its point."""
+    """Return the crossing of a path with one plane that is nearest to the plane's point."""
     height = (path - point) @ tangent
     change = np.diff(height)
     crossed = np.flatnonzero((height[:-1] * height[1:] <= 0.0) & (change != 0.0))
@@ -302,7 +302,7 @@ def describe_cube(edge: float) -> str:
 
 
 def _repeatability(positions: Array) -> Array:
-    """Return the mean distance from the mean plus three standard deviations of the distance, over the cycles (first axis)."""
+    """Return the repeatability of positions over cycles (first axis): mean + 3 standard deviations of their scatter."""
     distance = np.linalg.norm(positions - positions.mean(axis=0), axis=-1)
     return np.asarray(distance.mean(axis=0) + 3.0 * distance.std(axis=0, ddof=1))
 
@@ -317,7 +317,7 @@ def _why_no_spread(positions: Array, noise: bool) -> str:
 
 
 def _check_finite(values: ArrayLike, name: str, shape: tuple[int, ...], expected: str) -> Array:
-    """Return finite numbers of a shape, checked; −1 is any number above 0."""
+    """Return numbers after checking that they are finite and have the given shape; −1 stands for any length."""
     found = real_array(values, name, expected)
     fits = found.ndim == len(shape) and all(
         n == m or (m == -1 and n > 0) for n, m in zip(found.shape, shape, strict=True)

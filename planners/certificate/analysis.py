@@ -102,15 +102,15 @@ class MotionAnalysis(LimitedMotion):
         return TorqueBounds(self.robot, self.bounds.knots, *self.bounds.joint_ends)
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
-        """Return proved bounds on the torques, or on their rates, over the limits (2, n)."""
+        """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""
         return self.torques.bound_ratios(bound, rate=rate)
 
     def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Return the larger of the ratios (m, n) at both ends of every piece."""
+        """Return the ratios (m, n) of joint torques, or of their rates, to the limits: on each piece the larger end value."""
         return self.torques.piece_ratios(bound, rate=rate)
 
     def torque_stretch(self, bound: Array, *, rate: bool) -> float:
-        """Return the least factor by which the motion is stretched in time to respect the limits (2, n)."""
+        """Return the least factor by which the motion is stretched in time to respect the torque or rate limits (2, n)."""
         return stretch_factor(self.torques, bound, rate=rate)
 
     @cached_property
@@ -119,7 +119,7 @@ class MotionAnalysis(LimitedMotion):
         return checks.jumps(self.trajectory)
 
     def steps(self, order: int) -> Array:
-        """Return the steps (m + 1, n) of a derivative at the knots."""
+        """Return the discontinuities (m + 1, n) of the joints' derivative of one order at the knots."""
         return checks.steps(self.trajectory, order)
 
     @cached_property

@@ -237,7 +237,7 @@ def summary_lines(proof: Certificate) -> list[str]:
 
 
 def _limit_lines(proof: Certificate) -> list[str]:
-    """Return the peak / limit lines, at most those with the largest ratios."""
+    """Return the summary's lines on limits (peak / limit), only for the limits with the largest ratios."""
     found = {name: proof.worst(name) for name in (*ALL_LIMITS, *proof.extra)}
     bounded = sorted((name for name in found if not np.isnan(found[name][0])), key=lambda name: -found[name][0])
     shown, lines = bounded[:MOST_LIMITS], []
@@ -293,13 +293,13 @@ class Binding(NamedTuple):
 
 
 def find_forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:
-    """Return the violations of a motion that these words do not permit."""
+    """Return the violations of a motion that the words of ``allow=`` do not permit."""
     allowed = check_allow(allow)
     return tuple(violation for violation in proof.violations if violation.allow not in allowed)
 
 
 def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice: str = "") -> None:
-    """Raise InvalidMotion with the violations that these words do not permit, if there are any."""
+    """Raise InvalidMotion if the motion has violations that the words of ``allow=`` do not permit."""
     violations = find_forbidden(proof, allow)
     if violations:
         reason = context + "; ".join(violation.words for violation in violations)

@@ -149,7 +149,7 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
 
 
 def steps(trajectory: Trajectory, order: int, standing: tuple[bool, bool] | None = None) -> Array:
-    """Return the steps of a derivative at all knots; an end at rest continues with standstill."""
+    """Return the discontinuities of the joints' derivative of one order at all knots; at a resting end, against standstill."""
     first, last = trajectory.ends(order)
     # the position of a standstill is that of the adjacent end: it cannot jump
     start, end = (standing or rest(trajectory)) if order else (False, False)

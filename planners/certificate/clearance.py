@@ -70,12 +70,12 @@ class Clearance:
 
     @property
     def _kinds(self) -> list[tuple[Closest, float]]:
-        """Each examined kind, and its required distance."""
+        """Each examined kind of pairs (arm and scene, or two links), and its required distance [m]."""
         return [(kind, least) for kind, least in ((self.scene, self.margin), (self.own, 0.0)) if kind is not None]
 
     @property
     def _least(self) -> Closest:
-        """The kind with the least distance found."""
+        """The kind of pairs with the least distance found."""
         return min((kind for kind, _ in self._kinds), key=lambda kind: kind.found, default=NOTHING)
 
     @property

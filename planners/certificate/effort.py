@@ -162,7 +162,7 @@ bounds over the largest ratios, and its power of the speed."""
 
 @compiled
 def _worst(kept: _RatioTerms, x: float, out: Array) -> float:
-    """Compute the largest ratio of each joint (n,) at x times the speed; return the largest of all.
+    """Compute each joint's largest ratio (n,) to its torque or rate limit at x times the speed; return the largest of all.
 
     Returns [1].
     """
@@ -181,7 +181,7 @@ def _worst(kept: _RatioTerms, x: float, out: Array) -> float:
 
 @compiled
 def _least(kept: _RatioTerms) -> float:
-    """Return the factor, from the speed at which the largest ratio is 1, by regula falsi (Illinois)."""
+    """Return the stretch factor 1 / x at which the largest ratio to a limit is 1, by regula falsi (Illinois)."""
     spare = np.empty(kept[3].shape[0])
     low, high = 0.0, 1.0
     f_high = _worst(kept, high, spare) - 1.0

@@ -60,7 +60,7 @@ def _angle(norm: float) -> float:
 
 @compiled
 def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
-    """Compute the errors (12,) of position and of rotation, E − I, and their rates, for a speed along the path."""
+    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives."""
     E = np.empty((3, 3))
     _turn(tool, pose, E)
     for i in range(3):
@@ -84,7 +84,7 @@ class PieceBounds(NamedTuple):
 
     @classmethod
     def of(cls, path: Path) -> PieceBounds:
-        """Return the bounds of a path."""
+        """Return the bounds on the derivatives of a path."""
         return cls(np.ascontiguousarray(path.breaks), path.known_bounds)
 
 

@@ -241,7 +241,7 @@ class TorqueBounds:
         return self._kept[key]
 
     def piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Return the larger of the ratios at both ends of every piece."""
+        """Return the ratios of joint torques, or of their rates, to the limits: on each piece the larger end value."""
         lower, upper = bound
         worst = np.zeros((len(self.ends[0].t0), upper.size))
         for model, ends in zip(self.models, self.ends, strict=True):
@@ -252,13 +252,13 @@ class TorqueBounds:
 
 
 def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
-    """Return the larger ratios of two loads, joint by joint."""
+    """Return, joint by joint, the larger torque ratios of two loads."""
     first = a.ratio >= b.ratio
     return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
 def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
-    """Return the bounds for one load; `how` is (for the rates, relative excess, largest number of intervals)."""
+    """Return bounds on the torque ratios of one load; `how` is (for the rates, relative excess, greatest interval count)."""
     rate, excess, most = how
     lower, upper = bound
     limits = np.stack([-lower, upper])
@@ -328,7 +328,7 @@ def _divide(
     model: Model, ends: Ends, what: RatioTerms, most: int, close: tuple[float, float, float],
     results: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
-    """Bound the ratios over all pieces, into results: proved, found and their times (2, n).
+    """Bound the ratios of torques to limits over all pieces, into results: proved, found and their times (2, n).
 
     Intervals are halved until their bounds are close to the largest values found, or they are too short or too many.
 
@@ -401,7 +401,7 @@ def _find_loose(
 
 @compiled
 def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> None:
-    """Compute bounds (k, n) on the fourth derivatives in intervals, from the joints' derivatives at their starts (k, 6, n)."""
+    """Compute bounds (k, n) on the torques' fourth derivatives in intervals, from joint derivatives (k, 6, n) at the starts."""
     D, space = np.empty(joints.shape), np.empty((2, joints.shape[2] + 1, 7))
     joint_bounds(joints, h, D)
     for k in range(h.shape[0]):
@@ -412,7 +412,7 @@ def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> No
 def _between(
     what: RatioTerms, h: Array, joints: Array, fourths: Array, values: tuple[Array, Array], bound: Array
 ) -> None:
-    """Compute bounds (k, 2, n) on the ratios of both sides in intervals, from the joints' derivatives (k, 6, n).
+    """Compute bounds (k, 2, n) on the ratios of torques to both limits in intervals, from the joints' derivatives (k, 6, n).
 
     fourths: bounds (k, n) on the fourth derivatives; values: torques and rates (k, 2, n) at the starts and at the ends.
     """

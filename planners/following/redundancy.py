@@ -109,7 +109,7 @@ class NullSpaceMotion:
         )
 
     def refine(self, s: float, limit: bool) -> bool:
-        """Insert stations around s at which following failed, and smooth the motion again; return whether that is possible."""
+        """Insert stations near s, where following failed, and smooth the motion again; return False if it cannot be refined."""
         if s >= self.s[-1] and self.s[-1] < self.path.end:
             return False
         k = int(np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2))

@@ -94,7 +94,7 @@ def _infinite_at_jumps(motion: LimitedMotion, order: int, extreme: Extreme, jump
 
 
 class Velocity(DerivativeLimit):
-    """Greatest velocity of every joint."""
+    """Velocity limit of each joint."""
 
     name: ClassVar[str] = "velocity"
     units: ClassVar[tuple[str, str]] = ("rad/s", "m/s")
@@ -103,7 +103,7 @@ class Velocity(DerivativeLimit):
 
 
 class Acceleration(DerivativeLimit):
-    """Greatest acceleration of every joint."""
+    """Acceleration limit of each joint."""
 
     name: ClassVar[str] = "acceleration"
     units: ClassVar[tuple[str, str]] = ("rad/s²", "m/s²")
@@ -112,7 +112,7 @@ class Acceleration(DerivativeLimit):
 
 
 class Jerk(DerivativeLimit):
-    """Greatest jerk of every joint."""
+    """Jerk limit of each joint."""
 
     name: ClassVar[str] = "jerk"
     units: ClassVar[tuple[str, str]] = ("rad/s³", "m/s³")
@@ -120,7 +120,7 @@ class Jerk(DerivativeLimit):
 
 
 class LoadedLimit(Limit):
-    """A limit on the torques of the joints, or on their rates. It is not evaluated where it has no bound.
+    """A limit on the joint torques, or on their rates. It is not evaluated if no joint has a finite limit.
 
     A payload given as an interval is two loads, the lightest and the heaviest. The torque is affine in the payload's mass, so
     one of the two has the peak value.
@@ -203,7 +203,7 @@ STANDING_SHARE = 1e-9
 
 
 class Torque(LoadedLimit):
-    """Greatest torque of every joint, friction included.
+    """Torque limit of each joint; the torque includes friction.
 
     Coulomb friction is f sign(q̇). Where a joint rests or reverses, it is the least favourable value in [−f, f].
     """
@@ -246,7 +246,7 @@ def _senses(at: PathPoints) -> tuple[Array, Array]:
 
 
 class TorqueRate(LoadedLimit):
-    """Greatest rate of the torque of every joint, without Coulomb friction, which jumps where a joint reverses."""
+    """Torque-rate limit of each joint; the rate excludes Coulomb friction, which jumps where a joint reverses."""
 
     name: ClassVar[str] = "torque_rate"
     units: ClassVar[tuple[str, str]] = ("N·m/s", "N/s")
@@ -342,7 +342,7 @@ def inside_ends(path: Path, bound: Array, s: Array, name: str) -> tuple[Array, A
 
 
 class ToolSpeed(ToolSpeedLimit):
-    """Greatest speed |v| of the tool's point."""
+    """Limit on the speed |v| of the tool's point."""
 
     name: ClassVar[str] = "tool_speed"
     units: ClassVar[tuple[str, str]] = ("m/s", "m/s")
@@ -350,7 +350,7 @@ class ToolSpeed(ToolSpeedLimit):
 
 
 class RotationSpeed(ToolSpeedLimit):
-    """Greatest speed |ω| of the tool's rotation."""
+    """Limit on the angular speed |ω| of the tool."""
 
     name: ClassVar[str] = "rotation_speed"
     units: ClassVar[tuple[str, str]] = ("rad/s", "rad/s")

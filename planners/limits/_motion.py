@@ -95,7 +95,7 @@ class LimitedMotion(Protocol):
         """Discontinuities (4, m + 1, n) of the joints' derivatives of order 0 to 3 at the knots."""
 
     def steps(self, order: int) -> Array:
-        """Return the steps (m + 1, n) of a derivative at the knots."""
+        """Return the discontinuities (m + 1, n) of the joints' derivative of one order at the knots."""
 
     def tool_speed_bound(self, part: int) -> tuple[float, float]:
         """Return a proved bound on the tool's speed [m/s, rad/s], and the time of the peak [s]."""
@@ -107,13 +107,13 @@ class LimitedMotion(Protocol):
         """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
-        """Return proved bounds on the torques, or on their rates, over the limits (2, n)."""
+        """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""
 
     def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
-        """Return the larger of the ratios (m, n) at both ends of every piece."""
+        """Return the ratios (m, n) of joint torques, or of their rates, to the limits: on each piece the larger end value."""
 
     def torque_stretch(self, bound: Array, *, rate: bool) -> float:
-        """Return the least factor by which the motion is stretched in time to respect the limits (2, n)."""
+        """Return the least factor by which the motion is stretched in time to respect the torque or rate limits (2, n)."""
 
 
 class LimitedPath(Protocol):

@@ -18,7 +18,7 @@ from optik.types import Array
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 
 PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one for each joint"
-"""Description of a valid pair in error messages; both sides may be infinite where a joint is free."""
+"""Description of a valid pair in error messages; both sides may be infinite for a joint without a limit."""
 
 
 def is_pair(value: Any) -> bool:

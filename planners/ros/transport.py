@@ -64,7 +64,7 @@ class Goal:
             self._set(refused=said)
 
     def tell_feedback(self, values: Any) -> None:
-        """Record feedback, given as plain data; it shows that the goal was accepted."""
+        """Record a feedback message of the controller, given as plain data; feedback implies that the goal was accepted."""
         try:
             feedback = read_feedback(values)
             self._set(accepted=True, first=self.first or feedback, feedback=feedback, heard=time.monotonic())

@@ -205,7 +205,7 @@ class TimeLaw(ABC):
 
 
 class AnalysingLaw(TimeLaw):
-    """A law that analyses its motion to scale it to the limits; the certificate of a plan continues with this analysis."""
+    """Base of time laws that analyse their motion to scale it to the limits; the plan's certificate reuses the analysis."""
 
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Time the joint path."""

@@ -197,7 +197,7 @@ def _limit_ratios(problem: Problem, z: Array) -> Array:
 
 
 class _Solution(NamedTuple):
-    """A motion, and the factor by which it must be stretched."""
+    """A motion, and the factor by which it must be stretched to respect every limit."""
 
     motion: Trajectory
     slower: float
@@ -316,7 +316,7 @@ class _Excess(NamedTuple):
         return np.asarray(np.concatenate([self.speed, self.node, self.edge], axis=1).max(axis=1))
 
     def slower(self, tool: Array) -> float:
-        """Return the factor by which the motion must be stretched, with the ratios (K,) of the tool's speeds."""
+        """Return the stretch factor that meets all limits; `tool` (K,) are the ratios of the tool's speed to its limit."""
         node, edge = self.node.max(initial=0.0) ** (1.0 / 2.0), self.edge.max() ** (1.0 / 3.0)
         return float(max(self.speed.max(), node, edge, tool.max()))
 

@@ -276,7 +276,7 @@ class IsoBlock(CellBlock):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Entries with noise and without."""
+        """The two entries of the block: the time law executed with noise, and without noise."""
         return tuple(Entry(label, self.law, {}) for label in (NOISY, NOISELESS))
 
 
@@ -301,7 +301,7 @@ class LawsBlock(CellBlock):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The laws."""
+        """The time laws of the block."""
         return self.laws
 
 

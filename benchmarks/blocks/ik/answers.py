@@ -1,4 +1,4 @@
-"""Recorded answers: any number of IK problems by batch methods, sampled in parts; every answer is judged and stored."""
+"""Recorded answers: any number of IK problems, sampled and solved in batches; every answer is verified and stored."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class AnswersBlock(ProblemBlock):
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The methods."""
+        """The methods of the block."""
         return self.methods
 
 
@@ -191,7 +191,7 @@ class AnswersWork:
         )
 
     def draw(self, robot: Robot) -> tuple[Array, Array]:
-        """Sample targets and starts."""
+        """Sample the targets and initial guesses of this part."""
         last = self.first + self.count
         draws = range(self.first // DRAWN_AT_ONCE, (last - 1) // DRAWN_AT_ONCE + 1)
         drawn = [_draw(robot, self.set, self.options, self.seed, number) for number in draws]
@@ -201,14 +201,14 @@ class AnswersWork:
 
 
 def _draw(robot: Robot, name: str, options: dict[str, Any], seed: int, number: int) -> ProblemSet:
-    """Draw the problems of one number."""
+    """Sample the group of problems with a given number, which has its own random seed."""
     own = trial_seed(seed, number, "problems")
     drawn: ProblemSet = build_method(SETS, name, "problem set", robot, own, **options, count=DRAWN_AT_ONCE)
     return drawn
 
 
 def parts(block: AnswersBlock, seed: int, top: str) -> Iterable[Part]:
-    """Divide the work."""
+    """Divide the problems of a block into parts, each for one method."""
     for index, method in enumerate(block.methods):
         most = min(block.count, method.most or block.count)
         for part, first in enumerate(range(0, most, block.part)):
@@ -223,7 +223,7 @@ _warmed: set[tuple[str, ...]] = set()
 
 
 def solve(work: AnswersWork) -> pl.DataFrame:
-    """Draw, solve and judge the problems of one part."""
+    """Sample the problems of one part of a block, solve them in a batch, and return the verified answers."""
     robot, method = load(work.robot), work.method
     targets, starts = work.draw(robot)
     solver = make_solver(robot, method.name, **method.options)
@@ -282,7 +282,7 @@ class _Answers(Kind):
 
     @property
     def folder(self) -> str:
-        """Its folder in a run."""
+        """Name of the folder of the answers in a run."""
         return "answers"
 
     def prepare(self, block: AnswersBlock, seed: int) -> tuple[int, str]:

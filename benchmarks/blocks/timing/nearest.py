@@ -118,7 +118,7 @@ def nearest_points(
 def _witness(
     arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
 ) -> tuple[float, Array, float]:
-    """Return the nearest point of a capsule's axis [1], the difference from the other body, and that body's radius [m]."""
+    """Return the nearest point on a capsule's axis [0 to 1], the vector to it from the other body, and that body's radius."""
     a, b, radius = arm
     p, q = _triple(a[one]), _triple(b[one])
     box_pose, box_half, c, d, sizes, point, normal = scene.arrays

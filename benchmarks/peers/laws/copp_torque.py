@@ -16,10 +16,10 @@ TORQUE_STATIONS = 151
 
 
 class CoppTorque(Copp):
-    """`Copp` with exact rows of torque, Coulomb friction and both ends of a payload's interval included.
+    """`Copp` with exact torque rows for the lightest and the heaviest payload, Coulomb friction included.
 
     Its rows are linear in ṡ² and s̈. Viscous friction is linear in ṡ: its row is taken as proportional to ṡ², with the
-    factor that makes it exact at the speed of the pass before.
+    factor that makes it exact at the speed of the previous pass.
     """
 
     settings = (

@@ -17,10 +17,10 @@ from planners.limits import sides
 
 
 class ToppraTorque(ToppraConstAccel):
-    """`ToppraConstAccel` with ``SecondOrderConstraint.joint_torque_constraint``, one for each end of a payload's interval.
+    """`ToppraConstAccel` with one ``joint_torque_constraint`` for each load: the lightest and the heaviest payload.
 
-    Its inverse dynamics is ours without friction; Coulomb friction is its own argument. It has no place for friction that
-    grows with the speed.
+    The constraint evaluates our inverse dynamics without friction, and takes Coulomb friction as a separate argument. It
+    cannot represent viscous friction.
     """
 
     settings = (

@@ -220,7 +220,7 @@ def _strata(b: BudgetRows) -> list[str]:
 
 
 def _figures(b: BudgetRows) -> Figures:
-    """Return success, iterations of the solved, and the remaining error [mm] by stratum and method at the largest budget."""
+    """Return success, iterations of solved targets, and remaining error [mm] by stratum and method at the largest budget."""
     found = {}
     for g in _strata(b):
         for m in b.methods:

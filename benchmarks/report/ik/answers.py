@@ -59,7 +59,7 @@ def _tables(run: Run) -> list[Table]:
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
-    """Return the values of one method."""
+    """Return the table cells of one method."""
     rates = {at: percentage(row[at], row["count"]) for at in (f"at {level_name(level)}" for level in JUDGED_AT)}
     millimetres = {f"position {name}": 1e3 * row[f"position {name}"] for name in ("median", "p99")}
     solved_a_second = row["at 1e-6"] / max(row["seconds"], 1e-9)

@@ -182,7 +182,7 @@ def _about(b: BudgetRows, run: Run) -> dict[str, Any]:
 
 
 def _findings(run: Run) -> list[str]:
-    """Say whether the default is better than the paper's iteration; without them, list the success rate of every method."""
+    """Compare the default method with the paper's iteration; for a block without both, list every method's success rate."""
     answered = pairs(run)
     others = [b for b in comparisons(run) if b.block.id not in {pair.rows.block.id for pair in answered}]
     found = [f"Is the default better than the paper's iteration? {answer(pair, run)}" for pair in answered[:1]]
@@ -242,7 +242,7 @@ def _winners(run: Run) -> list[Winner]:
 
 
 def _tables(run: Run) -> list[Table]:
-    """Return the default beside the paper's iteration, all methods of every block, and the dampings."""
+    """Return the tables: the default method beside the paper's iteration, all methods of every block, and the dampings."""
     found = [default_table(pair, run) for pair in pairs(run)] + [method_table(b) for b in run.of("budgets")]
     dampings = damping_table(run)
     return found if dampings is None else [*found, dampings]

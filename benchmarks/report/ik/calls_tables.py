@@ -56,7 +56,7 @@ def _table(
     b: CallRows, ending: str, title: str, columns: Iterable[Column], cells: CellsOf, note: str,
     *, parts: Mapping[str, pl.DataFrame] | None = None, absent: str = "",
 ) -> Table:  # fmt: skip
-    """Return one row for each entry, with the reason if it has no rows; the best is marked among those given the same ones."""
+    """Return a table with a row for each method, or the reason for its absence; the best is marked on equal problems."""
     first, *others = (replace(column, among=GIVEN.key) if column.better else column for column in columns)
     found = b.by_method if parts is None else parts
     counts = {label: part["problem"].n_unique() for label, part in found.items()}

@@ -66,9 +66,10 @@ def compared_rows(b: BudgetRows) -> tuple[pl.DataFrame, Ranked]:
 
 @dataclass(frozen=True)
 class Pair:
-    """Labels of the paper's iteration, of the default with one attempt, and of the default with default settings, on one block.
+    """One block of budgets, and the labels of the methods that it compares.
 
-    The last is empty where the block does not have it.
+    They are the paper's iteration, the default method with one attempt, and the default method with default settings. The
+    last label is empty if the block does not have this method.
     """
 
     rows: BudgetRows
@@ -78,27 +79,27 @@ class Pair:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The labels, the paper's first."""
+        """Labels of the compared methods; the first is the paper's iteration."""
         return tuple(label for label in (self.paper, self.attempt, self.whole) if label)
 
     @cached_property
     def given(self) -> pl.DataFrame:
-        """Rows at the largest budget on the compared targets that all of them were given."""
+        """Rows at the largest iteration budget, on the targets that all of these methods were given."""
         rows, _ = compared_rows(self.rows)
         return shared(rows.filter(pl.col("budget") == self.rows.budget), self.labels)
 
     def solved(self, label: str) -> Flags:
-        """Return which of these problems (k,) a method solved, in the order of their numbers."""
+        """Return which problems (k,) of `given` a method solved, in the order of their numbers."""
         part = self.given.filter(pl.col("method") == label)
         found: Flags = part.select(succeeded(SUCCESS_LEVELS[-1]))[:, 0].to_numpy().astype(bool)
         return found
 
     def against_paper(self, label: str) -> McNemar:
-        """Test which of the problems a method and the paper's iteration solved."""
+        """Return McNemar's test of a method against the paper's iteration, on the problems of `given`."""
         return mcnemar(self.solved(label), self.solved(self.paper))
 
     def times(self, run: Run) -> dict[str, list[float]]:
-        """Return the median times of solved and unsolved calls [µs], on the problems of a block of calls given to all."""
+        """Return the median times of solved and unsolved calls [µs], from a block of single calls with the same problems."""
         for calls in run.of("calls"):
             same = has_same_problems(calls.block, self.rows.block)
             if same and set(self.labels) <= set(calls.rows["method"].unique()):
@@ -108,18 +109,18 @@ class Pair:
 
 
 def has_same_problems(a: ProblemBlock, b: ProblemBlock) -> bool:
-    """Say whether two blocks have the same problems."""
+    """Return whether two blocks have the same problems."""
     return (a.robot, a.set, a.options) == (b.robot, b.set, b.options)
 
 
 def _median_times(rows: pl.DataFrame) -> list[float]:
-    """Return the median time of the solved and of the others [µs]."""
+    """Return the median time of solved calls and that of unsolved calls [µs]."""
     times = (rows.filter(pl.col("solved") == ok)["ns"].to_numpy() / 1e3 for ok in (True, False))
     return [float(np.median(us)) if len(us) else float("nan") for us in times]
 
 
 def pairs(run: Run) -> list[Pair]:
-    """Return every block that compares methods and has both the paper's iteration and one attempt of the default."""
+    """Return every block that compares methods and has both the paper's iteration and one attempt of the default method."""
     return [pair for b in comparisons(run) if (pair := _pair(b)) is not None and len(pair.given)]
 
 
@@ -134,7 +135,7 @@ def _pair(b: BudgetRows) -> Pair | None:
 
 
 def default(run: Run) -> dict[str, Any] | None:
-    """Show an answer, a plot and a table for the first block that has both methods."""
+    """Show an answer, a plot and a table for the first block that has the default method and the paper's iteration."""
     found = pairs(run)
     if not found:
         return None
@@ -156,7 +157,7 @@ def default(run: Run) -> dict[str, Any] | None:
 
 
 def answer(pair: Pair, run: Run) -> str:
-    """Say whether one attempt of the default is better than the paper's iteration, and by how much."""
+    """Return sentences on whether one attempt of the default method solves more targets than the paper's iteration."""
     test = pair.against_paper(pair.attempt)
     count = test.both + test.first + test.second + test.neither
     word = f"Too few targets for a test (n = {count})" if is_too_few(count, 1) else "No significant difference"
@@ -185,7 +186,7 @@ def answer(pair: Pair, run: Run) -> str:
 
 
 def default_table(pair: Pair, run: Run) -> Table:
-    """Return the comparison as a table."""
+    """Return the comparison of the default method with the paper's iteration as a table."""
     times, rows = pair.times(run), []
     for label in pair.labels:
         part = pair.given.filter(pl.col("method") == label)
@@ -209,7 +210,7 @@ def default_table(pair: Pair, run: Run) -> Table:
 
 
 def _board(pair: Pair, run: Run) -> Board:
-    """Plot success against the iteration budget, and a level line for the default with default settings."""
+    """Plot success against the iteration budget, and a level line for the default method with restarts."""
     b = pair.rows
     plot = success_plot(
         "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad", "targets"

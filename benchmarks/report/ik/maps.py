@@ -57,7 +57,7 @@ class Sheet:
 
     @property
     def plane(self) -> str:
-        """Its two axes."""
+        """Names of the two axes that span the sheet."""
         return f"{self.u}–{self.v}"
 
     @property
@@ -138,7 +138,7 @@ class Squares:
 
 
 def picture(run: Run) -> dict[str, Any] | None:
-    """Show the spots of the sheet through the tool that the default and the paper's iteration reach."""
+    """Show which spots the default method and the paper's iteration reach, on the sheet nearest to the tool's start."""
     found = [pair for pair in pairs(run) if sheets_of(pair.rows)]
     return {"boards": [_picture_board(found[0], run)]} if found else None
 

@@ -60,7 +60,7 @@ INSIDE, ON_LIMITS = 0, 1
 
 @inlined
 def put(arm: Array, w: Array, l: int, i: int, q: float) -> None:
-    """Set the value, clamped to the limits, to which a joint moves after the steps of the other lanes.
+    """Set a joint's value, clamped to its limits, in the configuration to which a lane moves next.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), q [rad, m].
     """

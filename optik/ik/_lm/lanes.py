@@ -1,7 +1,8 @@
 """Damped Gauss–Newton iterations in lanes, one target each: arrays have the shape (component, lane).
 
-The loops over the lanes become vector instructions. A lane that has finished its target takes the next one. Single calls
-use one lane: they have the same operations in the same order as batches, so that results are equal bit for bit.
+A lane is one column of the work arrays and holds one IK problem. Loops over the lanes become vector (SIMD) instructions, so
+several problems are iterated at once. A lane that has finished its target takes the next one. Single calls use one lane:
+they have the same operations in the same order as batches, so that results are equal bit for bit.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ NEARLY_HALF_TURN = 9.8695
 
 @inlined
 def poses(arm: Array, w: Array, g: Array, n: int) -> None:
-    """Compute the joint origins and axes and the last joint's frame of every lane.
+    """Compute, for the configuration in every lane, the origins and axes of the joints and the frame of the last joint.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).
@@ -128,7 +129,7 @@ def twists(arm: Array, w: Array) -> None:
 
 @inlined
 def errors(arm: Array, w: Array, g: Array, n: int) -> None:
-    """Compute forward kinematics and error of every lane.
+    """Compute the forward kinematics and the pose error of the configuration in every lane.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), g (GEOMETRY, L) [m, 1]
     (overwritten).

@@ -91,7 +91,7 @@ def is_inside(arm: Array, w: Array, n: int, l: int) -> bool:
 
 @inlined
 def place_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> None:
-    """Move a lane to NEXT, or to the initial guess of its attempt, and set the bounds of its steps.
+    """Move a lane to its next configuration, or to the initial guess of its attempt, and set the bounds of its steps.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten), start (n,) [rad, m].
     """
@@ -134,7 +134,7 @@ def flag_lanes(arm: Array, w: Array) -> None:
 
 @inlined
 def judge_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
-    """Return the status of a flagged lane, STEP or MEASURE.
+    """Return the final status of a flagged lane, or STEP or MEASURE if it continues.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say], start (n,) [rad, m].
     """

@@ -162,7 +162,7 @@ def _find_torques(robot: Robot, track: Track) -> Array | None:
 
 
 def _describe_limits(show: Show) -> dict[str, list[list[float | None]]]:
-    """Return the lower and the upper limits of each quantity; None where a joint is free."""
+    """Return the lower and the upper limits of each quantity; None for a joint without a limit."""
     robot = show.robot
     bounds = {} if show.limits is None else show.limits.bounds(robot.n)
     pairs = {"q": (robot.limits.lower, robot.limits.upper)}

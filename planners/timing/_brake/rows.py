@@ -28,7 +28,7 @@ class Course(NamedTuple):
 
     @property
     def end(self) -> float:
-        """Return the duration [s]."""
+        """Return the duration of the motion [s]."""
         return self.trajectory.end
 
 
@@ -94,7 +94,7 @@ def cells_of(
 
 
 def piece_at(knots: Array, t: Array) -> Indices:
-    """Return the pieces that contain times."""
+    """Return, for each time, the index of the piece of the motion that contains it."""
     return np.clip(np.searchsorted(knots, t, side="right") - 1, 0, knots.size - 2)
 
 

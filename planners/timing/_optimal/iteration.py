@@ -30,7 +30,7 @@ TRUE = 1e-4
 
 @inlined
 def _edge_value(edge: Array, k: int, end: int, i: int, v: float, a: float, j: float) -> float:
-    """Return the ratio of a row with jerk to its limit."""
+    """Return the value of a row with jerk (a joint's jerk or torque rate) over its limit."""
     p, q, u = edge[k, end, i, 0], edge[k, end, i, 1], edge[k, end, i, 2]
     linear, square, slope = edge[k, end, i, 3], edge[k, end, i, 5], edge[k, end, i, 4]
     return float(p * j + (q * v + slope) * a + ((u * v + square) * v + linear) * v)

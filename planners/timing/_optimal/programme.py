@@ -155,7 +155,7 @@ def _distribute(t: Array, s: Array, v: Array, width: float, since: float, count:
 
 
 def _filter(t: Array, s: Array, v: Array, width: float, when: Array) -> Array:
-    """Return s, ṡ and s̈ (3, k) of a motion after a box filter, at times."""
+    """Return s, ṡ and s̈ (3, k), at the times `when`, of a motion s(t) smoothed by a box filter (moving mean in time)."""
     out = np.empty((3, when.size))
     reach.filter_motion(t, s, v, width, when, out)
     return out

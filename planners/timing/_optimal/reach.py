@@ -79,7 +79,7 @@ def compute_times(s: Array, x: Array, t: Array) -> None:
 
 @compiled
 def filter_motion(t: Array, s: Array, v: Array, width: float, at: Array, out: Array) -> None:
-    """Compute a motion after a box filter in time.
+    """Compute a motion smoothed by a box filter (moving mean in time), at given times.
 
     The motion is at rest before and after. Filtered ṡ(t) = (s(t) − s(t − w)) / w, so it ends where the motion ends.
 

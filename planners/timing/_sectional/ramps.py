@@ -67,7 +67,7 @@ def make_table(joint_path: JointPath, limits: MotionLimits) -> Table:
 
 
 def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
-    """Return the `parts` of a table: rows of the acceleration and jerk limits, of a pair by the nearer side."""
+    """Return the `parts` of a table: rows of the acceleration and jerk limits; of a pair, the side nearer to zero counts."""
     nearer = limits.symmetric()
     rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))

@@ -1,4 +1,4 @@
-"""One timed line: every law and peer on the same joint path, each call timed, each motion certified."""
+"""Timing of one line: every law and peer times the same joint path; each call is timed, and each motion is certified."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ class Timer:
     Attributes
     ----------
     label : str
-        What reports call it.
+        Name in reports.
     role : str
         ``law``, ``peer`` or ``reference``.
     enforced : tuple of str
-        What it promises.
+        Names of the limits that it enforces.
     call : callable
-        The timed part, from a joint path.
+        The timed function; its argument is the joint path.
     motion : callable
-        From the joint path and what a call returned to the trajectory.
+        Function that returns the trajectory for the joint path and the result of `call`; not timed.
     law : TimeLaw or None
-        Ours, for whole plans.
+        The law if it is one of optik, for whole plans.
     told : MotionLimits
-        What a law of ours is told: all limits but those of ``without``. The certificate judges all of them.
+        Limits that the law receives: all limits except those of ``without``. The certificate judges all limits.
     took_ms : callable
-        From what a call returned to its time where that was measured elsewhere [ms], else None.
+        Function that returns the time of a call [ms] if another process measured it, else None.
     ended : str
-        How it ended the process in this block; such a law is not called again. Empty where it did not.
+        How the law crashed the process in this block; it is not called again. Empty if it did not crash.
     """
 
     label: str
