@@ -101,7 +101,7 @@ def binary(count, corners=(0.0, 0.0, 0.0)):
     ("name", "content", "words"),
     [
         ("a.stl", b"", "bytes"),
-        ("a.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid", "lacks one"),
+        ("a.stl", b"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\nendfacet\nendsolid", "1 corners"),
         ("a.stl", b"solid x\nfacet\nvertex 0 0 0 vertex 1 0 0 vertex 0 one 0\nendfacet", "numbers"),
         ("a.stl", binary(3), "bytes"),  # says three triangles and has one
         ("a.stl", binary(2**32 - 1), "bytes"),
