@@ -39,5 +39,5 @@ run_suite(suite, folder)  # the same call resumes an interrupted run
 print(f"report: {write_report(RunFolder(folder))}")
 
 # The rows are Parquet files; docs/suites.md says what the columns are.
-rows = RunFolder(folder).parts("speed", "random")
+rows = RunFolder(folder).rows("calls", "random")
 print(rows.group_by("method").agg(pl.col("solved").mean(), (pl.col("ns").median() / 1e3).alias("median µs")))

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blocks.base import Entry
-from benchmarks.records import RunFolder
-from optik.errors import InvalidInput
 from optik.plugins.files import is_path
 
 Item = TypeVar("Item")
@@ -82,12 +80,3 @@ def version_words(about: Mapping[str, Any]) -> str:
     if about["kind"] == "peer":
         return "–"
     return f"own file {Path(name).name}" if is_path(name) else "this version"
-
-
-def read_facts(folder: RunFolder, file: str, block: str) -> dict[str, Any]:
-    """Return the facts on a block besides its rows: ``clock_ns``, and ``entries`` by label."""
-    facts: dict[str, Any] | None = folder.read_json(file)
-    if facts is None:
-        top = file.partition("/")[0]
-        raise InvalidInput("run", f"no facts on {block!r}", f"complete parts; delete {top}/ and run again")
-    return facts

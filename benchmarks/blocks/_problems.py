@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import polars as pl
 from pydantic import model_validator
 
 from benchmarks.blocks.base import Block
@@ -66,17 +67,29 @@ def check_same(block: Block, before: str | None, now: str) -> None:
         raise InvalidInput(f"block {block.id!r}", f"problems with SHA-256 {now[:16]}…", expected)
 
 
+def record_hash(folder: RunFolder, block: Block, about: dict[str, Any]) -> None:
+    """Write the hash of the problems of a block, or check that those of a resumed run have the same."""
+    before = folder.read_json(about_file(block))
+    check_same(block, None if before is None else str(before.get("sha256")), about["sha256"])
+    if before is None:
+        folder.write_json(about_file(block), about)
+
+
 def store_problems(
     folder: RunFolder, block: ProblemBlock, robot: Robot, problems: ProblemSet, *, poses: bool = True
 ) -> None:
     """Write the problems of a block and their hash, or check that those of a resumed run are the same."""
-    name, about = f"problems/{slug(block.id)}.parquet", about_file(block)
-    before = folder.read_json(about)
-    check_same(block, None if before is None else str(before.get("sha256")), problems.sha256)
+    name = f"problems/{slug(block.id)}.parquet"
+    about = {"sha256": problems.sha256, "problems": len(problems), "known": int(problems.known.sum())}
+    record_hash(folder, block, about)
     if not folder.has(name):
         frame = problems.frame(robot)
         folder.write(name, frame if poses else frame.drop("target", "start"))
-    if before is None:
-        folder.write_json(
-            about, {"sha256": problems.sha256, "problems": len(problems), "known": int(problems.known.sum())}
-        )
+
+
+def need_problems(rows: pl.DataFrame, block: Block) -> pl.DataFrame:
+    """Return rows that have the columns of their problems; raise InvalidInput if they were not found."""
+    if "group" not in rows.columns:
+        words = f"no problems of the block {block.id!r}"
+        raise InvalidInput("run", words, "a complete run; delete the rows of the block and repeat the run")
+    return rows

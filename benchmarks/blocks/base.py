@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cache, cached_property
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Self
 
 import polars as pl
 from pydantic import Field
 
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import JOURNAL, Journal, RunFolder, rows_file
 from benchmarks.settings import LISTED, Settings, check_different, key, read
 from benchmarks.targets import Measure, Outcome, Target, measure_named
-from optik.errors import UnknownName
+from optik.errors import InvalidInput, UnknownName
 
 Tell = Callable[[str], None]
 """Called with a description of the next work, for the progress bar."""
@@ -76,36 +76,16 @@ class Block(Settings):
 
 @dataclass(frozen=True)
 class Entry:
-    """One competitor of a block: a method or law of ours, or a peer.
+    """One competitor of a block: a method or law of ours, or a peer."""
 
-    Attributes
-    ----------
-    label : str
-        Name in reports.
-    name : str
-        Name, or the path of a file, by which it is found.
-    options : dict
-        Its options.
-    most : int or None
-        Number of problems that a slow one is given; all where None.
-    role : str
-        ``ours``, ``law``, ``peer`` or ``reference``.
-    whole : bool
-        Whether each problem is one call with restarts, where others make one attempt.
-    along : bool
-        Whether a method makes its iterations at each pose of a line, each from the pose before.
-    without : tuple of str
-        Limits that a law does not know.
-    """
-
-    label: str
-    name: str
+    label: str  # name in reports
+    name: str  # by which it is found, or the path of its file
     options: dict[str, Any]
-    most: int | None = None
-    role: str = "ours"
-    whole: bool = False
-    along: bool = False
-    without: tuple[str, ...] = ()
+    most: int | None = None  # number of problems that a slow one is given; None for all
+    role: str = "ours"  # ours, law, peer or reference
+    whole: bool = False  # each problem is one call with restarts, where others make one attempt
+    along: bool = False  # a method iterates at each pose of a line, each from the pose before
+    without: tuple[str, ...] = ()  # limits that a law does not know
 
     @property
     def words(self) -> str:
@@ -113,57 +93,70 @@ class Entry:
         told = [f"without the limits on {' and '.join(self.without).replace('_', ' ')}"] if self.without else []
         return ", ".join([f"{key} = {value}" for key, value in self.options.items()] + told)
 
+    def ending_after(self, budget: int | None) -> Entry:
+        """Return the entry with one attempt of some iterations for each problem; itself where it keeps its own settings."""
+        if self.whole or budget is None:
+            return self
+        limit = {"iterations": budget} if self.role == "peer" else {"max_iterations": budget, "max_restarts": 0}
+        return replace(self, options=self.options | limit)
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work of one part, which can be pickled; a subclass is divided along its lists."""
+
+    lists: ClassVar[tuple[str, ...]] = ()
+    """Fields with one value for each problem."""
+
+    def solve(self) -> pl.DataFrame:
+        """Do the work, and return its rows."""
+        raise NotImplementedError
+
+    def crashed(self) -> pl.DataFrame:
+        """Return rows of problems in which a method crashed its process, raised an error, or did not end."""
+        raise NotImplementedError
+
+    def halves(self) -> tuple[Self, ...]:
+        """Divide the work in two, to find the problem that crashes a process; return nothing for a single problem."""
+        count = len(getattr(self, self.lists[0])) if self.lists else 1
+        cuts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
+        return tuple(replace(self, **{name: getattr(self, name)[cut] for name in self.lists}) for cut in cuts)
+
+
+def chunks(values: Any, size: int) -> Iterator[Any]:
+    """Yield slices of a sequence, all of a size but for the last."""
+    for first in range(0, len(values), size):
+        yield values[first : first + size]
+
 
 @dataclass(frozen=True)
 class Part:
-    """Work that any process may do, in any order; a part whose file exists is done.
+    """Work that any process may do, in any order; a part whose file exists is done."""
 
-    Attributes
-    ----------
-    file : str
-        File of its rows in the run folder.
-    label : str
-        Words for the progress bar.
-    work : object
-        Argument of `Kind.solve`; it can be pickled. With ``halves()`` and ``crashed()``, work that ends its process costs
-        only the rows of the problems that end it.
-    """
+    file: str  # of its rows, in the run folder
+    label: str  # for the progress bar
+    work: Any  # argument of `Kind.solve`
+    block: str = ""  # id of the block
 
-    file: str
-    label: str
-    work: Any
+
+def add_keys(block: str, rows: pl.DataFrame) -> pl.DataFrame:
+    """Return rows as every file has them: block, method and problem first, then the columns of the kind."""
+    keys = [key for key in ("method", "problem") if key in rows.columns]
+    return rows.select(pl.lit(block).alias("block"), *keys, pl.exclude("block", *keys))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A measure on which two runs are compared, problem by problem.
+    """A measure on which two runs are compared, problem by problem."""
 
-    Attributes
-    ----------
-    words, unit : str
-        Its name in the comparison, and the unit; ``%`` for a share.
-    better : str
-        ``more`` or ``less``.
-    column : str
-        Column of the rows: truth values for a share, else positive numbers.
-    scale : float
-        Factor from the column to the unit.
-    only : str
-        Column of truth values: problems are compared where it is true in both runs; all where empty.
-    rounds : tuple of str
-        Columns of the least and the largest value of the rounds of a timed call; empty where there are none.
-    exact : bool
-        Whether every run gives the same value, rounding aside: then any change is better or worse, without a test.
-    """
-
-    words: str
-    unit: str
-    better: str
-    column: str
-    scale: float = 1.0
-    only: str = ""
-    rounds: tuple[str, str] | tuple[()] = ()
-    exact: bool = False
+    words: str  # its name in the comparison
+    unit: str  # % for a share
+    better: str  # more or less
+    column: str  # of the rows: truth values for a share, else positive numbers
+    scale: float = 1.0  # from the column to the unit
+    only: str = ""  # column of truth values: problems are compared where it is true in both runs
+    rounds: tuple[str, str] | tuple[()] = ()  # columns of the least and the largest value of a call's rounds
+    exact: bool = False  # every run gives the same value up to rounding: any change counts, without a test
 
     @property
     def is_share(self) -> bool:
@@ -174,6 +167,9 @@ class Compared:
 @dataclass(frozen=True)
 class BlockRows:
     """A block with its rows and facts; the facts on each entry are in ``entries`` by label."""
+
+    kind: ClassVar[str] = ""
+    """Name of the kind of a block that has more tables than its rows."""
 
     block: Any
     rows: pl.DataFrame
@@ -186,42 +182,26 @@ class BlockRows:
         known = self.facts.get("entries", {})
         return {label: known[label] for label in self.block.labels if label in known}
 
+    def table(self, name: str) -> pl.DataFrame | None:
+        """Return another table of the block than its rows; None if it was not written."""
+        return self.folder.read(rows_file(self.kind, self.block.id, f"{name}.parquet"))
+
 
 class Kind:
-    """A kind of block: it reads the settings, divides or does the work, and reads the rows. Its module names it ``METHOD``.
+    """A kind of block: it reads the settings, divides or does the work, and reads the rows. Its module names it ``METHOD``."""
 
-    Attributes
-    ----------
-    name, title : str
-        Name, also of its folder in a run, and words for people.
-    block : type
-        Its blocks.
-    measures : tuple of Measure
-        Measures that a target of its blocks may name.
-    compared : tuple of Compared
-        Measures on which two runs are compared.
-    single : bool
-        Whether a suite has one block of it, a table, or any number, a list of tables.
-    order : int
-        Position in a run and in lists: smaller first.
-    alone : bool
-        Whether it has work that is timed by itself in the first process, beside its parts.
-    on_paper : bool
-        Whether its rows bear on the paper's claims.
-    warms : bool
-        Whether its first calls compile so much that `warm` is worth a process of its own.
-    """
-
-    name: ClassVar[str]
-    title: ClassVar[str]
+    name: ClassVar[str]  # also of its folder of rows in a run
+    title: ClassVar[str]  # for people
     block: ClassVar[type[Block]]
-    measures: ClassVar[tuple[Measure, ...]] = ()
-    compared: ClassVar[tuple[Compared, ...]] = ()
-    single: ClassVar[bool] = False
-    order: ClassVar[int] = 100
-    alone: ClassVar[bool] = True
-    on_paper: ClassVar[bool] = False
-    warms: ClassVar[bool] = False
+    measures: ClassVar[tuple[Measure, ...]] = ()  # that a target of its blocks may name
+    compared: ClassVar[tuple[Compared, ...]] = ()  # on which two runs are compared
+    read_as: ClassVar[type[BlockRows]] = BlockRows
+    has_facts: ClassVar[bool] = False  # a file of facts on its blocks, besides their rows
+    single: ClassVar[bool] = False  # one block of a suite, a table, instead of a list of tables
+    order: ClassVar[int] = 100  # position in a run and in lists: smaller first
+    alone: ClassVar[bool] = True  # timed by itself in the first process
+    on_paper: ClassVar[bool] = False  # its rows bear on the paper's claims
+    warms: ClassVar[bool] = False  # its first calls compile so much that `warm` is worth a process
 
     # ------------------------------------------------------------ work
 
@@ -241,43 +221,51 @@ class Kind:
         """Return all parts of a block, including finished ones; none if the block is only timed alone."""
         return ()
 
+    def part(self, block: Any, name: str, label: str, work: Any) -> Part:
+        """Return one part of a block, whose name orders its rows."""
+        return Part(self.file(block, "parquet", name), label, work, block.id)
+
     def solve(self, work: Any) -> pl.DataFrame:
         """Do one part, in any process, and return its rows."""
-        raise NotImplementedError(f"{type(self).__name__} has parts and no solve()")
+        rows: pl.DataFrame = work.solve()
+        return rows
+
+    def run(self, block: Any, seed: int, folder: RunFolder, tell: Tell) -> None:
+        """Do the unfinished parts of a block that is timed alone."""
+        with Journal(folder, self.file(block, JOURNAL)) as journal:
+            for name, work in self.timed(block, seed, folder, tell, journal):
+                file = self.file(block, "parquet", name)
+                if not folder.has(file):
+                    folder.write(file, add_keys(block.id, work()))
+
+    def timed(
+        self, block: Any, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
+        """Yield name and work of each part of a block that is timed alone: by default one, the result of `measure`."""
+        yield "0000", partial(self.measure, block, seed, tell)
 
     def measure(self, block: Any, seed: int, tell: Tell) -> pl.DataFrame:
         """Do all work of a block that is timed alone, and return its rows with the label of the entry in ``method``."""
-        raise NotImplementedError(f"{type(self).__name__} has neither measure() nor run()")
-
-    def run(self, block: Any, seed: int, folder: RunFolder, tell: Tell) -> None:
-        """Do the unfinished work of a block that is timed alone: by default, write the result of `measure`."""
-        if not folder.has(self.file(block)):
-            tell(block.id)
-            folder.write(self.file(block), self.measure(block, seed, tell))
+        raise NotImplementedError(f"{type(self).__name__} has neither measure() nor timed()")
 
     # ------------------------------------------------------------ what came of it
 
-    @property
-    def folder(self) -> str:
-        """Its folder in a run."""
-        return f"kinds/{slug(self.name)}"
-
-    @property
-    def parts_folder(self) -> str:
-        """Folder of its parts in a run; it separates their failures from those of another kind's block with the same name."""
-        return self.folder
-
-    def file(self, block: Any, ending: str = "parquet") -> str:
-        """Name of a file of a block in the run folder."""
-        return f"{self.folder}/{slug(block.id)}.{ending}"
+    def file(self, block: Any, ending: str = "parquet", part: str = "") -> str:
+        """Name of a file of a block in the run folder: of a part of its rows, or another one."""
+        return rows_file(self.name, block.id, ending, part)
 
     def rows(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
-        """Return all rows of a block; None if it was not run."""
-        return folder.read(self.file(block))
+        """Return all rows of a block with the columns that follow from them; None if it was not run."""
+        rows = folder.rows(self.name, block.id)
+        return None if rows is None else self.complete(rows, block)
+
+    def complete(self, rows: pl.DataFrame, block: Any) -> pl.DataFrame:
+        """Return the stored rows of a block with the columns that follow from them."""
+        return rows
 
     def compared_rows(self, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the rows on which two runs are compared, with the columns ``label`` and ``problem``."""
-        return rows.rename({"method": "label"})
+        """Return the rows on which two runs are compared, method by method and problem by problem."""
+        return rows
 
     def rows_to_compare(self, folder: RunFolder, block: Any) -> pl.DataFrame | None:
         """Return the rows of `compared_rows`; None if the block was not run."""
@@ -287,7 +275,15 @@ class Kind:
     def read(self, folder: RunFolder, block: Any) -> BlockRows | None:
         """Return a block with its rows for the report; None if it was not run."""
         rows = self.rows(folder, block)
-        return None if rows is None else BlockRows(block, rows, folder, {})
+        return None if rows is None else self.read_as(block, rows, folder, self.facts(folder, block))
+
+    def facts(self, folder: RunFolder, block: Any) -> dict[str, Any]:
+        """Return the facts on a block besides its rows."""
+        facts: dict[str, Any] | None = folder.read_json(self.file(block, "json")) if self.has_facts else {}
+        if facts is None:
+            files = self.file(block, "parquet", "*")
+            raise InvalidInput("run", f"no facts on {block.id!r}", f"complete parts; delete {files} and run again")
+        return facts
 
     def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
         """Return the value of a target and the number of rows that it was computed on, or NaN and the reason for no value."""
@@ -295,18 +291,22 @@ class Kind:
             return float("nan"), "it was not run"
         measure = measure_named(self.measures, target.measure, "measure")
         wanted = [label for label in (target.method, target.to) if label]
-        chosen = rows.filter(pl.col("method").is_in(wanted)) if wanted else rows
         for label in wanted:
-            if chosen.filter(pl.col("method") == label).is_empty():
+            if rows.filter(pl.col("method") == label).is_empty():
                 return float("nan"), f"{label} was not run"
+        chosen, note = self.judged_rows(rows.filter(pl.col("method").is_in(wanted)) if wanted else rows, target)
+        if chosen.is_empty():
+            return float("nan"), note
         value = measure.compute(chosen, *wanted) if measure.relative else measure.values(chosen)[0]
-        return float(value), f"{len(chosen):,} rows"
+        return float(value), note
+
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        """Return the rows of the entries of a target on which it is judged, and their number in words."""
+        return rows, f"{len(rows):,} rows"
 
     def outcomes(self, block: Any, folder: RunFolder) -> list[Outcome]:
         """Return the outcome of every target of a block."""
-        if not block.targets:
-            return []
-        rows = self.rows(folder, block)
+        rows = self.rows(folder, block) if block.targets else None
         return [
             Outcome(
                 block.id, block.title, target, measure_named(self.measures, target.measure, "measure"),

@@ -72,7 +72,7 @@ def _eq_5() -> Misprint:
 
 
 def _eq_9(folder: RunFolder) -> Misprint:
-    rows = folder.rows("misprint")
+    rows = folder.rows("budgets", "misprint")
     text = "This run has no block for it."
     if rows is not None:
         last = rows.filter(pl.col("budget") == pl.col("budget").max())

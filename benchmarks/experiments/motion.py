@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
-from benchmarks.records import RunFolder
+from benchmarks.records import RunFolder, rows_file
 
 BARELY = 1e-9
 """Jumps of q [rad], q̇ [rad/s] and q̈ [rad/s²] at knots up to this size are rounding."""
@@ -21,7 +21,7 @@ ON_LINE_M, ON_LINE_RAD = 1e-4, np.deg2rad(0.01)
 
 def quintic_plan(folder: RunFolder) -> dict[str, Any] | None:
     """Return the first solved plan with the time law of the paper."""
-    plans = folder.read_json("line/plans.json") or []
+    plans = (folder.read_json(rows_file("plans", "line", "json")) or {"plans": []})["plans"]
     return next((p for p in plans if p["law"] == "quintic" and p["status"] == "solved"), None)
 
 

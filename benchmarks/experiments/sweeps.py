@@ -22,7 +22,7 @@ def damping_trade(folder: RunFolder) -> Finding:
         "are true. Holds when the worst targets count if, near, only the 95th percentile and the fraction are lower. Holds "
         "when only one stratum counts if the criterion fails in the other. Otherwise it does not hold."
     )
-    rows = folder.rows("damping")
+    rows = folder.rows("budgets", "damping")
     if rows is None:
         return Finding("d", claim, UNTESTED, "The run has no damping block.", rule)
     # the claim is about a constant λ; methods that adapt it are shown for comparison
@@ -73,7 +73,7 @@ def start_and_step(folder: RunFolder) -> Finding:
         "(nearest start). Holds if both ranges are at least 20 percentage points. Holds when only the start, or only the step "
         "size, counts if one of them is. Otherwise it does not hold."
     )
-    rows = folder.rows("step")
+    rows = folder.rows("budgets", "step")
     if rows is None:
         return Finding("e", claim, UNTESTED, "The run has no step block.", rule)
     table = _at_the_end(rows, "spread")

@@ -51,7 +51,7 @@ class Fit(NamedTuple):
 
 def baseline(folder: RunFolder) -> pl.DataFrame | None:
     """Return the rows of the paper's method: the first `dls` of the block, on targets with a known solution."""
-    rows = folder.rows(WORKSPACE)
+    rows = folder.rows("budgets", WORKSPACE)
     if rows is None:
         return None
     dls = rows.filter((pl.col("solver") == "dls") & pl.col("known"))
@@ -160,7 +160,7 @@ def linear_error(folder: RunFolder) -> Finding:
         "at which the errors on X, Y and Z are all about linear. Holds when … if only some settings have one, or if only the "
         "distance between tool and target is about linear. Otherwise it does not hold."
     )
-    rows = folder.rows(WORKSPACE)
+    rows = folder.rows("budgets", WORKSPACE)
     if rows is None or (dls := rows.filter((pl.col("solver") == "dls") & pl.col("known"))).is_empty():
         return Finding("c", claim, UNTESTED, "The run has no workspace block with dls.", rule)
     fits = {str(method): dict(_fits(part)) for (method,), part in dls.group_by("method", maintain_order=True)}

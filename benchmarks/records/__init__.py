@@ -7,6 +7,7 @@ from benchmarks.records.folder import (
     RunFolder,
     failures,
     record_failures,
+    rows_file,
     slug,
     update_manifest,
 )
@@ -14,6 +15,6 @@ from benchmarks.records.journal import JOURNAL, UNKEPT, Journal
 from benchmarks.records.store import LEDGER
 
 __all__ = [
-    "FORMAT", "JOURNAL", "LEDGER", "LOCK", "MANIFEST", "UNKEPT", "Journal", "RunFolder", "failures", "record_failures", "slug",
-    "update_manifest",
+    "FORMAT", "JOURNAL", "LEDGER", "LOCK", "MANIFEST", "UNKEPT", "Journal", "RunFolder", "failures", "record_failures",
+    "rows_file", "slug", "update_manifest",
 ]  # fmt: skip

@@ -13,7 +13,7 @@ import polars as pl
 from benchmarks.records.store import Store
 from optik.errors import InvalidInput
 
-FORMAT = "optik-run/2"
+FORMAT = "optik-run/3"
 """Name and version of the format of run folders, in ``run.json``."""
 
 MANIFEST = "run.json"
@@ -59,36 +59,45 @@ class RunFolder(Store):
             raise InvalidInput("run", f"{self.path}, a run of another format", f"a run of format {FORMAT}")
         return data
 
-    def parts(self, top: str, block: str) -> pl.DataFrame | None:
-        """Return all rows of a block from its parts, ``TOP/BLOCK--….parquet``.
+    def rows(self, kind: str, block: str) -> pl.DataFrame | None:
+        """Return all rows of a block with the columns of its problems.
+
+        ``known`` comes from the problem set; the solutions of the compared methods do not change it.
 
         Parameters
         ----------
-        top : str
-            Folder of the parts.
+        kind : str
+            Name of the kind of block, such as ``calls``.
         block : str
             Id of the block.
 
         Returns
         -------
         DataFrame or None
-            In the order of the parts; None where there are none.
+            In the order of the parts, or by method, problem and budget where methods have a number; None if the block was
+            not run.
 
         Raises
         ------
         InvalidInput
-            A part is damaged.
+            A file is damaged.
         """
-        frames = [part for name in self.part_names(top, block) if (part := self.read(name)) is not None]
-        return pl.concat(frames, how="vertical_relaxed") if frames else None
+        frames = [part for name in self.part_names(kind, block) if (part := self.read(name)) is not None]
+        if not frames:
+            return None
+        rows, problems = pl.concat(frames, how="vertical_relaxed"), self.read(f"problems/{slug(block)}.parquet")
+        if problems is not None:
+            rows = rows.join(problems.drop("target", "start", strict=False), on="problem")
+        keys = [key for key in ("method_index", "problem", "budget") if key in rows.columns]
+        return rows.sort(keys, maintain_order=True) if "method_index" in keys else rows
 
-    def part_names(self, top: str, block: str) -> list[str]:
-        """Return the names of the parts of a block, for `scan`.
+    def part_names(self, kind: str, block: str) -> list[str]:
+        """Return the names of the parts of the rows of a block, for `scan`.
 
         Parameters
         ----------
-        top : str
-            Folder of the parts.
+        kind : str
+            Name of the kind of block.
         block : str
             Id of the block.
 
@@ -97,38 +106,13 @@ class RunFolder(Store):
         list of str
             In order; empty where there are none.
         """
-        return [f"{top}/{file.name}" for file in sorted((self.path / top).glob(f"{slug(block)}--*.parquet"))]
+        parts = sorted(self.path.glob(rows_file(kind, block, "parquet", "*")))
+        return [part.relative_to(self.path).as_posix() for part in parts]
 
-    def rows(self, block: str) -> pl.DataFrame | None:
-        """Return all IK rows of a block, joined with its problems, sorted by method, problem and budget.
 
-        ``known`` comes from the problem set; the solutions of the compared methods do not change it.
-
-        Parameters
-        ----------
-        block : str
-            Name of the block.
-
-        Returns
-        -------
-        DataFrame or None
-            One row per method, problem and budget; None if the block was not run.
-
-        Raises
-        ------
-        InvalidInput
-            A file is damaged, or the problems of the block are missing.
-        """
-        rows = self.parts("ik", block)
-        problems = self.read(f"problems/{slug(block)}.parquet")
-        if rows is None:
-            return None
-        if problems is None:
-            raise InvalidInput(
-                "run", f"no problems of the block {block!r}", "a complete run; delete ik/ and repeat the run"
-            )
-        joined = rows.join(problems.drop("target", "start"), on="problem")
-        return joined.sort("method_index", "problem", "budget")
+def rows_file(kind: str, block: str, ending: str = "parquet", part: str = "") -> str:
+    """Return the name of a file of a block in a run folder: of a part of its rows, or another one."""
+    return f"rows/{slug(kind)}/{slug(block)}{'--' if part else ''}{part}.{ending}"
 
 
 def failures(folder: RunFolder) -> list[dict[str, Any]]:

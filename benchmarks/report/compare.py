@@ -154,13 +154,13 @@ def _of_block(
     paired = same_problems(a, block, b, other)
     if not paired:
         left_out.append(f"{block.id}: the problems differ, so nothing is paired and only large differences show")
-    labels = x["label"].unique(maintain_order=True).to_list()
-    theirs = set(y["label"])
+    labels = x["method"].unique(maintain_order=True).to_list()
+    theirs = set(y["method"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
     left_out += [f"{block.id}: {quoted(label)} is in one run only" for label in missing]
     for label in (label for label in labels if label in theirs):
         for measure in kind.compared:
-            mine, other_rows = (frame.filter(pl.col("label") == label) for frame in (x, y))
+            mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
             if measure.column in mine.columns and measure.column in other_rows.columns:
                 found = _difference(measure, mine, other_rows, paired)
                 if found is not None:

@@ -38,15 +38,11 @@ def failures(run: Run) -> dict[str, Failures]:
 
 def _whose(run: Run, file: str) -> tuple[Kind, str]:
     """Return the kind that wrote or should have written a file, and the title of the block."""
-    folder, _, name = file.rpartition("/")
     pairs = list(run.suite.pairs())
     for kind, block in pairs:
-        if file == kind.file(block):
+        if file.startswith((kind.file(block), kind.file(block, "", "*").removesuffix("*."))):
             return kind, block.title
-    parts = [(kind, block) for kind, block in pairs if name.startswith(f"{slug(block.id)}--")]
-    for kind, block in sorted(parts, key=lambda pair: folder not in (pair[0].folder, pair[0].parts_folder)):
-        return kind, block.title
-    return pairs[0][0], name
+    return pairs[0][0], file.rpartition("/")[2]
 
 
 def failure_table(kind: Kind, run: Run) -> Table | None:

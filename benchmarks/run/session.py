@@ -9,7 +9,7 @@ from contextlib import closing, nullcontext
 from functools import partial
 from typing import Any
 
-from benchmarks.blocks.base import Kind, Part
+from benchmarks.blocks.base import Kind, Part, add_keys
 from benchmarks.records import RunFolder, failures, record_failures, update_manifest
 from benchmarks.run.alone import DEATHS, compiled_aside, run_block_apart
 from benchmarks.run.cluster import Cluster
@@ -170,7 +170,7 @@ class _Session:
             if rows is None:
                 self._lacking.add(part.file)
             else:
-                self._folder.write(part.file, rows)
+                self._folder.write(part.file, add_keys(part.block, rows))
             record_failures(self._folder, part.file, part.label, crashes)
             self._done += 1
             self._tell(self._done, self._total, part.label)

@@ -20,7 +20,7 @@ def read(file: Path) -> dict[str, Column]:
 
 def block(run: Path, name: str) -> dict[str, Column]:
     """All rows of a block, with what its problems are; a problem that anyone solved is known."""
-    parts = [read(file) for file in sorted((run / "ik").glob(f"{name}--*.parquet"))]
+    parts = [read(file) for file in sorted((run / "rows/budgets").glob(f"{name}--*.parquet"))]
     rows = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
     problems = read(run / "problems" / f"{name}.parquet")
     known = problems["known"].astype(bool)
@@ -129,7 +129,7 @@ def claim_d(run: Path, group: str, method: str) -> tuple[float, float]:
 
 def durations(run: Path) -> dict[str, tuple[float, bool]]:
     """Duration of every law by the first IK method, and whether it keeps every limit."""
-    plans = json.loads((run / "line" / "plans.json").read_text())
+    plans = json.loads((run / "rows/plans/line.json").read_text())["plans"]
     out = {}
     for p in (p for p in plans if p["solver"] == plans[0]["solver"] and p["status"] == "solved"):
         c = p["certificate"]
@@ -143,7 +143,7 @@ def durations(run: Path) -> dict[str, tuple[float, bool]]:
 
 def call_medians(run: Path, methods: list[str]) -> dict[str, float]:
     """Median time of a solved call [µs] on the problems that all of the methods were given."""
-    parts = [read(file) for file in sorted((run / "speed").glob("calls--*.parquet"))]
+    parts = [read(file) for file in sorted((run / "rows/calls").glob("calls--*.parquet"))]
     rows = {key: np.concatenate([part[key] for part in parts]) for key in ("problem", "method", "ns", "solved")}
     shared = set.intersection(*(set(rows["problem"][rows["method"] == m].tolist()) for m in methods))
     mine = np.isin(rows["problem"], list(shared)) & rows["solved"].astype(bool)

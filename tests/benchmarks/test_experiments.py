@@ -16,7 +16,7 @@ from benchmarks.experiments.misprints import evidence
 from benchmarks.experiments.motion import on_the_line, smooth_joints
 from benchmarks.experiments.sweeps import damping_trade, start_and_step
 from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
-from benchmarks.records import RunFolder
+from benchmarks.records import RunFolder, rows_file
 from benchmarks.report import write_report
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
@@ -32,11 +32,11 @@ class Rows(RunFolder):
         super().__init__("nowhere")
         self.blocks, self.plan = blocks, plan
 
-    def rows(self, block: str) -> pl.DataFrame | None:
+    def rows(self, kind: str, block: str) -> pl.DataFrame | None:
         return self.blocks.get(block)
 
     def read_json(self, name: str) -> Any:
-        return [self.plan] if self.plan and name == "line/plans.json" else None
+        return {"plans": [self.plan]} if self.plan and name == rows_file("plans", "line", "json") else None
 
 
 def few(d: Array) -> Array:
@@ -264,7 +264,7 @@ def test_every_claim_is_judged_once_and_what_is_not_there_is_not_tested(small_ru
 
 
 def test_the_evidence_on_eq_9_counts_the_run_s_rows(small_run: RunFolder) -> None:
-    rows = small_run.rows("misprint")
+    rows = small_run.rows("budgets", "misprint")
     assert rows is not None
     last = rows.filter(pl.col("budget") == 100)
     solved = last.filter((pl.col("method") == "corrected") & (pl.col("status") == "solved")).height

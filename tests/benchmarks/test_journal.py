@@ -217,15 +217,15 @@ def test_a_peer_that_ends_the_process_costs_its_own_rows_alone(
     assert first.returncode == status, first.stderr
     second = run(tmp_path, suite)
     assert second.returncode == 0, second.stderr
-    assert f"failed: deadly (kinds/calls/warm.parquet): its process ended: {why}" in second.stderr
+    assert f"failed: deadly (rows/calls/warm.parquet): its process ended: {why}" in second.stderr
     folder = RunFolder(tmp_path / "run")
-    rows = folder.parts("speed", "warm")
+    rows = folder.rows("calls", "warm")
     assert rows is not None
     assert rows.group_by("method", "outcome").len().sort("method").rows() == [
         ("counts", "answered", 4), ("deadly", "crashed", 4), ("lm", "answered", 4)
     ]  # fmt: skip
     assert rows.filter(pl.col("method") == "deadly")["error"].unique().to_list() == [f"its process ended: {why}"]
-    assert folder.parts("speed", "after") is not None
+    assert folder.rows("calls", "after") is not None
     assert folder.manifest()["complete"] is True
     assert len((tmp_path / "calls.txt").read_text()) == calls
     third = run(tmp_path, suite)
@@ -242,11 +242,11 @@ def test_a_law_that_ends_the_process_costs_its_own_rows_alone(tmp_path: Path) ->
     second = run(tmp_path, suite)
     assert second.returncode == 0, second.stderr
     folder = RunFolder(tmp_path / "run")
-    rows = folder.parts("timing", "lines")
+    rows = folder.rows("laws", "lines")
     assert rows is not None
-    assert rows.select("law", "status").unique().sort("law").rows() == [
+    assert rows.select("method", "status").unique().sort("method").rows() == [
         ("deadly", "crashed"), ("quintic", "solved")
     ]  # fmt: skip
-    assert rows.filter(pl.col("law") == "deadly")["reason"].to_list() == ["its process ended: exit status 3"] * 2
+    assert rows.filter(pl.col("method") == "deadly")["reason"].to_list() == ["its process ended: exit status 3"] * 2
     assert folder.manifest()["complete"] is True
     assert "deadly" in write_report(folder).read_text(encoding="utf-8")

@@ -272,8 +272,8 @@ def plain_wilson(k: int, n: int) -> tuple[float, float, float]:
 @pytest.fixture(scope="module")
 def raw(run: RunFolder) -> dict[str, dict[str, Any]]:
     """Columns of every method as arrays, straight from the Parquet files."""
-    files = sorted((run.path / "speed").glob("block--*.parquet"))
-    rows = pl.concat([pl.read_parquet(file) for file in files])
+    files = sorted((run.path / "rows/calls").glob("block--*.parquet"))
+    rows = pl.concat([pl.read_parquet(file) for file in files]).filter(pl.col("budget").is_null())
     found = {
         str(key[0]): {name: part[name].to_numpy() for name in part.columns}
         for key, part in rows.sort("problem").partition_by("method", as_dict=True).items()
@@ -308,7 +308,7 @@ def test_equal_time_tolerances_and_iterations_are_counted(
     block: CallRows, raw: dict[str, dict[str, Any]], run: RunFolder
 ) -> None:
     in_time, at, steps = table(block, "-time"), table(block, "-tolerance"), table(block, "-iterations")
-    answers = pl.read_parquet(run.path / "speed" / "block.iterations.parquet")
+    answers = pl.read_parquet(run.path / "rows/calls/block--*.parquet").filter(pl.col("budget").is_not_null())
     for label, c in raw.items():
         for us in (10, 30, 100, 1000, 10000, 100000):
             k = sum(1 for ok, ns in zip(c["solved"], c["ns"], strict=True) if ok and ns <= 1000 * us)
@@ -328,7 +328,7 @@ def test_equal_time_tolerances_and_iterations_are_counted(
 
 def test_a_number_of_iterations_is_kept(run: RunFolder) -> None:
     robot, problems = problem_set(Run(run).of("calls")[0].block, 5)
-    answers = pl.read_parquet(run.path / "speed" / "block.iterations.parquet")
+    answers = pl.read_parquet(run.path / "rows/calls/block--*.parquet").filter(pl.col("budget").is_not_null())
     mine = answers.filter((pl.col("method") == "dls") & (pl.col("budget") == 3)).sort("problem")
     for row in mine.head(20).iter_rows(named=True):
         target, start = problems.targets[row["problem"]], problems.starts[row["problem"]]

@@ -43,7 +43,7 @@ def block_of(**changes: Any) -> LawBlock:
 def rows_of(block: LawBlock, seed: int) -> dict[str, dict[str, Any]]:
     part = block.lines[0]
     line = draw_motion(part.robot, part.kind, 0, seed=seed, payload=part.payload, limits=block.limits)
-    return {row["law"]: row for row in line_rows(block, line)}
+    return {row["method"]: row for row in line_rows(block, line)}
 
 
 def test_who_counts_torque_keeps_it_and_who_does_not_is_seen_and_slowed() -> None:
@@ -101,7 +101,7 @@ def test_settings_that_cannot_be_meant_are_refused(changes: dict[str, Any], word
 def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
     rows = pl.DataFrame(
         {
-            "law": ["a", "a", "a", "b", "b"], "line": [0, 1, 2, 0, 1], "limits": "x", "kind": "joints", "robot": "panda",
+            "method": ["a", "a", "a", "b", "b"], "problem": [0, 1, 2, 0, 1], "kind": "joints", "robot": "panda",
             "solved": True, "ms_law": [1.0, 2.0, 90.0, 10.0, 10.0], "slowed_duration": [1.0, 3.0, 9.0, 2.0, 2.0],
         }
     )  # fmt: skip

@@ -116,7 +116,7 @@ def test_a_file_lies_beside_its_suite_and_a_changed_one_does_not_continue_a_run(
     table(folder)
     done = run_suite(load_suite(str(folder / "own.toml")), tmp_path / "run")  # no --allow-plugins: data is not code
     assert [(row["group"], row["name"]) for row in done.manifest()["plugins"]] == [("files", "poses.csv")]
-    rows = done.rows("own")
+    rows = done.rows("budgets", "own")
     assert rows is not None
     assert rows["known"].all()
     about = done.read_json("problems/own.json")
@@ -134,7 +134,7 @@ def test_a_run_does_not_continue_with_other_problems(tmp_path: Path) -> None:
     done.write_json("problems/own.json", {"sha256": "0" * 64})
     with pytest.raises(InvalidInput, match="SHA-256"):
         run_suite(load_suite(str(tmp_path / "own.toml")), tmp_path / "run")
-    assert RunFolder(tmp_path / "run").rows("own") is not None
+    assert RunFolder(tmp_path / "run").rows("budgets", "own") is not None
 
 
 # ---------------------------------------------------------------- motions

@@ -160,7 +160,9 @@ def shown_rows(folder: RunFolder, kind: str, table: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("block", ["workspace", "misprint"])
 def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: str) -> None:
-    rows = [r for f in sorted((small_run.path / "ik").glob(f"{block}--*")) for r in pl.read_parquet(f).to_dicts()]
+    rows = [
+        r for f in sorted((small_run.path / "rows/budgets").glob(f"{block}--*")) for r in pl.read_parquet(f).to_dicts()
+    ]
     known = {
         r["problem"] for r in pl.read_parquet(small_run.path / f"problems/{block}.parquet").to_dicts() if r["known"]
     }
@@ -194,7 +196,7 @@ def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: st
 
 
 def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
-    for p in small_run.read_json("line/plans.json"):
+    for p in small_run.read_json("rows/plans/line.json")["plans"]:
         assert f" {p['law']} {number(p['duration'], 4)} " in page.text
 
 
@@ -225,7 +227,9 @@ def test_none_is_infinite_in_a_value_and_free_in_a_ratio(
 
 
 def test_a_motion_that_breaks_a_limit_is_not_ranked(small_run: RunFolder) -> None:
-    breaking = {p["law"] for p in small_run.read_json("line/plans.json") if broken_limits(p["certificate"])}
+    breaking = {
+        p["law"] for p in small_run.read_json("rows/plans/line.json")["plans"] if broken_limits(p["certificate"])
+    }
     assert "quintic" in breaking
     rows = shown_rows(small_run, "plans", "laws")
     assert {law for law, row in rows.items() if row["breaks"] != "none"} == breaking
@@ -254,7 +258,7 @@ def edit(folder: RunFolder, change: Callable[[dict[str, Any]], None]) -> None:
 
 def test_an_unfinished_run_says_so(copied: RunFolder) -> None:
     edit(copied, lambda m: m.update(complete=False))
-    for file in (*(copied.path / "ik").glob("misprint--*"), *(copied.path / "line").iterdir()):
+    for file in (*(copied.path / "rows/budgets").glob("misprint--*"), *(copied.path / "rows/plans").iterdir()):
         file.unlink()
     page = page_of(copied)
     assert "This run is incomplete." in page.text
@@ -265,7 +269,7 @@ def test_an_unfinished_run_says_so(copied: RunFolder) -> None:
 
 def test_a_run_of_which_nothing_is_there_yet_has_a_report(copied: RunFolder) -> None:
     edit(copied, lambda m: m.update(complete=False))
-    for folder in ("ik", "line", "problems"):
+    for folder in ("rows", "problems"):
         shutil.rmtree(copied.path / folder)
     assert "This run is incomplete." in page_of(copied).text
 
@@ -275,7 +279,7 @@ def test_sections_without_data_are_left_out(small_run: RunFolder, tmp_path: Path
     settings = {k: v for k, v in small().settings.items() if k != without}
     shutil.copytree(small_run.path, tmp_path / "run")
     folder = RunFolder(tmp_path / "run")
-    shutil.rmtree(folder.path / ("line" if without == "line" else "ik"))
+    shutil.rmtree(folder.path / ("rows/plans" if without == "line" else "rows/budgets"))
     edit(folder, lambda m: m.update(settings=settings))
     page = page_of(folder)
     gone = {"line", "motion", "laws"} if without == "line" else {"methods", "error", "maps"}
@@ -285,11 +289,12 @@ def test_sections_without_data_are_left_out(small_run: RunFolder, tmp_path: Path
 
 
 def test_a_plan_that_failed_has_its_reason_in_the_table(copied: RunFolder) -> None:
-    plans = copied.read_json("line/plans.json")
+    facts = copied.read_json("rows/plans/line.json")
+    plans = facts["plans"]
     keep = ("law", "solver", "name", "seconds", "limits", "path", "robot")
     why = {"status": "no_ik", "s": 0.1, "joint": 2, "reason": "out <of> reach", "advice": ""}
     failed = {k: plans[-1][k] for k in keep} | why
-    copied.write_json("line/plans.json", [*plans[:-1], failed])
+    copied.write_json("rows/plans/line.json", facts | {"plans": [*plans[:-1], failed]})
     assert "no ik at 100 mm: out <of> reach" in page_of(copied).text
 
 

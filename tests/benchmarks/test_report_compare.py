@@ -28,7 +28,7 @@ def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFold
     """A copy of a run with some of its rows changed."""
     shutil.copytree(run.path, folder)
     found = RunFolder(folder)
-    files = [f"ik/{file.name}" for file in (folder / "ik").glob(pattern)]
+    files = [f"rows/budgets/{file.name}" for file in (folder / "rows/budgets").glob(pattern)]
     assert files
     for file in files:
         rows = found.read(file)
@@ -66,7 +66,7 @@ def test_a_run_is_like_itself(small_run: RunFolder) -> None:
 
 def test_what_got_worse_ends_with_status_1_and_what_got_better_does_not(small_run: RunFolder, tmp_path: Path) -> None:
     worse = other(small_run, tmp_path / "worse", "misprint--01*", failing(20))
-    rows = [small_run.rows("misprint"), worse.rows("misprint")]
+    rows = [small_run.rows("budgets", "misprint"), worse.rows("budgets", "misprint")]
     solved = []
     for part in rows:
         assert part is not None
@@ -125,12 +125,14 @@ def test_a_time_must_differ_by_more_than_its_rounds(
 def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(small_run.path, tmp_path / "longer")
     longer = RunFolder(tmp_path / "longer")
-    plans = longer.read_json("line/plans.json")
-    plans[0]["duration"] *= 1.001
-    longer.write_json("line/plans.json", plans)
+    file = "rows/plans/line--0000.parquet"
+    plans = longer.read(file)
+    assert plans is not None
+    first = pl.int_range(pl.len()) == 0
+    longer.write(file, plans.with_columns(duration=pl.col("duration") * pl.when(first).then(1.001).otherwise(1.0)))
     found = compare_runs(Run(small_run), Run(longer))
     changed = [d for d in found.differences if d.verdict != "within noise"]
-    assert [(d.label, d.measure) for d in changed] == [(f"{plans[0]['law']} with {plans[0]['solver']}", "duration")]
+    assert [(d.label, d.measure) for d in changed] == [(plans["method"][0], "duration")]
     assert changed[0].loss == pytest.approx(0.1)
     assert not any("does not say what to compare" in words for words in found.left_out)
     assert of(found.differences, changed[0].block, "all plans", "time of a whole plan").pairs == len(plans)
@@ -138,11 +140,11 @@ def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, tmp
 
 def test_fresh_processes_and_recorded_answers_are_compared() -> None:
     first_use, answers = load_kind("first_use"), load_kind("answers")
-    rows = pl.DataFrame({"measure": ["import", "import", "first"], "seconds": [1.0, 1.1, 3.0]})
+    rows = pl.DataFrame({"method": ["import", "import", "first"], "problem": 0, "seconds": [1.0, 1.1, 3.0]})
     x = first_use.compared_rows(None, rows)
     y = first_use.compared_rows(None, rows.with_columns(pl.col("seconds") * 2.0))
     (measure,) = first_use.compared
-    found = [_difference(measure, *(frame.filter(label="import") for frame in (x, z)), True) for z in (x, y)]
+    found = [_difference(measure, *(frame.filter(method="import") for frame in (x, z)), True) for z in (x, y)]
     assert [one is not None and one[1] for one in found] == [
         False,
         True,

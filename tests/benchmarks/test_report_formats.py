@@ -256,7 +256,12 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
     )
     failed = [
-        {"file": f"ik/{block}--01-corrected--{part:03d}.parquet", "label": "corrected <b>, x", "why": why, "times": 2}
+        {
+            "file": f"rows/budgets/{block}--01-corrected--{part:03d}.parquet",
+            "label": "corrected <b>, x",
+            "why": why,
+            "times": 2,
+        }
         for block, part, why in (("misprint", 0, "SIGSEGV"), ("misprint", 1, "SIGSEGV"), ("damping", 0, "it hung"))
     ]
     copied.write_json("run.json", copied.manifest() | {"failed": failed})

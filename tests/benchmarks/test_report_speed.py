@@ -13,7 +13,6 @@ import pytest
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._problems import check_set
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.calls import read_rows
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.ik.accuracy import choose
@@ -67,7 +66,7 @@ def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
 
 
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
-    rows = read_rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
+    rows = load_kind("calls").rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
     assert rows is not None
     tables = {table.id: table for table in load_report(load_kind("calls")).tables(Run(speed_run))}
     assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= set(tables)
@@ -151,7 +150,7 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     folder = run_suite(suite_of("small", {"blocks": [block], "seed": 7}), tmp_path / "run")
     page = page_of(folder)
     assert "damping" in page.anchors
-    rows = folder.rows("damping")
+    rows = folder.rows("budgets", "damping")
     assert rows is not None
     last = rows.filter(pl.col("budget") == 60)
     far = last.filter((pl.col("group") == "0.03 ≤ σ < 1") & (pl.col("method") == "λ=0.001"))

@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik.budgets import at_budgets
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
@@ -35,7 +36,7 @@ def test_a_finished_run_says_so_and_can_be_repeated(small_run: RunFolder) -> Non
 
 
 def test_rows_hold_every_problem_method_and_budget(small_run: RunFolder) -> None:
-    rows = small_run.rows("workspace")
+    rows = small_run.rows("budgets", "workspace")
     assert rows is not None
     assert rows.filter(pl.col("method") == "dls λ=0.01").height == 49 * 4
     assert rows.filter(pl.col("method") == "ipopt").height == 6 * 4
@@ -47,14 +48,14 @@ def test_what_a_method_solves_does_not_change_what_is_known(small_run: RunFolder
     problems = again.read("problems/workspace.parquet")
     assert problems is not None
     again.write("problems/workspace.parquet", problems.with_columns(known=pl.col("problem") == 0))
-    rows = again.rows("workspace")
+    rows = again.rows("budgets", "workspace")
     assert rows is not None
     assert set(rows.filter(pl.col("known"))["problem"]) == {0}
     assert rows.filter(~pl.col("known") & (pl.col("status") == "solved")).height > 0, "a method solved another"
 
 
 def test_errors_at_a_budget_are_those_of_a_run_stopped_there(small_run: RunFolder) -> None:
-    rows = small_run.rows("workspace")
+    rows = small_run.rows("budgets", "workspace")
     problems = small_run.read("problems/workspace.parquet")
     assert rows is not None
     assert problems is not None
@@ -88,7 +89,7 @@ def test_the_row_of_a_budget_counts_rises_and_the_peak() -> None:
 def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tmp_path: Path) -> None:
     two = run_suite(small(line=SMALL["line"] | {"laws": ["ruckig"]}), tmp_path / "two", workers=2)
     for block in ("workspace", "misprint"):
-        one, other = small_run.rows(block), two.rows(block)
+        one, other = small_run.rows("budgets", block), two.rows("budgets", block)
         assert one is not None
         assert other is not None
         assert_frame_equal(one, other, check_exact=True)
@@ -97,7 +98,7 @@ def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tm
 def test_a_run_is_continued_and_only_what_is_missing_is_done(small_run: RunFolder, tmp_path: Path) -> None:
     suite = small(line=SMALL["line"] | {"laws": ["ruckig"]})
     folder = run_suite(suite, tmp_path / "run")
-    parts = sorted((tmp_path / "run" / "ik").iterdir())
+    parts = sorted((tmp_path / "run" / "rows/budgets").iterdir())
     parts[0].unlink()
     kept = {p.name: p.stat().st_mtime_ns for p in parts[1:]}
     run_suite(suite, tmp_path / "run")
@@ -112,7 +113,7 @@ def test_a_continued_run_names_every_session_that_worked(tmp_path: Path) -> None
     first = folder.manifest()
     assert run_suite(suite, tmp_path / "run", workers=3).manifest() == first
     folder.write_json("run.json", first | {"complete": False})
-    (tmp_path / "run" / "line" / "plans.json").unlink()
+    (tmp_path / "run" / "rows/plans/line--0000.parquet").unlink()
     again = run_suite(suite, tmp_path / "run", workers=3).manifest()
     assert again["provenance"] == first["provenance"]
     assert [p["workers"] for p in again["continued"]] == [3]
@@ -177,11 +178,11 @@ def test_ik_rows_without_their_problems_are_said(small_run: RunFolder, tmp_path:
     shutil.copytree(small_run.path, copy)
     (copy / "problems" / "workspace.parquet").unlink()
     with pytest.raises(InvalidInput, match="workspace"):
-        RunFolder(copy).rows("workspace")
+        load_kind("budgets").rows(RunFolder(copy), small().of("budgets")[0])
 
 
 def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text('{"format": "optik-run/2"}')
+    (tmp_path / "run.json").write_text('{"format": "optik-run/3"}')
     with pytest.raises(InvalidInput, match="run"):
         RunFolder(tmp_path).manifest()
 
@@ -237,13 +238,13 @@ def test_slugs_spell_greek_and_keep_labels_apart() -> None:
 def test_a_damaged_part_is_named(small_run: RunFolder, tmp_path: Path) -> None:
     copy = tmp_path / "run"
     shutil.copytree(small_run.path, copy)
-    part = next((copy / "ik").iterdir())
+    part = next((copy / "rows/budgets").iterdir())
     part.write_bytes(part.read_bytes()[:100])
     with pytest.raises(InvalidInput, match="damaged"):
-        RunFolder(copy).rows("workspace" if part.name.startswith("workspace") else "misprint")
-    (copy / "line" / "plans.json").write_text("[")
+        RunFolder(copy).rows("budgets", "workspace" if part.name.startswith("workspace") else "misprint")
+    (copy / "rows/plans/line.json").write_text("[")
     with pytest.raises(InvalidInput, match="damaged"):
-        RunFolder(copy).read_json("line/plans.json")
+        RunFolder(copy).read_json("rows/plans/line.json")
 
 
 def test_a_folder_that_is_no_run_is_said(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_a_cluster_gives_the_rows_of_one_process_and_a_part_that_raises_its_own(
     with cluster(1) as (address, _):
         there = run_suite(suite, tmp_path / "there", dask=address)
     here = run_suite(suite, tmp_path / "here")
-    one, other = there.parts("toy", "squares"), here.parts("toy", "squares")
+    one, other = there.rows("toy", "squares"), here.rows("toy", "squares")
     assert one is not None
     assert other is not None
     assert_frame_equal(one, other)
@@ -106,7 +106,7 @@ def test_a_worker_that_is_killed_in_the_middle_changes_nothing(tmp_path: Path) -
         thread.join(120)
         assert not thread.is_alive()
     here = run_suite(toy(**block), tmp_path / "here")
-    one, other = (run_suite(toy(**block), tmp_path / name).parts("toy", "squares") for name in ("there", "here"))
+    one, other = (run_suite(toy(**block), tmp_path / name).rows("toy", "squares") for name in ("there", "here"))
     assert one is not None
     assert other is not None
     assert_frame_equal(one, other)

@@ -31,7 +31,7 @@ def run(out: Path, **block: Any) -> RunFolder:
 
 
 def state(out: Path) -> dict[str, tuple[int, int]]:
-    return {f.name: (f.stat().st_ino, f.stat().st_mtime_ns) for f in (out / "toy").glob("squares--*.parquet")}
+    return {f.name: (f.stat().st_ino, f.stat().st_mtime_ns) for f in (out / "rows/toy").glob("squares--*.parquet")}
 
 
 # ---------------------------------------------------------------- one process at a time
@@ -71,17 +71,17 @@ def test_the_folder_is_there_before_the_problem_sets(tmp_path: Path, monkeypatch
 def test_what_a_kill_leaves_is_removed_and_a_line_that_is_cut_is_no_harm(tmp_path: Path) -> None:
     out = run(tmp_path / "run").path
     before = state(out)
-    (out / "toy" / ".0123456789ab.part").write_bytes(b"half")
+    (out / "rows/toy" / ".0123456789ab.part").write_bytes(b"half")
     with (out / "parts.jsonl").open("a") as ledger:
-        ledger.write('["toy/squares--0')
-    (out / "toy" / "squares--001.parquet").unlink()
+        ledger.write('["rows/toy/squares--0')
+    (out / "rows/toy" / "squares--001.parquet").unlink()
     run(out)
     after = state(out)
     assert not list(out.rglob("*.part"))
     assert {name: after[name] for name in before if "001" not in name} == {
         n: s for n, s in before.items() if "001" not in n
     }
-    assert RunFolder(out).parts("toy", "squares")["square"].to_list() == [float(i * i) for i in range(12)]
+    assert RunFolder(out).rows("toy", "squares")["square"].to_list() == [float(i * i) for i in range(12)]
 
 
 def test_sessions_that_are_alike_are_counted(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def text(file: Path) -> None:
 
 def other_run(file: Path) -> None:
     other = run(file.parents[1].with_name("other"), bad={"3": "raises"})
-    shutil.copy(other.path / "toy" / file.name, file)
+    shutil.copy(other.path / "rows/toy" / file.name, file)
 
 
 def beside(file: Path) -> None:
@@ -130,26 +130,26 @@ def test_a_table_that_this_run_did_not_write_is_refused_when_continued_and_when_
     harm: Callable[[Path], None], tmp_path: Path
 ) -> None:
     out = run(tmp_path / "run").path
-    harm(out / "toy" / "squares--000.parquet")
+    harm(out / "rows/toy" / "squares--000.parquet")
     before = state(out)
-    for use in (lambda: run(out), lambda: RunFolder(out).parts("toy", "squares")):
+    for use in (lambda: run(out), lambda: RunFolder(out).rows("toy", "squares")):
         with pytest.raises(InvalidInput, match=r"squares--0(00|99)") as caught:
             use()
         assert "\n" not in str(caught.value)
     assert state(out) == before
-    (out / "toy" / ("squares--099.parquet" if harm is beside else "squares--000.parquet")).unlink()
+    (out / "rows/toy" / ("squares--099.parquet" if harm is beside else "squares--000.parquet")).unlink()
     run(out)
-    assert len(RunFolder(out).parts("toy", "squares")) == 12
+    assert len(RunFolder(out).rows("toy", "squares")) == 12
 
 
 def test_a_run_of_an_older_version_is_read_and_continued(tmp_path: Path) -> None:
     out = run(tmp_path / "run").path
     (out / "parts.jsonl").unlink()
-    assert len(RunFolder(out).parts("toy", "squares")) == 12
-    (out / "toy" / "squares--002.parquet").unlink()
+    assert len(RunFolder(out).rows("toy", "squares")) == 12
+    (out / "rows/toy" / "squares--002.parquet").unlink()
     before = state(out)
     run(out)
-    assert len(RunFolder(out).parts("toy", "squares")) == 12
+    assert len(RunFolder(out).rows("toy", "squares")) == 12
     assert state(out).items() >= before.items()
 
 
@@ -177,7 +177,7 @@ def test_a_full_disk_is_one_line_and_what_is_done_stays(small_disk: Path) -> Non
     subprocess.run(["mount", "-o", "remount,size=4m", str(small_disk)], check=True)
     whole = run(small_disk / "run", count=4000, part=20)
     assert state(small_disk / "run").items() >= done.items()
-    assert whole.parts("toy", "squares")["problem"].to_list() == list(range(4000))
+    assert whole.rows("toy", "squares")["problem"].to_list() == list(range(4000))
 
 
 def test_a_disk_that_is_read_only_is_one_line(small_disk: Path) -> None:
@@ -188,7 +188,7 @@ def test_a_disk_that_is_read_only_is_one_line(small_disk: Path) -> None:
         with pytest.raises(OutputError, match="Read-only file system") as caught:
             run(where)
         assert "\n" not in str(caught.value)
-    assert len(RunFolder(out).parts("toy", "squares")) == 12
+    assert len(RunFolder(out).rows("toy", "squares")) == 12
 
 
 # ---------------------------------------------------------------- errors in parts
@@ -199,7 +199,7 @@ def test_a_part_that_raises_is_recorded_and_the_run_says_so(tmp_path: Path, how:
     folder = run(tmp_path / "run", bad={"5": how})
     assert folder.manifest()["complete"] is True
     assert [(o["why"], o["times"]) for o in folder.manifest()["failed"]] == [(why, 1)]
-    rows = folder.parts("toy", "squares")
+    rows = folder.rows("toy", "squares")
     assert rows is not None
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [5]
 
@@ -212,11 +212,11 @@ def test_a_part_that_cannot_be_divided_leaves_the_run_incomplete_until_it_is_don
         capture_output=True, text=True, check=False, cwd=REPOSITORY,
     )  # fmt: skip
     assert done.returncode == 1
-    assert "failed: squares (toy/squares--001.parquet): ZeroDivisionError: on purpose\n" in done.stderr
+    assert "failed: squares (rows/toy/squares--001.parquet): ZeroDivisionError: on purpose\n" in done.stderr
     assert "Traceback" not in done.stderr
     folder = RunFolder(tmp_path / "run")
     assert folder.manifest()["complete"] is False
-    assert len(folder.parts("toy", "squares")) == 8
+    assert len(folder.rows("toy", "squares")) == 8
 
 
 def test_wrong_options_of_a_run_are_refused(tmp_path: Path) -> None:

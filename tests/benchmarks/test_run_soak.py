@@ -44,8 +44,13 @@ KILLS, INTERRUPTS = 20, 5
 
 
 def finished(out: Path) -> dict[str, tuple[int, int]]:
-    files = [f for top in ("ik", "answers", "problems") for f in (out / top).glob("*.parquet") if f.name[0] != "."]
-    return {f"{f.parent.name}/{f.name}": (f.stat().st_ino, f.stat().st_mtime_ns) for f in files}
+    files = [
+        f
+        for top in ("rows/budgets", "rows/answers", "problems")
+        for f in (out / top).glob("*.parquet")
+        if f.name[0] != "."
+    ]
+    return {f.relative_to(out).as_posix(): (f.stat().st_ino, f.stat().st_mtime_ns) for f in files}
 
 
 def stopped_at(suite: Path, out: Path, number: int, seconds: float, workers: int) -> int:

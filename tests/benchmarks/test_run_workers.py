@@ -54,13 +54,13 @@ def alive(process: int) -> bool:
 def test_a_death_and_a_hang_cost_one_retry_and_then_their_rows(tmp_path: Path) -> None:
     suite = toy(count=10, part=1, bad={"5": "dies", "8": "hangs"})
     folder = run_suite(suite, tmp_path / "run", workers=2, part_timeout=1.0)
-    rows = folder.parts("toy", "squares")
+    rows = folder.rows("toy", "squares")
     assert rows is not None
     assert rows["problem"].to_list() == list(range(10))
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [5, 8]
     manifest = folder.manifest()
     assert {one["file"]: one["why"] for one in manifest["failed"]} == {
-        "toy/squares--005.parquet": "its process ended: SIGSEGV", "toy/squares--008.parquet": "no result within 1 s",
+        "rows/toy/squares--005.parquet": "its process ended: SIGSEGV", "rows/toy/squares--008.parquet": "no result within 1 s",
     }  # fmt: skip
     assert manifest["complete"] is True
 
@@ -105,8 +105,8 @@ def test_what_kills_the_first_process_twice_is_done_in_another(tmp_path: Path) -
     process = started(out, count=6, part=2, bad={"3": "dies"})
     words = process.communicate(timeout=60)[1]
     assert process.returncode == 0, words
-    assert "failed: squares (toy/squares--001.parquet): its process ended: SIGSEGV" in words
-    rows = RunFolder(out).parts("toy", "squares")
+    assert "failed: squares (rows/toy/squares--001.parquet): its process ended: SIGSEGV" in words
+    rows = RunFolder(out).rows("toy", "squares")
     assert rows is not None
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [3]
 
@@ -126,5 +126,5 @@ def test_a_block_that_kills_the_first_process_is_done_apart_and_recorded_and_the
     assert str(tmp_path / "run") in done[0].stderr
     assert "failed: bad (kinds/alone/bad.parquet): its process ended: SIGSEGV" in done[1].stderr
     folder = RunFolder(tmp_path / "run")
-    assert folder.has("kinds/alone/good.parquet")
+    assert folder.has("rows/alone/good--0000.parquet")
     assert folder.manifest()["complete"] is False

@@ -14,12 +14,12 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks._contest import read_facts, timed
+from benchmarks.blocks._contest import timed
 from benchmarks.blocks._fresh import ProcessFailed, fresh
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik import first_use
 from benchmarks.blocks.ik.callers import Caller
-from benchmarks.blocks.ik.calls import MEASURES, facts_file, judge, median_ratio, read_rows
+from benchmarks.blocks.ik.calls import MEASURES, median_ratio
 from benchmarks.blocks.ik.judgement import judged, shared, wrapped
 from benchmarks.blocks.ik.rounds import timed_part
 from benchmarks.peers.ik import PEERS
@@ -80,7 +80,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 def rows_of(folder: RunFolder, index: int = 0) -> pl.DataFrame:
     suite = suite_of("quick", copy.deepcopy(QUICK))
-    rows = read_rows(folder, suite.of("calls")[index])
+    rows = load_kind("calls").rows(folder, suite.of("calls")[index])
     assert rows is not None
     return rows
 
@@ -100,7 +100,7 @@ def test_rows_hold_every_problem_of_every_method(quick: RunFolder) -> None:
 
 def test_an_absent_peer_is_a_row_that_says_how_to_install_it(quick: RunFolder) -> None:
     block = suite_of("quick", copy.deepcopy(QUICK)).of("calls")[0]
-    entries = read_facts(quick, facts_file(block), block.id)["entries"]
+    entries = load_kind("calls").facts(quick, block)["entries"]
     assert entries["eaik"]["absent"] == "not installed: pip install EAIK"
     assert "absent" not in entries["plain"]
     assert entries["dls"]["kind"] == "ours"
@@ -133,9 +133,9 @@ def test_a_batch_is_counted_by_our_own_kinematics(quick: RunFolder) -> None:
 
 def test_a_stopped_run_is_continued(quick: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    parts = sorted((tmp_path / "run" / "speed").iterdir())
+    parts = sorted((tmp_path / "run" / "rows/calls").iterdir())
     kept = {p.name: p.stat().st_mtime_ns for p in parts if p.name != "hard--0000.parquet"}
-    (tmp_path / "run" / "speed" / "hard--0000.parquet").unlink()
+    (tmp_path / "run" / "rows/calls" / "hard--0000.parquet").unlink()
     folder = run_suite(suite_of("quick", copy.deepcopy(QUICK)), tmp_path / "run")
     changed = {p.name for p in parts if p.stat().st_mtime_ns != kept.get(p.name)}
     assert changed <= {"hard--0000.parquet", "hard.json"}
@@ -153,7 +153,7 @@ def test_wrong_options_are_refused_before_anything_is_written(tmp_path: Path) ->
 
 def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    (tmp_path / "run" / "speed" / "warm.json").unlink()
+    (tmp_path / "run" / "rows/calls" / "warm.json").unlink()
     with pytest.raises(InvalidInput, match="warm"):
         load_kind("calls").read(RunFolder(tmp_path / "run"), suite_of("quick", copy.deepcopy(QUICK)).of("calls")[0])
 
@@ -258,7 +258,7 @@ def test_measures_are_what_their_names_say() -> None:
         "p90_us": np.percentile(np.arange(1, 101), 90), "p99_us": np.percentile(np.arange(1, 101), 99),
     }  # fmt: skip
     for measure, value in expect.items():
-        found, note = judge(table, Target(measure=measure, method="a", at_most=1.0))
+        found, note = load_kind("calls").judge(table, Target(measure=measure, method="a", at_most=1.0))
         assert found == pytest.approx(value)
         assert note.startswith("100 calls")
 
@@ -270,7 +270,8 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     assert median_ratio(table, "a", "b") == pytest.approx(np.median([300, 9000]) / np.median([100, 1000]))
     assert np.isnan(median_ratio(table, "a", "c"))
     assert set(shared(table, ("a", "b"))["problem"]) == {1, 2}
-    assert judge(table, Target(measure="median_ratio", method="a", to="b", at_most=1.0))[1] == "2 problems, both"
+    ratio = Target(measure="median_ratio", method="a", to="b", at_most=1.0)
+    assert load_kind("calls").judge(table, ratio)[1] == "2 problems, both"
 
 
 @pytest.mark.parametrize(
@@ -395,6 +396,6 @@ def test_first_use_compiles_once_and_then_starts_from_that(tmp_path: Path, monke
     assert len(caches) == 3
     rows = kind.rows(folder, task)
     assert rows is not None
-    assert dict(rows.group_by("measure").agg("seconds").iter_rows()) == {
+    assert dict(rows.group_by("method").agg("seconds").iter_rows()) == {
         "compile_s": [10.0], "import_s": pytest.approx([0.2, 0.3]), "first_solve_s": pytest.approx([5.0, 10.0 / 3.0]),
     }  # fmt: skip

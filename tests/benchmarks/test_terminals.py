@@ -79,7 +79,7 @@ replace, count = Path.replace, 0
 
 def counted(self, target):
     global count
-    count += Path(target).parent == out / "ik"
+    count += Path(target).parent == out / "rows/budgets"
     if count == after:  # the part is written, and not yet in its place
         os.kill(os.getpid(), number)
     return replace(self, target)
@@ -105,13 +105,13 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
         assert b"Traceback" not in done.stderr
     stopped = RunFolder(tmp_path / "run")
     assert stopped.manifest()["complete"] is False
-    finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "run" / "ik").glob("*.parquet")}
+    finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "run" / "rows/budgets").glob("*.parquet")}
     assert 0 < len(finished) < 4
     again = run_suite(small(line=settings["line"]), tmp_path / "run")
     assert again.manifest()["complete"] is True
     assert {p: p.stat().st_mtime_ns for p in finished} == finished, "what was done is not done again"
     for block in ("workspace", "misprint"):
-        one, other = small_run.rows(block), again.rows(block)
+        one, other = small_run.rows("budgets", block), again.rows("budgets", block)
         assert one is not None
         assert other is not None
         assert_frame_equal(one, other, check_exact=True)

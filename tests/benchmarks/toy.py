@@ -24,7 +24,7 @@ class ToyWork:
     bad: dict[int, str]
     once: str
 
-    def rows(self) -> pl.DataFrame:
+    def solve(self) -> pl.DataFrame:
         for problem in self.problems:
             act(self.bad.get(problem, ""), self.once)
         return pl.DataFrame({"problem": self.problems, "square": [float(p * p) for p in self.problems]})
@@ -75,20 +75,13 @@ class Toy(Kind):
         made = Divisible if block.divisible else ToyWork
         for number, first in enumerate(range(0, block.count, block.part)):
             problems = tuple(range(first, min(first + block.part, block.count)))
-            yield Part(f"toy/{block.id}--{number:03d}.parquet", block.id, made(problems, block.bad, block.once))
+            yield self.part(block, f"{number:03d}", block.id, made(problems, block.bad, block.once))
 
-    def solve(self, work: ToyWork) -> pl.DataFrame:
-        return work.rows()
-
-    def run(self, block: ToyBlock, seed: int, folder: RunFolder, tell: Any) -> None:
+    def measure(self, block: ToyBlock, seed: int, tell: Any) -> pl.DataFrame:
         """Timed alone, where `alone` is set below."""
-        if not folder.has(self.file(block)):
-            for problem in range(block.count):
-                act(block.bad.get(problem, ""), block.once)
-            folder.write(self.file(block), pl.DataFrame({"problem": range(block.count)}))
-
-    def rows(self, folder: RunFolder, block: ToyBlock) -> pl.DataFrame | None:
-        return folder.parts("toy", block.id)
+        for problem in range(block.count):
+            act(block.bad.get(problem, ""), block.once)
+        return pl.DataFrame({"problem": range(block.count)})
 
 
 METHOD = Toy

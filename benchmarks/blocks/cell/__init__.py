@@ -10,7 +10,7 @@ import polars as pl
 from benchmarks.blocks.base import Compared, Kind, Part
 from benchmarks.blocks.cell import iso, laws, spots
 from benchmarks.blocks.cell.settings import ALL_MEASURES, ISO, LAWS, SPOTS, CellBlock, read_block
-from benchmarks.blocks.cell.trials import CellWork, check_drive, drive_name
+from benchmarks.blocks.cell.trials import check_drive, drive_name
 from benchmarks.records import RunFolder
 
 EXECUTED = {SPOTS: spots, ISO: iso, LAWS: laws}
@@ -35,13 +35,9 @@ class _Cell(Kind):
 
     def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """Return the rows on which two runs are compared: one problem is one spot, cycle or line."""
-        keys = [
-            key for key in ("problem", "repeat", "test", "cycle", "point", "motion", "timed") if key in rows.columns
-        ]
+        keys = [key for key in ("problem", "repeat", "test", "cycle", "timed") if key in rows.columns]
         named = pl.concat_str([pl.col(key).cast(pl.String) for key in keys], separator=" ", ignore_nulls=True)
-        kept = [c.column for c in self.compared if c.column in rows.columns]
-        lacking = {c.column: pl.lit(None, dtype=pl.Float64) for c in self.compared if c.column not in rows.columns}
-        return rows.select(pl.col("method").alias("label"), named.alias("problem"), *kept).with_columns(**lacking)
+        return rows.with_columns(problem=named)
 
     def settings(self, data: Any) -> CellBlock:
         return read_block(data)
@@ -52,14 +48,8 @@ class _Cell(Kind):
         return EXECUTED[block.what].prepare(block, seed), drive, seed
 
     def parts(self, block: CellBlock, prepared: tuple[Any, ...], folder: RunFolder) -> Iterable[Part]:
-        found: Iterable[Part] = EXECUTED[block.what].parts(block, *prepared, folder, self.folder)
-        return found
-
-    def solve(self, work: CellWork) -> pl.DataFrame:
-        return work.solve()
-
-    def rows(self, folder: RunFolder, block: CellBlock) -> pl.DataFrame | None:
-        return folder.parts(self.folder, block.id)
+        for name, work in EXECUTED[block.what].parts(block, *prepared, folder):
+            yield self.part(block, name, block.title, work)
 
 
 METHOD = _Cell

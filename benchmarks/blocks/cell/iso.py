@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.base import Part
 from benchmarks.blocks.cell.settings import AXES, NOISELESS, NOISY, PATH_TEST, POSE_TEST, IsoBlock
 from benchmarks.blocks.cell.trials import (
     EXECUTION_TYPES,
@@ -24,7 +23,7 @@ from benchmarks.blocks.cell.trials import (
     trial_of,
     why_not,
 )
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import RunFolder
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -38,7 +37,7 @@ ORDER = (0, 4, 3, 2, 1, 0)
 """A cycle of the standard: from P1 to P5, P4, P3, P2 and back to P1, so that each pose is reached from the same side."""
 
 ISO_TYPES: dict[str, Any] = {
-    "method": pl.String, "noise": pl.Boolean, "test": pl.String, "cycle": pl.Int64, "point": pl.Int64,
+    "method": pl.String, "noise": pl.Boolean, "test": pl.String, "cycle": pl.Int64, "problem": pl.Int64,
     **{a: pl.Float64 for a in AXES}, **{f"reached_{a}": pl.Float64 for a in AXES},
     **{f"turn_{a}": pl.Float64 for a in AXES}, **EXECUTION_TYPES,
 }  # fmt: skip
@@ -87,13 +86,13 @@ def _line(block: IsoBlock) -> Plan:
     return plan(robot, path, q, timing=block.law)
 
 
-def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFolder, top: str) -> Iterator[Part]:
+def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFolder) -> Iterator[tuple[str, IsoWork]]:
     """Divide the work into one part per cycle."""
     for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
         for noise in (True, False):
             for cycle in range(cycles if noise else 1):
-                file = f"{top}/{slug(block.id)}--{test}-{'noise' if noise else 'still'}-{cycle:04d}.parquet"
-                yield Part(file, block.title, IsoWork(block, drive, seed, test, cycle, noise))
+                name = f"{test}-{'noise' if noise else 'still'}-{cycle:04d}"
+                yield name, IsoWork(block, drive, seed, test, cycle, noise)
 
 
 def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
@@ -102,7 +101,7 @@ def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     drive = drive_of(work.block, work.drive, trial, cube.q[ORDER[0]], noise=work.noise)
     for before, point in pairwise(ORDER):
-        row = {"point": point + 1} | dict(zip(AXES, cube.poses[point, :3, 3].tolist(), strict=True))
+        row = {"problem": point + 1} | dict(zip(AXES, cube.poses[point, :3, 3].tolist(), strict=True))
         planned = plan(trial.robot, cube.q[point], cube.q[before], timing=work.block.law)
         if not planned:
             return [*rows, row | failure(work.drive, str(planned.status), why_not(planned))]
@@ -129,7 +128,7 @@ def _path(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     along = np.tile(command[-1] - command[0], (CROSSED_PLANES, 1))
     met = crossings(command, along, trial.robot.fk(execution.q)[:, :3, 3])
     points = enumerate(zip(command.tolist(), met, strict=True))
-    return [facts | {"point": i} | dict(zip(AXES, at, strict=True)) | _reached(there) for i, (at, there) in points]
+    return [facts | {"problem": i} | dict(zip(AXES, at, strict=True)) | _reached(there) for i, (at, there) in points]
 
 
 def _reached(point: Array) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks.base import Entry, Part
+from benchmarks.blocks.base import Entry
 from benchmarks.blocks.cell.settings import LawsBlock
 from benchmarks.blocks.cell.trials import (
     EXECUTION_TYPES,
@@ -22,7 +22,7 @@ from benchmarks.blocks.cell.trials import (
     trial_of,
     why_not,
 )
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import RunFolder
 from optik.errors import InvalidInput
 from planners.limits import MotionLimits
 from planners.plan import Plan, make_law, plan
@@ -31,7 +31,7 @@ OWN_TIME, SAME_TIME = "own", "same"
 """Durations of a motion: the law's own, and that of the slowest law on the line."""
 
 LAW_TYPES: dict[str, Any] = {
-    "motion": pl.Int64, "repeat": pl.Int64, "method": pl.String, "timed": pl.String, "length": pl.Float64,
+    "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "timed": pl.String, "length": pl.Float64,
     **EXECUTION_TYPES, "torque": pl.List(pl.Float64), "torque_bound": pl.List(pl.Float64), "jerk_ratio": pl.Float64,
     "acceleration_ratio": pl.Float64, "velocity_ratio": pl.Float64, "rest_m": pl.Float64,
 }  # fmt: skip
@@ -50,7 +50,7 @@ class LawsWork(CellWork):
     def row(self, law: Entry, timed: str) -> dict[str, Any]:
         """Return the columns that identify the motion."""
         return dict.fromkeys(LAW_TYPES) | {
-            "motion": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
+            "problem": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
         }  # fmt: skip
 
     def lost(self) -> list[dict[str, Any]]:
@@ -86,12 +86,11 @@ def prepare(block: LawsBlock, seed: int) -> None:
         make_law(law.name, **law.options).need(MotionLimits.of(robot), robot)
 
 
-def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFolder, top: str) -> Iterator[Part]:
+def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFolder) -> Iterator[tuple[str, LawsWork]]:
     """Divide the work."""
     for motion in range(len(block.moves_m)):
         for repeat in range(block.repeats + 1):
-            file = f"{top}/{slug(block.id)}--{motion:02d}--{repeat:03d}.parquet"
-            yield Part(file, block.title, LawsWork(block, drive, seed, motion, repeat))
+            yield f"{motion:02d}--{repeat:03d}", LawsWork(block, drive, seed, motion, repeat)
 
 
 def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:

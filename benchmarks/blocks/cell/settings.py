@@ -43,10 +43,10 @@ POSE_TEST, PATH_TEST = "pose", "path"
 
 def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:
     """Return the figures of one entry: those of each pose, then those of the path."""
-    done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "point")
+    done = rows.filter(pl.col("reached_x").is_not_null()).sort("cycle", "problem")
     noise = bool(done["noise"].any())
     found: list[PoseFigures | PathFigures] = []
-    for _, part in done.filter(pl.col("test") == POSE_TEST).group_by("point", maintain_order=True):
+    for _, part in done.filter(pl.col("test") == POSE_TEST).group_by("problem", maintain_order=True):
         found.append(pose_figures(_command(part), _reached(part), noise=noise))
     path = done.filter(pl.col("test") == PATH_TEST)
     if not path.is_empty():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from benchmarks.blocks._problems import store_problems
-from benchmarks.blocks.base import Entry, Part
+from benchmarks.blocks.base import Entry, chunks
 from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
 from benchmarks.blocks.cell.trials import (
     EXECUTED_TO_END,
@@ -26,7 +26,7 @@ from benchmarks.blocks.cell.trials import (
     why_not,
 )
 from benchmarks.problems.base import ProblemSet, problem_set
-from benchmarks.records import RunFolder, slug
+from benchmarks.records import RunFolder
 from benchmarks.settings import naming
 from optik import se3
 from optik.arm.robot import Robot
@@ -102,64 +102,28 @@ SPLIT_PARTS = ("laser", "ik", "path", "servo")
 
 SPOT_TYPES: dict[str, Any] = {
     "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "solver": pl.String, "setting": pl.String,
-    "budget": pl.Int64, "along": pl.Boolean, "group": pl.String, "known": pl.Boolean,
-    "x": pl.Float64, "y": pl.Float64, "z": pl.Float64, "distance": pl.Float64, **EXECUTION_TYPES,
+    "budget": pl.Int64, "along": pl.Boolean, **EXECUTION_TYPES,
     **{f"error_{a}": pl.Float64 for a in AXES}, "position_error": pl.Float64,
     **{f"{part}_{a}": pl.Float64 for part in SPLIT_PARTS for a in AXES},
     **{f"{part}_error": pl.Float64 for part in SPLIT_PARTS}, "split_rest": pl.Float64,
     "planned": pl.List(pl.Float32), "tool": pl.List(pl.Float32), "beam": pl.List(pl.Float32),
 }  # fmt: skip
-"""Columns of the rows."""
+"""Columns of the rows; those of the spots are in the table of problems."""
 
 
 @dataclass(frozen=True)
 class SpotsWork(CellWork):
-    """Some spots of a block, shown once each.
-
-    Attributes
-    ----------
-    repeat : int
-        Which of several showings.
-    problems : (k,) array of int
-        Numbers of the spots.
-    targets : (k, 4, 4) array
-        Poses of the tool at them [1, m].
-    start : (n,) array
-        Where the arm starts [rad, m].
-    group : (k,) tuple of str
-        Sheets of graph paper.
-    known : (k,) tuple of bool
-        Whether a configuration that reaches them is known.
-    distance : (k,) tuple of float
-        From the tool at the start [m].
-    given : (k,) tuple of tuples of bool
-        Which methods each spot is given to.
-    pictured : tuple of int
-        Numbers of the spots whose paths are kept.
-    """
+    """Some spots of a block, shown once each: numbers, poses of the tool there (k, 4, 4) [1, m], methods."""
 
     types = SPOT_TYPES
+    lists = ("problems", "targets", "given")
 
     repeat: int
     problems: NDArray[np.int64]
     targets: Array
     start: Array
-    group: tuple[str, ...]
-    known: tuple[bool, ...]
-    distance: tuple[float, ...]
     given: tuple[tuple[bool, ...], ...]
     pictured: tuple[int, ...]
-
-    def halves(self) -> tuple[SpotsWork, ...]:
-        """Divide the part in two, to find the spot that crashes a process; return nothing for a single spot."""
-        count = len(self.problems)
-        cuts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
-        return tuple(self.part(i) for i in cuts)
-
-    def part(self, i: Any) -> SpotsWork:
-        """Return a part with some of its spots."""
-        lists = ("problems", "targets", "group", "known", "distance", "given")
-        return replace(self, **{name: getattr(self, name)[i] for name in lists})
 
     def lost(self) -> list[dict[str, Any]]:
         """Return the row of each trial."""
@@ -180,12 +144,9 @@ class SpotsWork(CellWork):
 
     def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
         """Return the columns that identify the trial."""
-        at = self.targets[i, :3, 3]
         return dict.fromkeys(SPOT_TYPES) | {
             "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
             "setting": method.label, "solver": short_name(method.name), "budget": budget, "along": method.along,
-            "group": self.group[i], "known": self.known[i], **dict(zip(AXES, at.tolist(), strict=True)),
-            "distance": self.distance[i],
         }  # fmt: skip
 
 
@@ -199,7 +160,7 @@ def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
     with naming(f"cell {block.id!r}: options"):
         robot, problems = problem_set(block, seed)
     for method in block.methods:
-        make_solver(robot, method.name, **_options(method, block.budgets[-1]))
+        make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
     if (problems.starts != problems.starts[0]).any():
         raise InvalidInput(f"cell {block.id!r}: options", "several starts", "one start of the arm for all spots")
     with naming(f"cell {block.id!r}: robot"):
@@ -207,13 +168,9 @@ def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
     return robot, problems
 
 
-def _options(method: Entry, budget: int | None) -> dict[str, Any]:
-    return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budget}
-
-
 def parts(
-    block: SpotsBlock, prepared: tuple[Robot, ProblemSet], drive: str, seed: int, folder: RunFolder, top: str
-) -> Iterator[Part]:
+    block: SpotsBlock, prepared: tuple[Robot, ProblemSet], drive: str, seed: int, folder: RunFolder
+) -> Iterator[tuple[str, SpotsWork]]:
     """Write the problems, and divide the work."""
     robot, problems = prepared
     store_problems(folder, block, robot, problems)
@@ -224,14 +181,10 @@ def parts(
     spread = np.linspace(0, len(everywhere) - 1, min(PICTURED, len(everywhere))).round().astype(int)
     pictured = tuple(everywhere[i] for i in spread)
     for repeat in range(block.repeats):
-        for part, first in enumerate(range(0, len(chosen), SPOTS_PART)):
-            i = chosen[first : first + SPOTS_PART]
-            work = SpotsWork(
-                block, drive, seed, repeat, i, problems.targets[i], problems.starts[0], tuple(map(str, problems.group[i])),
-                tuple(problems.known[i].tolist()), tuple(distance[i].tolist()),
-                tuple(tuple(p in given for given in most) for p in i.tolist()), pictured,
-            )  # fmt: skip
-            yield Part(f"{top}/{slug(block.id)}--{repeat:02d}--{part:04d}.parquet", block.title, work)
+        for part, i in enumerate(chunks(chosen, SPOTS_PART)):
+            given = tuple(tuple(p in of_method for of_method in most) for p in i.tolist())
+            at = problems.targets[i], problems.starts[0]
+            yield f"{repeat:02d}--{part:04d}", SpotsWork(block, drive, seed, repeat, i, *at, given, pictured)
 
 
 class _Shown:
@@ -252,7 +205,7 @@ class _Shown:
         """Execute one method, along the whole line or in joint space to the answer after some iterations; return the facts."""
         if method.whole:
             return self._line(method)
-        solver = make_solver(self.robot, method.name, **_options(method, budget))
+        solver = make_solver(self.robot, method.name, **method.ending_after(budget).options)
         if method.along:
             return self._along(solver)
         result = solver.solve(self.target, self.start)

@@ -13,6 +13,7 @@ import polars as pl
 
 from benchmarks.blocks._arms import arm_with
 from benchmarks.blocks._seeds import trial_seed
+from benchmarks.blocks.base import Work
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
 from optik import se3
 from optik.arm.model import unit_factors
@@ -78,38 +79,19 @@ def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class CellWork:
-    """One part of the work of a block, with all data that a worker needs.
-
-    Attributes
-    ----------
-    types : dict
-        Columns of its rows.
-    block : CellBlock
-        The block.
-    drive : str
-        Name of the drive.
-    seed : int
-        Of the suite.
-    """
+class CellWork(Work):
+    """One part of the work of a block, with all data that a worker needs."""
 
     types: ClassVar[dict[str, Any]]
+    """Columns of its rows."""
 
     block: Any
     drive: str
     seed: int
 
-    def solve(self) -> pl.DataFrame:
-        """Execute it, and return its rows."""
-        raise NotImplementedError
-
     def lost(self) -> list[dict[str, Any]]:
         """Return the columns that identify the executions of the part."""
         raise NotImplementedError
-
-    def halves(self) -> tuple[CellWork, ...]:
-        """Return nothing, because the part cannot be divided."""
-        return ()
 
     def crashed(self) -> pl.DataFrame:
         """Return rows of a part whose process ended or that raised an error."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -12,9 +12,9 @@ import polars as pl
 from pydantic import model_validator
 
 from benchmarks.blocks._entries import Method
-from benchmarks.blocks._problems import ProblemBlock, about_file, check_same
+from benchmarks.blocks._problems import ProblemBlock, record_hash
 from benchmarks.blocks._seeds import reseed, trial_seed
-from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part
+from benchmarks.blocks.base import Compared, Entry, Kind, Part, Work, chunks
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
@@ -111,10 +111,10 @@ def distribution(rows: pl.LazyFrame) -> pl.DataFrame:
 
 def compared_answers(rows: pl.LazyFrame, part: int) -> pl.DataFrame:
     """Return the answers as two runs are compared on them."""
-    number, label = pl.col("problem").cast(pl.Int64), pl.col("method").cast(pl.String).alias("label")
-    each = rows.select(label, number, good=solved_at(1e-6), seconds=pl.lit(None, dtype=pl.Float64))
-    times = rows.group_by(label, problem=-1 - number // part).agg(seconds=pl.col("seconds").cast(pl.Float64).mean())
-    times = times.select("label", "problem", good=pl.lit(None, dtype=pl.Boolean), seconds="seconds")
+    number, method = pl.col("problem").cast(pl.Int64), pl.col("method").cast(pl.String)
+    each = rows.select(method, number, good=solved_at(1e-6), seconds=pl.lit(None, dtype=pl.Float64))
+    times = rows.group_by(method, problem=-1 - number // part).agg(seconds=pl.col("seconds").cast(pl.Float64).mean())
+    times = times.select("method", "problem", good=pl.lit(None, dtype=pl.Boolean), seconds="seconds")
     return pl.concat([each, times]).collect(engine="streaming")
 
 
@@ -157,8 +157,10 @@ class AnswersBlock(ProblemBlock):
 
 
 @dataclass(frozen=True)
-class AnswersWork:
+class AnswersWork(Work):
     """One part: some problems of a block by one method, identified by their numbers; a worker samples them."""
+
+    lists = ("numbers",)
 
     robot: str
     set: str
@@ -166,25 +168,17 @@ class AnswersWork:
     seed: int
     method: Entry
     labels: tuple[str, ...]
-    first: int
-    count: int
-
-    def halves(self) -> tuple[AnswersWork, ...]:
-        """Divide the part in two, to find the problem that crashes a process; return nothing for a single problem."""
-        half = self.count // 2
-        return () if half == 0 else (
-            replace(self, count=half), replace(self, first=self.first + half, count=self.count - half)
-        )  # fmt: skip
+    numbers: range
 
     def crashed(self) -> pl.DataFrame:
         """Return rows of problems in which the method crashed its process, raised an error, or did not end."""
         none = {"iterations": 0, "restarts": 0, "seconds": 0.0, "inside": False, "status": "crashed"}
         far = {"position_error": float("inf"), "rotation_error": float("inf"), "distance": float("nan")}
-        return self.rows({name: [value] * self.count for name, value in (none | far).items()})
+        return self._rows({name: [value] * len(self.numbers) for name, value in (none | far).items()})
 
-    def rows(self, columns: Mapping[str, Any]) -> pl.DataFrame:
+    def _rows(self, columns: Mapping[str, Any]) -> pl.DataFrame:
         """Return the rows of this part, in compact types."""
-        numbers = pl.Series("problem", range(self.first, self.first + self.count), dtype=pl.UInt32)
+        numbers = pl.Series("problem", self.numbers, dtype=pl.UInt32)
         given = pl.DataFrame({"problem": numbers} | {name: columns[name] for name in ANSWER_TYPES})
         return given.with_columns(pl.col(name).cast(kind) for name, kind in ANSWER_TYPES.items()).with_columns(
             method=pl.lit(self.method.label, dtype=pl.Enum(self.labels)), solved=pl.col("status") == "solved"
@@ -192,12 +186,52 @@ class AnswersWork:
 
     def draw(self, robot: Robot) -> tuple[Array, Array]:
         """Sample the targets and initial guesses of this part."""
-        last = self.first + self.count
-        draws = range(self.first // DRAWN_AT_ONCE, (last - 1) // DRAWN_AT_ONCE + 1)
-        drawn = [_draw(robot, self.set, self.options, self.seed, number) for number in draws]
-        here = slice(self.first - draws[0] * DRAWN_AT_ONCE, last - draws[0] * DRAWN_AT_ONCE)
+        first, last = self.numbers[0] // DRAWN_AT_ONCE, self.numbers[-1] // DRAWN_AT_ONCE
+        drawn = [_draw(robot, self.set, self.options, self.seed, number) for number in range(first, last + 1)]
+        begin = self.numbers[0] - first * DRAWN_AT_ONCE
+        here = slice(begin, begin + len(self.numbers))
         targets, starts = ([getattr(one, name) for one in drawn] for name in ("targets", "starts"))
         return np.ascontiguousarray(np.concatenate(targets)[here]), np.ascontiguousarray(np.concatenate(starts)[here])
+
+    def solve(self) -> pl.DataFrame:
+        """Sample the problems, solve them in a batch, and return the verified answers."""
+        robot, method, count = load(self.robot), self.method, len(self.numbers)
+        targets, starts = self.draw(robot)
+        solver = make_solver(robot, method.name, **method.options)
+        called = (self.robot, method.name, str(method.options))
+        if called not in _warmed:
+            solver.solve_batch(targets[:1], starts[:1], threads=1)
+            _warmed.add(called)
+        begin = time.perf_counter()
+        if method.name in own_names("optik.ik"):
+            batch = solver.solve_batch(targets, starts, threads=1)
+        else:
+            batch = self._solve_one_by_one(solver, targets, starts)
+        seconds = time.perf_counter() - begin
+        inside, position, rotation = judge_configurations(robot, targets, batch.q)
+        return self._rows(
+            {
+                "inside": inside, "position_error": position, "rotation_error": rotation,
+                "iterations": batch.iterations, "restarts": batch.restarts,
+                "status": np.asarray(STATUSES.categories.to_numpy())[batch.status],
+                "distance": np.linalg.norm(robot.fk(starts)[:, :3, 3] - targets[:, :3, 3], axis=1),
+                "seconds": np.full(count, seconds / count),
+            }
+        )  # fmt: skip
+
+    def _solve_one_by_one(self, solver: IKSolver, targets: Array, starts: Array) -> IKBatch:
+        """Solve by a method from outside, which may use random numbers: each problem gets its own."""
+        batch = IKBatch.empty(len(targets), solver.robot.n)
+        for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
+            reseed(solver, self.seed, self.numbers[i], self.method.label)
+            result = solver.solve(target, start)
+            batch.q[i], batch.status[i] = result.q, list(IKStatus).index(result.status)
+            batch.iterations[i], batch.restarts[i] = result.iterations, result.restarts
+        return batch
+
+
+_warmed: set[tuple[str, ...]] = set()
+"""Methods that this process has called: their first call compiles, and is not timed."""
 
 
 def _draw(robot: Robot, name: str, options: dict[str, Any], seed: int, number: int) -> ProblemSet:
@@ -205,62 +239,6 @@ def _draw(robot: Robot, name: str, options: dict[str, Any], seed: int, number: i
     own = trial_seed(seed, number, "problems")
     drawn: ProblemSet = build_method(SETS, name, "problem set", robot, own, **options, count=DRAWN_AT_ONCE)
     return drawn
-
-
-def parts(block: AnswersBlock, seed: int, top: str) -> Iterable[Part]:
-    """Divide the problems of a block into parts, each for one method."""
-    for index, method in enumerate(block.methods):
-        most = min(block.count, method.most or block.count)
-        for part, first in enumerate(range(0, most, block.part)):
-            count = min(block.part, most - first)
-            work = AnswersWork(block.robot, block.set, block.options, seed, method, block.labels, first, count)
-            file = f"{top}/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:06d}.parquet"
-            yield Part(file, method.label, work)
-
-
-_warmed: set[tuple[str, ...]] = set()
-"""Methods that this process has called: their first call compiles, and is not timed."""
-
-
-def solve(work: AnswersWork) -> pl.DataFrame:
-    """Sample the problems of one part of a block, solve them in a batch, and return the verified answers."""
-    robot, method = load(work.robot), work.method
-    targets, starts = work.draw(robot)
-    solver = make_solver(robot, method.name, **method.options)
-    called = (work.robot, method.name, str(method.options))
-    if called not in _warmed:
-        solver.solve_batch(targets[:1], starts[:1], threads=1)
-        _warmed.add(called)
-    begin = time.perf_counter()
-    if method.name in own_names("optik.ik"):
-        batch = solver.solve_batch(targets, starts, threads=1)
-    else:
-        batch = _solve_one_by_one(solver, work, targets, starts)
-    seconds = time.perf_counter() - begin
-    inside, position, rotation = judge_configurations(robot, targets, batch.q)
-    return work.rows(
-        {
-            "inside": inside,
-            "position_error": position,
-            "rotation_error": rotation,
-            "iterations": batch.iterations,
-            "restarts": batch.restarts,
-            "status": np.asarray(STATUSES.categories.to_numpy())[batch.status],
-            "distance": np.linalg.norm(robot.fk(starts)[:, :3, 3] - targets[:, :3, 3], axis=1),
-            "seconds": np.full(work.count, seconds / work.count),
-        }
-    )
-
-
-def _solve_one_by_one(solver: IKSolver, work: AnswersWork, targets: Array, starts: Array) -> IKBatch:
-    """Solve by a method from outside, which may use random numbers: each problem gets its own."""
-    batch = IKBatch.empty(len(targets), solver.robot.n)
-    for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
-        reseed(solver, work.seed, work.first + i, work.method.label)
-        result = solver.solve(target, start)
-        batch.q[i], batch.status[i] = result.q, list(IKStatus).index(result.status)
-        batch.iterations[i], batch.restarts[i] = result.iterations, result.restarts
-    return batch
 
 
 # ---------------------------------------------------------------- the kind
@@ -280,11 +258,6 @@ class _Answers(Kind):
         Compared("time of a problem, part by part", "µs", "less", "seconds", 1e6),
     )
 
-    @property
-    def folder(self) -> str:
-        """Name of the folder of the answers in a run."""
-        return "answers"
-
     def prepare(self, block: AnswersBlock, seed: int) -> tuple[int, str]:
         robot = load(block.robot)
         for method in block.methods:
@@ -301,15 +274,14 @@ class _Answers(Kind):
         The workers draw all others when they solve them, each thousand from a seed of its own.
         """
         seed, sha256 = prepared
-        before = folder.read_json(about_file(block))
-        check_same(block, None if before is None else str(before.get("sha256")), sha256)
-        if before is None:
-            about = {"sha256": sha256, "problems": block.count, "sha256_of": f"the first {DRAWN_AT_ONCE:,}"}
-            folder.write_json(about_file(block), about)
-        return parts(block, seed, self.folder)
-
-    def solve(self, work: AnswersWork) -> pl.DataFrame:
-        return solve(work)
+        record_hash(
+            folder, block, {"sha256": sha256, "problems": block.count, "sha256_of": f"the first {DRAWN_AT_ONCE:,}"}
+        )
+        for index, method in enumerate(block.methods):
+            numbers = range(min(block.count, method.most or block.count))
+            for part, here in enumerate(chunks(numbers, block.part)):
+                work = AnswersWork(block.robot, block.set, block.options, seed, method, block.labels, here)
+                yield self.part(block, f"{index:02d}-{slug(method.label)}--{part:06d}", method.label, work)
 
     def rows(self, folder: RunFolder, block: AnswersBlock) -> pl.DataFrame | None:
         answers = self._answers(folder, block)
@@ -320,21 +292,17 @@ class _Answers(Kind):
         answers = self._answers(folder, block)
         return None if answers is None else compared_answers(answers, block.part)
 
-    def read(self, folder: RunFolder, block: AnswersBlock) -> BlockRows | None:
+    def facts(self, folder: RunFolder, block: AnswersBlock) -> dict[str, Any]:
         answers = self._answers(folder, block)
-        if answers is None:
-            return None
-        return BlockRows(block, summary(answers), folder, {"distribution": distribution(answers), "answers": answers})
+        assert answers is not None
+        return {"distribution": distribution(answers), "answers": answers}
 
-    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        value, note = super().judge(rows, target)
-        if rows is None:
-            return value, note
-        return value, f"{rows.filter(pl.col('method') == target.method)['count'].sum():,} answers"
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        return rows, f"{rows['count'].sum():,} answers"
 
     def _answers(self, folder: RunFolder, block: AnswersBlock) -> pl.LazyFrame | None:
         """Return all answers of a block, to be read in pieces."""
-        names = folder.part_names(self.folder, block.id)
+        names = folder.part_names(self.name, block.id)
         return folder.scan(names) if names else None
 
 

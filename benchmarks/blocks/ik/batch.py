@@ -21,9 +21,8 @@ from benchmarks.blocks._problems import ProblemBlock, check_set
 from benchmarks.blocks.base import Compared, Kind, Tell
 from benchmarks.blocks.ik.judgement import judge_configurations
 from benchmarks.problems.base import SETS
-from benchmarks.records import slug
 from benchmarks.settings import LISTED, Count, Options, SolverName, key
-from benchmarks.targets import Measure, Target, measure_named
+from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import make_solver
@@ -83,6 +82,8 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
             size = sum(part.nbytes for part in answer if isinstance(part, np.ndarray))
             rows.append(
                 {
+                    "method": f"{threads} threads",
+                    "problem": 0,
                     "threads": threads,
                     "repeat": repeat,
                     "count": len(targets),
@@ -155,16 +156,9 @@ class _Batch(Kind):
     order = 30
     compared = (Compared("time of a batch", "s", "less", "seconds"),)
 
-    def compared_rows(self, block: BatchBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the repeats by number of threads."""
-        return rows.with_columns(label=pl.format("{} threads", "threads"), problem=pl.lit("the batch"))
-
     def prepare(self, block: BatchBlock, seed: int) -> None:
         check_set(block)
         make_solver(load(block.robot), block.solver, **block.solver_options)
-
-    def file(self, block: BatchBlock, ending: str = "parquet") -> str:
-        return f"speed/{slug(block.id)}.batch.{ending}"
 
     def measure(self, block: BatchBlock, seed: int, tell: Tell) -> pl.DataFrame:
         tell(f"{block.id}: in a process of its own")
@@ -172,15 +166,12 @@ class _Batch(Kind):
         settings = {name: getattr(block, name) for name in keys} | {"seed": seed}
         return pl.DataFrame(fresh(["-m", __name__, json.dumps(settings)], f"batch {block.id!r}"))
 
-    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        """Return the value of a target at the largest number of threads: the median of the repeats, for memory the largest."""
-        if rows is None or rows.is_empty():
-            return float("nan"), "it was not run"
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        """Return the repeats with the largest number of threads."""
         most = rows.filter(pl.col("threads") == pl.col("threads").max())
-        value = measure_named(MEASURES, target.measure, "measure").values(most)[0]
-        if np.isnan(value):
-            return value, "not reported by this system"
-        return value, f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"
+        if target.measure == "extra_memory_mb" and np.isnan(extra_memory(most)):
+            return most.clear(), "not reported by this system"
+        return most, f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"
 
 
 METHOD = _Batch

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from benchmarks.blocks._entries import BudgetedMethod
-from benchmarks.blocks._problems import ProblemBlock, store_problems
+from benchmarks.blocks._problems import ProblemBlock, need_problems, store_problems
 from benchmarks.blocks._seeds import reseed
-from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part
+from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part, Work, chunks
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, within
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder, slug
@@ -40,11 +40,10 @@ BUDGET_PART = 500
 CRASHED = "crashed"
 """Status of a problem in which a method crashed its process, raised an error, or did not end; in addition to `IKStatus`."""
 
-COLUMN_ORDER = (
-    "problem", "budget", "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status",
-    "rises", "peak",
+BUDGET_COLUMNS = (
+    "error_x", "error_y", "error_z", "position_error", "rotation_error", "iterations", "status", "rises", "peak",
 )  # fmt: skip
-"""Columns of the rows, before those that identify them."""
+"""Columns of the rows, besides those that identify them."""
 
 RISE = 1e-12
 """Growth of the error between iterations [m and rad] that is counted; less is rounding."""
@@ -163,12 +162,15 @@ class BudgetBlock(ProblemBlock):
 
 
 @dataclass(frozen=True)
-class Work:
+class BudgetWork(Work):
     """One part: some problems of a block by one method; all that a worker needs.
 
     Targets (k, 4, 4) are poses of the tool [m, 1], starts (k, n) initial guesses [rad, m]. What is random in a method is
-    keyed by the seed, the problem and the method.
+    keyed by the seed, the problem and the method. Nothing is timed: times come from blocks of single calls, which have the
+    processor to themselves.
     """
+
+    lists = ("problems", "targets", "starts")
 
     robot: str
     method: Entry
@@ -179,14 +181,6 @@ class Work:
     starts: Array
     seed: int = 0
 
-    def halves(self) -> tuple[Work, ...]:
-        """Divide the part in two, to find the problem that crashes a process; return nothing for a single problem."""
-        count = len(self.problems)
-        parts = (slice(count // 2), slice(count // 2, count)) if count > 1 else ()
-        return tuple(
-            replace(self, problems=self.problems[i], targets=self.targets[i], starts=self.starts[i]) for i in parts
-        )
-
     @property
     def looked_at(self) -> tuple[int, ...]:
         """Budgets that have a row: of a method with default settings only the largest."""
@@ -195,42 +189,35 @@ class Work:
     def crashed(self) -> pl.DataFrame:
         """Return rows of problems in which the method crashed its process, raised an error, or did not end."""
         far = ("error_x", "error_y", "error_z", "position_error", "rotation_error", "peak")
-        blank = dict.fromkeys(far, float("inf")) | {"iterations": 0, "status": CRASHED, "rises": 0}
-        pairs = [(int(problem), budget) for problem in self.problems for budget in self.looked_at]
-        return self.labelled(pl.DataFrame([{"problem": problem, "budget": b} | blank for problem, b in pairs]))
-
-    def labelled(self, rows: pl.DataFrame) -> pl.DataFrame:
-        """Add the columns that identify the rows, in a fixed order of columns."""
-        method = self.method
-        return rows.select(*COLUMN_ORDER).with_columns(
-            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index)
+        return self._labelled(
+            {name: pl.lit(float("inf")) for name in far}
+            | {"iterations": pl.lit(0, pl.Int64), "status": pl.lit(CRASHED), "rises": pl.lit(0, pl.Int64)}
         )
 
+    def solve(self) -> pl.DataFrame:
+        """Solve the problems: at all budgets, or once by a method with default settings."""
+        robot, method = load(self.robot), self.method
+        solver = make_solver(robot, method.name, **method.ending_after(self.budgets[-1]).options)
+        foreign = method.name not in own_names("optik.ik")  # ours use no random numbers
+        rows = []
+        for problem, target, start in zip(self.problems, self.targets, self.starts, strict=True):
+            if foreign:
+                reseed(solver, self.seed, int(problem), method.label)
+            result = solver.solve(target, start, trace=not method.whole)
+            rows.append(_at_end(robot, target, result) if method.whole else at_budgets(result, self.budgets))
+        return self._labelled({name: pl.Series(np.concatenate([row[name] for row in rows])) for name in rows[0]})
 
-def _options(method: Entry, budgets: tuple[int, ...]) -> dict[str, Any]:
-    """Return the options of a method: one attempt of as many iterations as the largest budget, or its own."""
-    return method.options if method.whole else method.options | {"max_restarts": 0, "max_iterations": budgets[-1]}
-
-
-def solve_problems(work: Work) -> pl.DataFrame:
-    """Solve the problems of one part: at all budgets, or once by a method with default settings.
-
-    Nothing is timed: times come from blocks of single calls, which have the processor to themselves.
-    """
-    robot, method = load(work.robot), work.method
-    solver = make_solver(robot, method.name, **_options(method, work.budgets))
-    foreign = method.name not in own_names("optik.ik")  # ours use no random numbers
-    rows = []
-    for problem, target, start in zip(work.problems, work.targets, work.starts, strict=True):
-        if foreign:
-            reseed(solver, work.seed, int(problem), method.label)
-        result = solver.solve(target, start, trace=not method.whole)
-        rows.append(_at_end(robot, target, result) if method.whole else at_budgets(result, work.budgets))
-    budgets = work.looked_at
-    columns = {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
-    columns["problem"] = np.repeat(work.problems, len(budgets))
-    columns["budget"] = np.tile(np.array(budgets, dtype=np.int64), len(rows))
-    return work.labelled(pl.DataFrame(columns))
+    def _labelled(self, columns: Mapping[str, pl.Series | pl.Expr]) -> pl.DataFrame:
+        """Return the rows of all problems at all budgets with some columns."""
+        method, budgets = self.method, self.looked_at
+        keys = {
+            "problem": np.repeat(self.problems, len(budgets)),
+            "budget": np.tile(np.array(budgets, dtype=np.int64), len(self.problems)),
+        }
+        return pl.DataFrame(keys).with_columns(
+            **{name: columns[name] for name in BUDGET_COLUMNS},
+            method=pl.lit(method.label), solver=pl.lit(short_name(method.name)), method_index=pl.lit(self.method_index),
+        )  # fmt: skip
 
 
 def at_budgets(result: IKResult, budgets: tuple[int, ...]) -> dict[str, NDArray[Any]]:
@@ -284,6 +271,7 @@ class _Budgets(Kind):
     title = "Methods"
     block = BudgetBlock
     measures = MEASURES
+    read_as = BudgetRows
     order = 10
     alone = False
     on_paper = True
@@ -292,21 +280,19 @@ class _Budgets(Kind):
         Compared("iterations (both solved)", "", "less", "iterations", only="solved"),
     )
 
-    @property
-    def parts_folder(self) -> str:
-        """Folder of its parts in a run."""
-        return "ik"
+    def complete(self, rows: pl.DataFrame, block: BudgetBlock) -> pl.DataFrame:
+        return need_problems(rows, block)
 
     def compared_rows(self, block: BudgetBlock, rows: pl.DataFrame) -> pl.DataFrame:
         """Return the rows at the largest budget."""
         last = rows.filter(pl.col("budget") == block.budgets[-1])
-        return last.with_columns(label="method", solved=pl.col("status") == "solved")
+        return last.with_columns(solved=pl.col("status") == "solved")
 
     def prepare(self, block: BudgetBlock, seed: int) -> tuple[Robot, ProblemSet, int]:
         """Check the options of every method, and sample the problems."""
         robot = load(block.robot)
         for method in block.methods:
-            make_solver(robot, method.name, **_options(method, block.budgets))
+            make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
         with naming(f"block {block.id!r}: options"):
             return (*problem_set(block, seed), seed)
 
@@ -315,22 +301,10 @@ class _Budgets(Kind):
         robot, problems, seed = prepared
         store_problems(folder, block, robot, problems)
         for index, method in enumerate(block.methods):
-            chosen = problems.chosen(method.most)
-            for part, first in enumerate(range(0, len(chosen), BUDGET_PART)):
-                i = chosen[first : first + BUDGET_PART]
-                work = Work(block.robot, method, index, block.budgets, i, problems.targets[i], problems.starts[i], seed)
-                file = f"ik/{slug(block.id)}--{index:02d}-{slug(method.label)}--{part:03d}.parquet"
-                yield Part(file, method.label, work)
-
-    def solve(self, work: Work) -> pl.DataFrame:
-        return solve_problems(work)
-
-    def rows(self, folder: RunFolder, block: BudgetBlock) -> pl.DataFrame | None:
-        return folder.rows(block.id)
-
-    def read(self, folder: RunFolder, block: BudgetBlock) -> BlockRows | None:
-        rows = self.rows(folder, block)
-        return None if rows is None else BudgetRows(block, rows, folder, {})
+            for part, i in enumerate(chunks(problems.chosen(method.most), BUDGET_PART)):
+                at = problems.targets[i], problems.starts[i]
+                work = BudgetWork(block.robot, method, index, block.budgets, i, *at, seed)
+                yield self.part(block, f"{index:02d}-{slug(method.label)}--{part:03d}", method.label, work)
 
 
 METHOD = _Budgets

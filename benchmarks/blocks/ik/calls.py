@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 from pydantic import AfterValidator
 
-from benchmarks.blocks._contest import clock_cost, read_facts
+from benchmarks.blocks._contest import clock_cost
 from benchmarks.blocks._entries import IKPeer, Method
-from benchmarks.blocks._problems import ProblemBlock, check_set, store_problems
-from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Tell
-from benchmarks.blocks.ik.callers import build_ours, callers_of
+from benchmarks.blocks._problems import ProblemBlock, check_set, need_problems, store_problems
+from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Tell, chunks
+from benchmarks.blocks.ik.callers import Caller, build_ours, callers_of
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
 from benchmarks.blocks.ik.rounds import Rounds, timed_part
 from benchmarks.problems.base import problem_set
-from benchmarks.records import JOURNAL, Journal, RunFolder, slug
+from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean
-from benchmarks.targets import Measure, Target, measure_named
+from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 
 CALL_PART = 2000
@@ -83,24 +84,6 @@ MEASURES = (
 """Measures that a target of single calls can name."""
 
 
-def judge(rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-    """Return the value of a target on the rows of a block, and from how many calls."""
-    measure = measure_named(MEASURES, target.measure, "measure")
-    wanted = (target.method, target.to) if target.to else (target.method,)
-    for label in wanted:
-        if rows is None or rows.filter(pl.col("method") == label).is_empty():
-            return float("nan"), f"{label} was not run"
-    assert rows is not None
-    chosen = shared(rows, wanted)
-    if measure.relative:
-        count = chosen["problem"].n_unique()
-        return float(measure.compute(chosen, *wanted)), f"{count:,} problems, both"
-    note = f"{len(chosen):,} calls"
-    if target.measure == "success":
-        note += f", {len(chosen) - int(chosen['solved'].sum()):,} not solved"
-    return measure.values(chosen)[0], note
-
-
 # ---------------------------------------------------------------- settings
 
 
@@ -132,83 +115,13 @@ class CallBlock(ProblemBlock):
         """Label of the reference of ratios: the first method."""
         return self.methods[0].label
 
-    def ending_after(self, budget: int) -> CallBlock:
+    def ending_after(self, budget: int | None) -> CallBlock:
         """Return a block whose methods end after a number of iterations, without restarts."""
-        ours = (replace(e, options=e.options | {"max_iterations": budget, "max_restarts": 0}) for e in self.methods)
-        theirs = (replace(e, options=e.options | {"iterations": budget}) for e in self.peers)
-        return self.model_copy(update={"methods": tuple(ours), "peers": tuple(theirs)})
-
-
-# ---------------------------------------------------------------- work
-
-
-def facts_file(block: CallBlock) -> str:
-    """Name of the file of facts on a block."""
-    return f"speed/{slug(block.id)}.json"
-
-
-def _evaluations_file(block: CallBlock) -> str:
-    """Return the name of the file of answers at equal numbers of iterations."""
-    return f"speed/{slug(block.id)}.iterations.parquet"
-
-
-def _part_files(block: CallBlock, count: int) -> list[str]:
-    """Return the names of all parts of a block."""
-    return [f"speed/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // CALL_PART))]
-
-
-def _run_calls(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run the unfinished work of a block."""
-    before = folder.read_json(facts_file(block)) or {"count": None, "entries": {}}
-    count = before["count"]
-    if count is not None and all(folder.has(part) for part in _part_files(block, count)):
-        return
-    tell(f"{block.id}: problems")
-    robot, problems = problem_set(block, seed)
-    store_problems(folder, block, robot, problems, poses=False)
-    tell(f"{block.id}: building")
-    callers, absent = callers_of(block, robot, journal)
-    known = before["entries"]  # of a method that is not built again
-    entries = {c.label: known.get(c.label, c.about) if c.ended else c.about for c in callers} | absent
-    folder.write_json(facts_file(block), {"count": len(problems), "clock_ns": clock_cost(), "entries": entries})
-    for part, file in enumerate(_part_files(block, len(problems))):
-        if not folder.has(file):
-            tell(f"{block.id}: {part * CALL_PART:,} of {len(problems):,}")
-            here = np.arange(part * CALL_PART, min((part + 1) * CALL_PART, len(problems)))
-            kept = Rounds(journal, f"{part:04d}")
-            folder.write(file, timed_part(robot, problems, here, callers, block.rounds, seed=seed, kept=kept))
-
-
-def _run_evaluations(block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Answer every problem by one attempt with each iteration limit, unless that is done or not requested."""
-    if not block.evaluation_budgets or folder.has(_evaluations_file(block)):
-        return
-    robot, problems = problem_set(block, seed)
-    frames = []
-    for budget in block.evaluation_budgets:
-        tell(f"{block.id}: {budget} iterations")
-        callers, _ = callers_of(block.ending_after(budget), robot, journal)
-        for first in range(0, len(problems), CALL_PART):
-            here = np.arange(first, min(first + CALL_PART, len(problems)))
-            kept = Rounds(journal, f"{budget}-{first // CALL_PART:04d}")
-            rows = timed_part(robot, problems, here, callers, 1, seed=seed, kept=kept)
-            frames.append(rows.with_columns(budget=pl.lit(budget)))
-    folder.write(_evaluations_file(block), pl.concat(frames))
+        methods, peers = (tuple(e.ending_after(budget) for e in entries) for entries in (self.methods, self.peers))
+        return self.model_copy(update={"methods": methods, "peers": peers})
 
 
 # ---------------------------------------------------------------- reading
-
-
-def read_rows(folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-    """Return all rows of a block with the columns of each problem: group, singular value, whether a solution is known."""
-    problems = folder.read(f"problems/{slug(block.id)}.parquet")
-    rows = folder.parts("speed", block.id)
-    if problems is None or rows is None:
-        return None
-    facts = ("problem", "group", "sigma", "known", "unreachable")  # the last is missing in runs of older versions
-    return rows.join(problems.select(name for name in facts if name in problems.columns), on="problem").sort(
-        "method_index", "problem"
-    )
 
 
 def timed_by_first_round(rows: pl.DataFrame) -> pl.DataFrame:
@@ -218,11 +131,8 @@ def timed_by_first_round(rows: pl.DataFrame) -> pl.DataFrame:
     median over the problems of the ratio of the first call to the median call: medians of all times would differ as well
     where a few problems move between two groups of times.
     """
-    if "first_ns" not in rows.columns:
-        return rows
-    ratio = (
-        (pl.col("first_ns") / pl.col("ns")).median().over("method").fill_null(float("nan"))
-    )  # null: all calls crashed
+    # null: all calls crashed
+    ratio = (pl.col("first_ns") / pl.col("ns")).median().over("method").fill_null(float("nan"))
     slower = (ratio > FIRST_ROUND_FROM) & ratio.is_not_nan()
     ns = pl.when(slower).then(pl.col("first_ns").cast(pl.Float64)).otherwise(pl.col("ns"))
     return rows.with_columns(first_round=ratio, ns=ns)
@@ -241,12 +151,14 @@ class CallRows(BlockRows):
     @property
     def unreachable(self) -> bool:
         """Whether all problems of the block are proved unsolvable; then there is no winner."""
-        return "unreachable" in self.rows.columns and bool(self.rows["unreachable"].all())
+        return bool(self.rows["unreachable"].all())
 
     @cached_property
     def evaluations(self) -> pl.DataFrame | None:
         """Answers at equal numbers of iterations; None if none were requested, or they were not run yet."""
-        return self.folder.read(_evaluations_file(self.block)) if self.block.evaluation_budgets else None
+        rows = self.folder.rows("calls", self.block.id) if self.block.evaluation_budgets else None
+        found = None if rows is None else rows.filter(pl.col("budget").is_not_null())
+        return None if found is None or found.is_empty() else found
 
     def why_not(self, label: str) -> tuple[str, str]:
         """Return why an entry has no rows."""
@@ -263,6 +175,12 @@ class CallRows(BlockRows):
 # ---------------------------------------------------------------- the kind
 
 
+def _parts(budget: int | None, count: int) -> Iterator[tuple[str, NDArray[np.int64]]]:
+    """Yield name and problems of the parts of a block, at one number of iterations."""
+    for part, here in enumerate(chunks(np.arange(count), CALL_PART)):
+        yield f"{part:04d}" if budget is None else f"{budget}-{part:04d}", here
+
+
 class _Calls(Kind):
     """Blocks of single calls: ``[[speed]]`` of a suite."""
 
@@ -270,6 +188,8 @@ class _Calls(Kind):
     title = "Speed of one call"
     block = CallBlock
     measures = MEASURES
+    read_as = CallRows
+    has_facts = True
     order = 20
     compared = (
         Compared("solved", "%", "more", "solved"),
@@ -282,21 +202,53 @@ class _Calls(Kind):
         for entry in block.methods:
             build_ours(entry, load(block.robot))
 
-    def run(self, block: CallBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
-        with Journal(folder, self.file(block, JOURNAL)) as journal:
-            _run_calls(block, seed, folder, tell, journal)
-            _run_evaluations(block, seed, folder, tell, journal)
+    def timed(
+        self, block: CallBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
+        """Yield the timed calls, then those that end after each number of iterations, part by part."""
+        facts, budgets = folder.read_json(self.file(block, "json")), (None, *block.evaluation_budgets)
+        names = [name for budget in budgets for name, _ in _parts(budget, facts["count"])] if facts else []
+        if names and all(folder.has(self.file(block, "parquet", name)) for name in names):
+            return
+        tell(f"{block.id}: problems")
+        robot, problems = problem_set(block, seed)
+        store_problems(folder, block, robot, problems, poses=False)
+        for budget in budgets:
+            lacking = [
+                (n, i) for n, i in _parts(budget, len(problems)) if not folder.has(self.file(block, "parquet", n))
+            ]
+            if not lacking:
+                continue
+            tell(f"{block.id}: building" if budget is None else f"{block.id}: {budget} iterations")
+            callers, absent = callers_of(block.ending_after(budget), robot, journal)
+            if budget is None:
+                self._write_facts(folder, block, len(problems), callers, absent)
+            for name, here in lacking:
+                tell(f"{block.id}: {here[0]:,} of {len(problems):,}")
+                rounds, kept = block.rounds if budget is None else 1, Rounds(journal, name)
+                work = partial(timed_part, robot, problems, here, callers, rounds, seed=seed, kept=kept, budget=budget)
+                yield name, work
 
-    def rows(self, folder: RunFolder, block: CallBlock) -> pl.DataFrame | None:
-        rows = read_rows(folder, block)
-        return None if rows is None else timed_by_first_round(rows)
+    def _write_facts(
+        self, folder: RunFolder, block: CallBlock, count: int, callers: list[Caller], absent: dict[str, Any]
+    ) -> None:
+        """Write the facts on a block; of a method that is not built again, those of before."""
+        file = self.file(block, "json")
+        known = (folder.read_json(file) or {"entries": {}})["entries"]
+        entries = {c.label: known.get(c.label, c.about) if c.ended else c.about for c in callers} | absent
+        folder.write_json(file, {"count": count, "clock_ns": clock_cost(), "entries": entries})
 
-    def read(self, folder: RunFolder, block: CallBlock) -> BlockRows | None:
-        rows = self.rows(folder, block)
-        return None if rows is None else CallRows(block, rows, folder, read_facts(folder, facts_file(block), block.id))
+    def complete(self, rows: pl.DataFrame, block: CallBlock) -> pl.DataFrame:
+        timed = need_problems(rows, block).filter(pl.col("budget").is_null()).drop("budget")
+        return timed_by_first_round(timed)
 
-    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        return judge(rows, target)
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        chosen = shared(rows)
+        if target.to:
+            return chosen, f"{chosen['problem'].n_unique():,} problems, both"
+        lost = len(chosen) - int(chosen["solved"].sum())
+        note = f", {lost:,} not solved" if target.measure == "success" else ""
+        return chosen, f"{len(chosen):,} calls{note}"
 
 
 METHOD = _Calls

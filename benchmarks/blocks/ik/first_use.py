@@ -10,13 +10,9 @@ import polars as pl
 
 from benchmarks.blocks._fresh import fresh
 from benchmarks.blocks.base import Block, Compared, Kind, Tell
-from benchmarks.records import RunFolder
 from benchmarks.settings import Count, RobotName, SolverName, key
 from benchmarks.targets import Measure, Target
 from optik.registry import short_name
-
-FIRST_USE_FILE = "speed/first-use.json"
-"""Seconds of every process by measure."""
 
 FIRST_USE_CODE = """
 import json, sys, time
@@ -34,7 +30,7 @@ print(json.dumps([imported - begin, solved - imported]))
 
 def _median(rows: pl.DataFrame) -> float:
     """Return the median over processes."""
-    return float(np.median(rows["seconds"].to_numpy())) if len(rows) else float("nan")
+    return float(np.median(rows["seconds"].to_numpy()))
 
 
 MEASURES = (
@@ -77,37 +73,20 @@ class _FirstUse(Kind):
     order = 50
     compared = (Compared("time in a fresh process", "s", "less", "seconds"),)
 
-    def compared_rows(self, block: FirstUse, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the processes by their measure."""
-        return rows.with_columns(label="measure", problem=pl.lit("a process"))
-
-    def run(self, block: FirstUse, seed: int, folder: RunFolder, tell: Tell) -> None:
+    def measure(self, block: FirstUse, seed: int, tell: Tell) -> pl.DataFrame:
         """Time fresh processes: one with an empty cache, then some with the cache that it filled."""
-        if folder.has(FIRST_USE_FILE):
-            return
         tell("first use")
         command = ["-c", FIRST_USE_CODE, block.robot, block.solver]
         with TemporaryDirectory() as cache:
             compiling, *warm = (fresh(command, "first use", NUMBA_CACHE_DIR=cache) for _ in range(1 + block.repeats))
-        seconds = {
-            "compile_s": [compiling[1]],
-            "import_s": [imported for imported, _ in warm],
-            "first_solve_s": [solved for _, solved in warm],
-        }
-        folder.write_json(FIRST_USE_FILE, seconds)
+        rows = [("compile_s", 0, compiling[1])]
+        rows += [("import_s", 0, imported) for imported, _ in warm]
+        rows += [("first_solve_s", 0, solved) for _, solved in warm]
+        return pl.DataFrame(rows, schema=["method", "problem", "seconds"], orient="row")
 
-    def rows(self, folder: RunFolder, block: FirstUse) -> pl.DataFrame | None:
-        seconds: dict[str, list[float]] | None = folder.read_json(FIRST_USE_FILE)
-        if seconds is None:
-            return None
-        flat = [(measure, value) for measure, values in seconds.items() for value in values]
-        return pl.DataFrame(flat, schema={"measure": pl.String, "seconds": pl.Float64}, orient="row")
-
-    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        own = None if rows is None else rows.filter(pl.col("measure") == target.measure)
-        if own is None or own.is_empty():
-            return float("nan"), "it was not run"
-        return _median(own), f"{len(own)} process{'es' if len(own) != 1 else ''}"
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        own = rows.filter(pl.col("method") == target.measure)
+        return own, f"{len(own)} process{'es' if len(own) != 1 else ''}"
 
 
 METHOD = _FirstUse

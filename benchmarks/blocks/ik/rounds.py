@@ -85,8 +85,9 @@ def timed_part(
     *,
     seed: int = 0,
     kept: Rounds | None = None,
+    budget: int | None = None,
 ) -> pl.DataFrame:
-    """Time some problems: in every round each caller takes all of them, one after another."""
+    """Time some problems: in every round each caller takes all of them, one after another; their rows name the budget."""
     kept = kept or Rounds()
     mine = [np.intersect1d(here, problems.chosen(c.most)) for c in callers]
     given = [i for i in range(len(callers)) if len(mine[i])]
@@ -105,7 +106,7 @@ def timed_part(
         done[i].append(kept.done(callers[i], i, turn, work))
     frames = [
         (_all_rounds_rows(done[i]) if i in done else _crashed_rows(mine[i], callers[i].ended)).with_columns(
-            method=pl.lit(callers[i].label), method_index=pl.lit(i)
+            method=pl.lit(callers[i].label), method_index=pl.lit(i), budget=pl.lit(budget, pl.Int64)
         )
         for i in given
     ]

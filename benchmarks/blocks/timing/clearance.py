@@ -115,7 +115,7 @@ TOUCHING = 2e-6
 """Distance by coal up to which a proved contact counts as confirmed [m]: the error of coal's iterations."""
 
 ROW_TYPES = {
-    "motion": pl.Int64, "method": pl.String, "says": pl.String, "time": pl.Float64, "pair": pl.String,
+    "method": pl.String, "problem": pl.Int64, "says": pl.String, "time": pl.Float64, "pair": pl.String,
     "proved": pl.Float64, "found": pl.Float64, "duration": pl.Float64, "samples": pl.Int64, "ms": pl.Float64,
     "contact": pl.Boolean, "missed": pl.Boolean, "false_contact": pl.Boolean,
 }  # fmt: skip
@@ -285,10 +285,6 @@ class _Clearance(Kind):
         Compared("time of a judgement", "ms", "less", "ms"),
     )
 
-    def compared_rows(self, block: ClearanceBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the rows on which two runs are compared: one problem is one motion."""
-        return rows.rename({"method": "label", "motion": "problem"})
-
     def prepare(self, block: ClearanceBlock, seed: int) -> None:
         scene_named(block.scene).pair_mask(load(block.robot))
 
@@ -305,7 +301,7 @@ class _Clearance(Kind):
             if number % 20 == 0:
                 tell(f"{block.id}: motion {number + 1:,} of {block.count:,}")
             found = judged(block, arm, scene, coal, draw(block, arm, scene, seed, number))
-            rows += [row | {"motion": number} for row in found]
+            rows += [row | {"problem": number} for row in found]
         return pl.DataFrame(rows, schema=ROW_TYPES)
 
 

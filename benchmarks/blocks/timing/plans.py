@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from benchmarks.blocks._torques import torques_at
 from benchmarks.blocks.base import Block, BlockRows, Compared, Kind, Tell
 from benchmarks.blocks.timing.nearest import clearance_frame, nearest_picture
 from benchmarks.problems.base import start_of
-from benchmarks.records import RunFolder
+from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Joints, LawName, RobotName, SolverName, Three, counted, key, numbered
 from optik import se3
 from optik.arm.model import unit_factors
@@ -32,6 +32,8 @@ from planners.limits import MotionLimits
 from planners.limits._motion import plain
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
+
+Item = TypeVar("Item")
 
 
 class LineTask(Block):
@@ -56,7 +58,7 @@ class LineTask(Block):
 
 
 def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Item]:
-    """Return the first plan of each law (by the first IK method), in the order of the plans."""
+    """Return the first plan of each law (by the first IK method), or of each of something else, in the order of the plans."""
     return list({law(p): p for p in reversed(plans)}.values())[::-1]
 
 
@@ -64,10 +66,17 @@ def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Ite
 class LinePlans(BlockRows):
     """The line by every IK method and law; ``facts["plans"]`` holds the summary of each plan."""
 
+    kind = "plans"
+
     @property
     def plans(self) -> list[dict[str, Any]]:
         """All plans."""
         return list(self.facts["plans"])
+
+    @property
+    def nearest(self) -> list[dict[str, Any]]:
+        """The arm's posture at the instant of its least clearance, by law; none without a scene."""
+        return list(self.facts["nearest"])
 
     @cached_property
     def solved(self) -> list[dict[str, Any]]:
@@ -84,27 +93,6 @@ class LinePlans(BlockRows):
         """The first plan of each law that has a trajectory."""
         return first_of_laws(self.solved, lambda p: str(p["law"]))
 
-
-def compared_plans(plans: list[dict[str, Any]]) -> pl.DataFrame:
-    """Return the plans on which two runs are compared."""
-    names = [f"{p['law']} with {p['solver']}" for p in plans]
-    found = {
-        "label": [*names, *("all plans" for _ in plans)],
-        "problem": [*("the line" for _ in plans), *names],
-        "solved": [*(p["status"] == "solved" for p in plans), *(None for _ in plans)],
-        "duration": [*(p.get("duration") if p["status"] == "solved" else None for p in plans), *(None for _ in plans)],
-        "seconds": [*(None for _ in plans), *(float(p["seconds"]) for p in plans)],
-    }
-    return pl.DataFrame(found, schema_overrides={"duration": pl.Float64, "seconds": pl.Float64, "solved": pl.Boolean})
-
-
-Item = TypeVar("Item")
-
-PLANS = "line/plans.json"
-"""File of the summaries of all plans; it is written last, and marks the end of the work."""
-
-NEAREST = "line/nearest.json"
-"""File of the arm's posture at the instant of its least clearance, by law."""
 
 MOTION_INSTANTS = 751
 """Number of stored instants of a motion: a pixel each, five to an interval of the paper's line."""
@@ -237,6 +225,8 @@ class _Plans(Kind):
     name = "plans"
     title = "The line"
     block = LineTask
+    read_as = LinePlans
+    has_facts = True
     single = True
     order = 40
     on_paper = True
@@ -247,10 +237,14 @@ class _Plans(Kind):
         Compared("time of a whole plan", "ms", "less", "seconds", 1e3),
     )
 
-    def rows_to_compare(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
+    def compared_rows(self, block: LineTask, rows: pl.DataFrame) -> pl.DataFrame:
         """Return each plan separately; times of all plans together, because each was made once."""
-        plans = folder.read_json(PLANS)
-        return compared_plans(plans) if plans else None
+        each = rows.with_columns(seconds=pl.lit(None, pl.Float64))
+        together = rows.with_columns(
+            method=pl.lit("all plans"), problem=pl.col("method"), status=pl.lit(None, pl.String),
+            duration=pl.lit(None, pl.Float64),
+        )  # fmt: skip
+        return pl.concat([each, together]).with_columns(solved=pl.col("status") == "solved")
 
     def prepare(self, block: LineTask, seed: int) -> None:
         check_line(block)
@@ -262,10 +256,14 @@ class _Plans(Kind):
             solver = make_solver(robot, block.solvers[0])
             plan(robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block))
 
-    def run(self, block: LineTask, seed: int, folder: RunFolder, tell: Tell) -> None:
-        """Plan the line by every method and law, and write the data of the report."""
-        if folder.has(PLANS):
-            return
+    def timed(
+        self, block: LineTask, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
+        """Yield the plans by every method and law as one part."""
+        yield "0000", partial(self._plan, block, folder, tell)
+
+    def _plan(self, block: LineTask, folder: RunFolder, tell: Tell) -> pl.DataFrame:
+        """Plan the line by every method and law, write the data of the report, and return the rows."""
         tell(block.title)
         robot, q, path = check_line(block)
         good: list[Plan] = []
@@ -280,26 +278,23 @@ class _Plans(Kind):
                     seconds.append(time.perf_counter() - begin)
                 good += [planned] if planned else []
                 summaries.append(_summary(planned, float(np.median(seconds))))
-        if good:
-            shown = first_of_laws(good, lambda p: p.law)
-            folder.write("line/motion.parquet", pl.concat([_motion(p) for p in shown]))
-            folder.write("line/tool.parquet", pl.concat([_tool(p) for p in shown]))
-            folder.write(
-                "line/samples.parquet", pl.concat([_samples(p) for p in {p.solver: p for p in reversed(good)}.values()])
-            )
-            if block.scene:
-                folder.write("line/clearance.parquet", pl.concat([clearance_frame(p) for p in shown]))
-                folder.write_json(NEAREST, [picture for p in shown if (picture := nearest_picture(p)) is not None])
-        folder.write_json(PLANS, summaries)
-
-    def rows(self, folder: RunFolder, block: LineTask) -> pl.DataFrame | None:
-        plans = folder.read_json(PLANS)
-        keys = ("solver", "law", "status", "seconds")
-        return pl.DataFrame([{key: p[key] for key in keys} for p in plans]) if plans else None
-
-    def read(self, folder: RunFolder, block: LineTask) -> BlockRows | None:
-        rows = self.rows(folder, block)
-        return None if rows is None else LinePlans(block, rows, folder, {"plans": folder.read_json(PLANS)})
+        shown, pictures = first_of_laws(good, lambda p: p.law), []
+        tables = {"motion": (_motion, shown), "tool": (_tool, shown)}
+        tables["samples"] = _samples, first_of_laws(good, lambda p: p.solver)
+        if block.scene:
+            tables["clearance"] = clearance_frame, shown
+            pictures = [picture for p in shown if (picture := nearest_picture(p)) is not None]
+        for table, (frame_of, plans) in tables.items() if good else ():
+            folder.write(self.file(block, f"{table}.parquet"), pl.concat([frame_of(p) for p in plans]))
+        folder.write_json(self.file(block, "json"), {"plans": summaries, "nearest": pictures})
+        rows = [
+            {
+                "method": f"{p['law']} with {p['solver']}", "problem": block.title, "duration": p.get("duration"),
+                **{key: p[key] for key in ("solver", "law", "status", "seconds")},
+            }
+            for p in summaries
+        ]  # fmt: skip
+        return pl.DataFrame(rows, schema_overrides={"duration": pl.Float64}, infer_schema_length=None)
 
 
 METHOD = _Plans

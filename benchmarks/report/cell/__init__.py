@@ -109,7 +109,7 @@ def iso(run: Run) -> dict[str, Any] | None:
 
 def _cube(b: BlockRows) -> str:
     """Describe the cube; its edge is computed from the poses of the rows."""
-    poses = b.rows.filter(pl.col("test") == POSE_TEST).unique("point").drop_nulls("point").sort("point")
+    poses = b.rows.filter(pl.col("test") == POSE_TEST).unique("problem").drop_nulls("problem").sort("problem")
     points = poses.select("x", "y", "z").to_numpy()
     if len(points) < 2:
         return "Five poses in a diagonal plane of a cube around the tool at the start."

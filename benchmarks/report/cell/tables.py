@@ -179,7 +179,7 @@ def iso_table(b: BlockRows) -> Table:
     rows: list[dict[str, Cell]] = []
     for label in b.block.labels:
         part = b.rows.filter(pl.col("method") == label)
-        points = part.filter(pl.col("test") == POSE_TEST)["point"].drop_nulls().unique().sort().to_list()
+        points = part.filter(pl.col("test") == POSE_TEST)["problem"].drop_nulls().unique().sort().to_list()
         for found, point in zip(figures_of(part), [*points, None], strict=False):
             row: dict[str, Cell] = {
                 "label": label, "accuracy": 1e3 * found.accuracy, "cycles": found.cycles, "reason": found.reason,
@@ -204,7 +204,7 @@ def iso_table(b: BlockRows) -> Table:
 
 
 def _where(part: pl.DataFrame, point: int) -> str:
-    most = part.filter(pl.col("test") == PATH_TEST)["point"].max()
+    most = part.filter(pl.col("test") == PATH_TEST)["problem"].max()
     return f"{100.0 * point / float(most or 1):.0f} % of the line"  # type: ignore[arg-type]
 
 
@@ -243,7 +243,7 @@ def _torque_limits(run: Run, robot: str) -> Array | None:
 
 
 def _lines(rows: pl.DataFrame) -> str:
-    count = rows["motion"].n_unique()
+    count = rows["problem"].n_unique()
     return "one line" if count == 1 else f"{count} lines"
 
 

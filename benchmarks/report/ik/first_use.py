@@ -29,7 +29,7 @@ def _tables(run: Run) -> list[Table]:
     """Return the seconds by measure: the median of all processes with their range."""
     rows: list[dict[str, Cell]] = []
     for b in run.of("first_use"):
-        for (measure,), part in b.rows.group_by("measure", maintain_order=True):
+        for (measure,), part in b.rows.group_by("method", maintain_order=True):
             seconds = part["seconds"].to_numpy()
             spread = (float(np.median(seconds)), float(seconds.min()), float(seconds.max()))
             what = measure_named(MEASURES, str(measure), "measure").title

@@ -96,7 +96,7 @@ def _table(b: BlockRows) -> Table:
         samples = part["samples"].drop_nulls().to_numpy()
         rows.append(row | {"samples": float(np.median(samples)) if len(samples) else None})
     note = (
-        f"{b.rows['motion'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
+        f"{b.rows['problem'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
         "Collision-free motions take longest: sampling stops at the first contact."
         + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
         + ("" if len(rows) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")

@@ -5,25 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+from collections.abc import Callable, Iterator
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._contest import clock_cost, facts_on, read_facts
+from benchmarks.blocks._contest import clock_cost, facts_on
 from benchmarks.blocks._problems import about_file, check_same
-from benchmarks.blocks.base import BlockRows, Compared, Kind, Tell
+from benchmarks.blocks.base import Compared, Kind, Tell, chunks
 from benchmarks.blocks.timing.laws.example import write_example
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion, motion_in_file, stands_of
-from benchmarks.blocks.timing.laws.rows import MEASURES, SCHEMA, LawRows, example_file, facts_file, in_group, read_rows
+from benchmarks.blocks.timing.laws.rows import MEASURES, SCHEMA, LawRows, in_group, with_optimum
 from benchmarks.blocks.timing.laws.settings import LawBlock, LineSet, told
 from benchmarks.blocks.timing.laws.timers import line_rows
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
-from benchmarks.records import JOURNAL, Journal, RunFolder, slug
+from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import naming
-from benchmarks.targets import Target, measure_named
+from benchmarks.targets import Target
 from optik.registry import load_method
 from planners.plan import make_law
 
@@ -89,45 +91,6 @@ LINES_A_PART = 5
 """Number of lines in one part: an interrupted run repeats at most this number."""
 
 
-# ---------------------------------------------------------------- parts
-
-
-def part_files(block: LawBlock) -> list[str]:
-    """Return the names of all parts of a block."""
-    count = len(all_lines(block))
-    return [f"timing/{slug(block.id)}--{part:04d}.parquet" for part in range(-(-count // LINES_A_PART))]
-
-
-def run_laws(block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal) -> None:
-    """Run the unfinished work of a block."""
-    if not folder.has(facts_file(block)):
-        folder.write_json(facts_file(block), {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
-    lacking = [(part, file) for part, file in enumerate(part_files(block)) if not folder.has(file)]
-    motions, count = Motions(folder, block, seed) if lacking else None, len(all_lines(block))
-    for part, file in lacking:
-        assert motions is not None
-        rows: list[pl.DataFrame] = []
-        for number in range(part * LINES_A_PART, min((part + 1) * LINES_A_PART, count)):
-            tell(f"{block.id}: line {number + 1:,} of {count:,}")
-            kept = journal.kept(f"{number:06d}")
-            if kept is None:
-                begin = time.perf_counter()
-                line = motions.draw(number)
-                found = [row | {"line": number} for row in line_rows(block, line, journal)]
-                kept = pl.DataFrame(found, schema_overrides=SCHEMA, infer_schema_length=None)
-                journal.keep(f"{number:06d}", kept, time.perf_counter() - begin)
-            rows.append(kept)
-        folder.write(file, pl.concat(rows))
-    if not folder.has(example_file(block, "curve")):
-        tell(f"{block.id}: the example")
-        chosen = block.example
-        line = draw_motion(
-            chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path, payload=chosen.payload,
-            limits=block.limits,
-        )  # fmt: skip
-        write_example(block, line, folder, lambda name: example_file(block, name), journal)
-
-
 def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
     """Return the facts on every law and peer by label, for the report."""
     found: dict[str, dict[str, Any]] = {}
@@ -158,6 +121,8 @@ class _Laws(Kind):
     title = "Time laws on many lines"
     block = LawBlock
     measures = MEASURES
+    read_as = LawRows
+    has_facts = True
     order = 60
     compared = (
         Compared("motions found", "%", "more", "solved"),
@@ -167,9 +132,8 @@ class _Laws(Kind):
     )
 
     def compared_rows(self, block: LawBlock, rows: pl.DataFrame) -> pl.DataFrame:
-        """Return the rows on which two runs are compared: one problem is one line within one set of limits."""
-        problem = pl.concat_str("robot", "kind", "index", "limits", separator=" ").alias("problem")
-        return rows.filter(pl.col("entry") != "reference").with_columns(problem, label="law")
+        """Return the rows on which two runs are compared: all but those of the reference."""
+        return rows.filter(pl.col("entry") != "reference")
 
     def prepare(self, block: LawBlock, seed: int) -> None:
         """Raise InvalidInput for wrong options, and for missing limits that a law needs, before anything is written."""
@@ -186,36 +150,58 @@ class _Laws(Kind):
                 with naming(f"block {block.id!r}"):
                     motion_in_file(part.robot, part.path, part.payload)
 
-    def run(self, block: LawBlock, seed: int, folder: RunFolder, tell: Tell) -> None:
-        with Journal(folder, self.file(block, JOURNAL)) as journal:
-            run_laws(block, seed, folder, tell, journal)
+    def timed(
+        self, block: LawBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
+        """Yield the motions, part by part, then write the detailed view."""
+        facts = self.file(block, "json")
+        if not folder.has(facts):
+            folder.write_json(facts, {"clock_ns": clock_cost(), "entries": _facts(block, journal)})
+        motions = cache(lambda: Motions(folder, block, seed))
+        for part, numbers in enumerate(chunks(range(len(all_lines(block))), LINES_A_PART)):
+            yield f"{part:04d}", partial(_rows_of, block, numbers, motions, tell, journal)
+        if not folder.has(self.file(block, "curve.parquet")):
+            tell(f"{block.id}: the example")
+            chosen = block.example
+            line = draw_motion(
+                chosen.robot, chosen.kind, chosen.index, seed=seed, path=chosen.path, payload=chosen.payload,
+                limits=block.limits,
+            )  # fmt: skip
+            write_example(block, line, folder, lambda name: self.file(block, f"{name}.parquet"), journal)
 
-    def rows(self, folder: RunFolder, block: LawBlock) -> pl.DataFrame | None:
-        return read_rows(folder, block)
+    def complete(self, rows: pl.DataFrame, block: LawBlock) -> pl.DataFrame:
+        return with_optimum(rows)
 
-    def read(self, folder: RunFolder, block: LawBlock) -> BlockRows | None:
-        rows = self.rows(folder, block)
-        return None if rows is None else LawRows(block, rows, folder, read_facts(folder, facts_file(block), block.id))
-
-    def judge(self, rows: pl.DataFrame | None, target: Target) -> tuple[float, str]:
-        if rows is None or rows.filter(pl.col("law") == target.method).is_empty():
-            return float("nan"), f"{target.method} was not run"
-        own = in_group(rows.filter(pl.col("law") == target.method), target.group)
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        rows = in_group(rows, target.group)
+        own = rows.filter(pl.col("method") == target.method)
         good = own.filter("solved")
         note = f"{len(own):,} motions" if len(good) == len(own) else f"{len(good):,} of {len(own):,} motions"
-        measure = measure_named(MEASURES, target.measure, "measure")
-        if measure.relative:
-            chosen = in_group(
-                rows.filter(pl.col("law").is_in([target.method, target.to]) & pl.col("solved")), target.group
-            )
-            return float(measure.compute(chosen, target.method, target.to)), note
-        if measure.name == "solved":
-            return (measure.values(own)[0], note) if len(own) else (float("nan"), "no such lines")
-        if measure.name == "plan_ms":
+        if target.to:
+            return rows.filter("solved"), note
+        if target.measure == "solved":
+            return own, note if len(own) else "no such lines"
+        if target.measure == "plan_ms":
             good = good.filter(pl.col("ms_plan").is_not_null())
-        if good.is_empty():
-            return float("nan"), "no motions" if measure.name != "plan_ms" else "its whole plans were not timed"
-        return measure.values(good)[0], note
+            return good, note if len(good) else "its whole plans were not timed"
+        return good, note if len(good) else "no motions"
+
+
+def _rows_of(
+    block: LawBlock, numbers: range, motions: Callable[[], Motions], tell: Tell, journal: Journal
+) -> pl.DataFrame:
+    """Return the rows of some motions; those of a motion that the journal has are not computed again."""
+    rows: list[pl.DataFrame] = []
+    for number in numbers:
+        tell(f"{block.id}: line {number + 1:,} of {len(all_lines(block)):,}")
+        kept = journal.kept(f"{number:06d}")
+        if kept is None:
+            begin = time.perf_counter()
+            found = [row | {"line": number} for row in line_rows(block, motions().draw(number), journal)]
+            kept = pl.DataFrame(found, schema_overrides=SCHEMA, infer_schema_length=None)
+            journal.keep(f"{number:06d}", kept, time.perf_counter() - begin)
+        rows.append(kept)
+    return pl.concat(rows)
 
 
 METHOD = _Laws

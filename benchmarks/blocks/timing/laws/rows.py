@@ -10,8 +10,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.blocks.base import Block, BlockRows
-from benchmarks.records import RunFolder, slug
+from benchmarks.blocks.base import BlockRows
 from benchmarks.targets import Measure
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
@@ -27,7 +26,7 @@ CHECK_INSTANTS = 4999
 """Number of instants at which the deviation is sampled; they differ from those of the certificate."""
 
 COLUMNS = (
-    "law", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
+    "method", "entry", "status", "reason", "duration", "velocity", "velocity_joint", "velocity_time", "acceleration",
     "acceleration_joint", "acceleration_time", "jerk", "jerk_joint", "jerk_time", "torque", "torque_joint", "torque_time",
     "torque_rate", "torque_rate_joint", "torque_rate_time", "sampled_jerk", "tool_speed",
     "rotation_speed", "worst", "holds", "broken", "breaks", "follows", "slowed", "least_duration", "distance", "angle",
@@ -36,7 +35,15 @@ COLUMNS = (
 """Columns of a row, besides those of its line. Ratios are peak / limit: exact, for torques proved bounds."""
 
 FACT_TYPES = {
-    pl.String: ("law", "entry", "status", "reason", "broken", "breaks", *(f"{field}_joint" for field in JOINT_LIMITS)),
+    pl.String: (
+        "method",
+        "entry",
+        "status",
+        "reason",
+        "broken",
+        "breaks",
+        *(f"{field}_joint" for field in JOINT_LIMITS),
+    ),
     pl.Boolean: ("holds", "follows"),
     pl.Int64: ("continuous",),
 }
@@ -51,7 +58,7 @@ RATIO_DECIMALS = 11
 
 def blank(law: str, entry: str) -> dict[str, Any]:
     """Return a row with every column, for a law or peer without a motion."""
-    return dict.fromkeys(COLUMNS) | {"law": law, "entry": entry, "status": "solved", "reason": ""}
+    return dict.fromkeys(COLUMNS) | {"method": law, "entry": entry, "status": "solved", "reason": ""}
 
 
 def facts_of(robot: Robot, path: Path, motion: Trajectory, proof: Certificate, limits: MotionLimits) -> dict[str, Any]:
@@ -102,27 +109,15 @@ ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
 """Largest certified distance [m] and angle [rad] from the path for a motion that counts: far above any law's (3e-6)."""
 
 
-def facts_file(block: Block) -> str:
-    """Name of the file of facts on a block."""
-    return f"timing/{slug(block.id)}.json"
-
-
-def example_file(block: Block, name: str) -> str:
-    """Return the file name of a part of the detailed view."""
-    return f"timing/{slug(block.id)}.example-{name}.parquet"
-
-
 @dataclass(frozen=True)
 class LawRows(BlockRows):
     """A block of timed lines, its rows, and the facts on the entries; the reference is none of its entries."""
 
-    def example(self, name: str) -> pl.DataFrame | None:
-        """Return a part of the detailed view."""
-        return self.folder.read(example_file(self.block, name))
+    kind = "laws"
 
 
-def read_rows(folder: RunFolder, block: Block) -> pl.DataFrame | None:
-    """Return all rows of a block, with ``optimum`` T* [s] and ``over_optimum`` T / T*.
+def with_optimum(rows: pl.DataFrame) -> pl.DataFrame:
+    """Return rows with ``optimum`` T* [s] and ``over_optimum`` T / T*.
 
     A motion that exceeds a limit is compared after the uniform slow-down that ours get, too: as much slower as it must be
     to keep all limits. T* is the least duration on that line within those limits of any motion after that, the reference's
@@ -130,41 +125,28 @@ def read_rows(folder: RunFolder, block: Block) -> pl.DataFrame | None:
     whether a motion keeps all limits as it is, ``nearly`` whether it exceeds none by more than 0.1 %. A motion that is not
     on its path, or does not run through it, counts as none (``follows``).
     """
-    rows = folder.parts("timing", block.id)
-    if rows is None:
-        return None
-    solved = pl.col("status") == "solved"
-    rows = _with_judgement(rows.with_columns(solved=solved))
+    on_path = (pl.col("distance") <= ON_PATH_M) & (pl.col("angle") <= ON_PATH_RAD)
+    inside = ~pl.col("breaks").str.contains("position")
+    rows = rows.with_columns(
+        solved=pl.col("status") == "solved",
+        follows=pl.col("follows").fill_null(value=True) & on_path.fill_null(value=True) & inside.fill_null(value=True),
+    )
     follows = pl.col("solved") & pl.col("follows")
-    slowed = pl.when(follows).then(pl.max_horizontal("duration", "least_duration"))
     return (
         rows.with_columns(
             keeps_all=pl.col("solved") & (pl.col("breaks") == ""),
             nearly=follows & (pl.col("worst") <= NEARLY),
             over_torque=pl.col("solved") & (pl.col("torque") > 1.0).fill_null(value=False),
-            slowed_duration=slowed,
+            slowed_duration=pl.when(follows).then(pl.max_horizontal("duration", "least_duration")),
         )
         .with_columns(
-            optimum=pl.when(pl.col("slowed_duration").is_finite()).then("slowed_duration").min().over("line", "limits")
+            optimum=pl.when(pl.col("slowed_duration").is_finite()).then("slowed_duration").min().over("problem")
         )
         .with_columns(
             over_optimum=pl.col("duration") / pl.col("optimum"),
             kept_over_optimum=pl.col("slowed_duration") / pl.col("optimum"),
         )
         .sort("line", "limits", maintain_order=True)
-    )
-
-
-def _with_judgement(rows: pl.DataFrame) -> pl.DataFrame:
-    """Return rows with the largest ratio of all limits, and with ``follows`` false for motions that leave their path."""
-    if "torque" not in rows.columns:  # a run of an older version
-        rows = rows.with_columns(torque=pl.lit(None, dtype=pl.Float64), torque_rate=pl.lit(None, dtype=pl.Float64))
-    if "worst" not in rows.columns:  # a run of an older version
-        rows = rows.with_columns(worst=pl.max_horizontal(DERIVATIVES), follows=pl.lit(None, dtype=pl.Boolean))
-    on_path = (pl.col("distance") <= ON_PATH_M) & (pl.col("angle") <= ON_PATH_RAD)
-    inside = ~pl.col("breaks").str.contains("position")
-    return rows.with_columns(
-        follows=pl.col("follows").fill_null(value=True) & on_path.fill_null(value=True) & inside.fill_null(value=True)
     )
 
 
@@ -200,8 +182,8 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
     """Return a statistic of the ratio of a column between two laws, on the motions that both have."""
 
     def compute(rows: pl.DataFrame, law: str, to: str) -> float:
-        mine, theirs = (rows.filter(pl.col("law") == label).select("line", "limits", column) for label in (law, to))
-        both = mine.join(theirs, on=["line", "limits"], suffix="_to").drop_nulls()
+        mine, theirs = (rows.filter(pl.col("method") == label).select("problem", column) for label in (law, to))
+        both = mine.join(theirs, on="problem", suffix="_to").drop_nulls()
         ratios = both[column].to_numpy() / both[f"{column}_to"].to_numpy()
         ratios = ratios[np.isfinite(ratios)]
         return float(statistic(ratios)) if ratios.size else float("nan")

@@ -92,7 +92,8 @@ def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> li
         else:
             assert followed.joint_path is not None
             found = _timed_rows(block, line, within, solver, followed.joint_path, timers, journal)
-        rows += [row | about | {"limits": limits.label} for row in found]
+        problem = f"{line.arm} {line.kind} {line.index} {limits.label}"
+        rows += [row | about | {"problem": problem, "limits": limits.label} for row in found]
     return rows
 
 

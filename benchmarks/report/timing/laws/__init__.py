@@ -37,7 +37,7 @@ def findings(run: Run) -> list[str]:
 def _medians(b: LawRows) -> str:
     words, lines = [], b.rows["line"].n_unique()
     for label in b.entries:
-        rows = b.rows.filter((pl.col("law") == label) & pl.col("solved"))
+        rows = b.rows.filter((pl.col("method") == label) & pl.col("solved"))
         if rows.is_empty():
             continue
         kept = int(rows["keeps_all"].sum())
@@ -51,7 +51,7 @@ def _medians(b: LawRows) -> str:
         off = len(rows) - int(rows["follows"].sum())
         if off:
             keeps += f", leaves the path on {off:,} of {len(rows):,}"
-        asked = b.rows.filter(pl.col("law") == label)["line"].n_unique()
+        asked = b.rows.filter(pl.col("method") == label)["line"].n_unique()
         given = f" on {asked:,} motions" if asked < lines else ""
         words.append(f"{label} {number(ratio_, 4)} T*{given} ({keeps}, {number(ms)} ms)")
     if not words:
@@ -116,15 +116,15 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
     path. All are compared on the motions that all of them were asked for.
     """
-    rows = in_group(b.rows, kind).filter(pl.col("law").is_in(list(b.entries)))
+    rows = in_group(b.rows, kind).filter(pl.col("method").is_in(list(b.entries)))
     able, unable = _rankable(b, rows)
-    who = ranked({label: rows.filter(pl.col("law") == label).height for label in able})
-    rows = rows.filter(pl.col("law").is_in(who.labels))
+    who = ranked({label: rows.filter(pl.col("method") == label).height for label in able})
+    rows = rows.filter(pl.col("method").is_in(who.labels))
     rows = rows.filter(pl.len().over("line", "limits") == len(who.labels)).sort("line", "limits")
     count = len(rows) // max(len(who.labels), 1)
     if len(who.labels) < 2 or count < FEWEST_SHARED:
         return []
-    parts = {label: rows.filter(pl.col("law") == label) for label in who.labels}
+    parts = {label: rows.filter(pl.col("method") == label) for label in who.labels}
     note = f"medians of the same {count:,} motions for all"
     where, note = f"{b.block.title}, {kind.replace('_', '-')}", note + unable + who.left_out
     lengths = {label: or_infinite(part["kept_over_optimum"]) for label, part in parts.items()}
@@ -140,10 +140,10 @@ def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
     unbounded = [
         label
         for label in b.entries
-        if np.isinf(rows.filter(pl.col("law") == label)["least_duration"].drop_nulls().to_numpy()).any()
+        if np.isinf(rows.filter(pl.col("method") == label)["least_duration"].drop_nulls().to_numpy()).any()
     ]
-    asked = set(rows["law"])
-    on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["law"])
+    asked = set(rows["method"])
+    on_path = set(rows.filter(pl.col("solved") & pl.col("follows"))["method"])
     off = [label for label in b.entries if label in asked - on_path]
     reasons = (("jerk unbounded", unbounded), ("no motion on its path", off))
     unable = "".join(f"; {why}, not ranked: {listed(labels)}" for why, labels in reasons if labels)

@@ -53,7 +53,7 @@ def durations(b: LawRows, run: Run) -> Board:
     for group in groups:
         part = in_group(b.rows, "" if group == EVERY else group)
         for label, about in b.entries.items():
-            rows = part.filter(pl.col("law") == label)
+            rows = part.filter(pl.col("method") == label)
             if "absent" in about or rows.is_empty():
                 continue
             look = _look(label, run)
@@ -102,7 +102,7 @@ def torques(b: LawRows, run: Run) -> Board | None:
         for group in groups:
             part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
             for label in b.entries:
-                rows = part.filter(pl.col("law") == label)
+                rows = part.filter(pl.col("method") == label)
                 values = rows[field].drop_nulls().to_numpy()
                 _steps(
                     plot,
@@ -156,7 +156,7 @@ def _look(label: str, run: Run) -> Json:
 
 
 def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
-    here = set(b.rows["law"])
+    here = set(b.rows["method"])
     return tuple(run.key(label) for label in b.entries if label in here)
 
 
@@ -168,7 +168,7 @@ def against_singularity(b: LawRows, run: Run) -> Board:
         Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
         Plot("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
     )
-    for (label, limits), rows in b.rows.filter("solved").group_by("law", "limits", maintain_order=True):
+    for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
         if str(label) not in b.entries:
             continue
         for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
@@ -196,7 +196,7 @@ FAR = 1e3
 
 def example_boards(b: LawRows, run: Run) -> list[Board]:
     """Show the phase plane of all laws, and the active constraints of each."""
-    motions, binding, curve = (b.example(name) for name in ("motions", "binding", "curve"))
+    motions, binding, curve = (b.table(name) for name in ("motions", "binding", "curve"))
     if motions is None or binding is None or curve is None or curve.is_empty():
         return []
     words = _which(b)

@@ -88,7 +88,7 @@ def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     )
     found: list[Mapping[str, Cell]] = []
     for label, about in b.entries.items():
-        own = rows.filter(pl.col("law") == label)
+        own = rows.filter(pl.col("method") == label)
         if own.is_empty():
             found.append({"label": label, "kept": "absent" if "absent" in about else "not requested"})
         else:
@@ -148,14 +148,14 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
     if "torque" in limited(rows):
         sentences.append(TORQUE_NOTE)
     for label, about in b.entries.items():
-        own = rows.filter((pl.col("law") == label) & pl.col("solved"))
+        own = rows.filter((pl.col("method") == label) & pl.col("solved"))
         if "absent" in about:
             sentences.append(f"{label}: {about['absent']}.")
         elif len(own) and not own["follows"].all():
             sentences.append(f"{label}: {int((~own['follows']).sum()):,} motions leave the path or do not cover it.")
         if len(own) and (unbounded := int(own["least_duration"].is_infinite().fill_null(value=False).sum())):
             sentences.append(f"{label}: jerk unbounded in {unbounded:,} motions; no time scaling meets a jerk limit.")
-        failed = rows.filter((pl.col("law") == label) & ~pl.col("solved"))
+        failed = rows.filter((pl.col("method") == label) & ~pl.col("solved"))
         if len(failed):
             sentences.append(f"{label}: no motion on {len(failed):,} ({failed['reason'][0]}).")
     return " ".join(sentences)
@@ -170,7 +170,7 @@ def violations(b: LawRows) -> Table | None:
     fields = limited(b.rows)
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
-    for (label, limits), rows in good.group_by("law", "limits", maintain_order=True):
+    for (label, limits), rows in good.group_by("method", "limits", maintain_order=True):
         broken = rows.filter(pl.col("breaks") != "")
         if broken.is_empty():
             continue
@@ -212,7 +212,7 @@ def plan_times(b: LawRows) -> Table | None:
     columns = [Column("label", "Lines", show="text"), Column("count", "plans", show="count")]
     columns += [Column(key, f"{words}, median", "ms", "") for key, words in steps.items()]
     columns += [Column(f"{key}_p95", f"{words}, p95", "ms", "", aside=True) for key, words in steps.items()]
-    title = f"{b.block.title}: computing time of a whole plan with {timed['law'][0]}, by step"
+    title = f"{b.block.title}: computing time of a whole plan with {timed['method'][0]}, by step"
     return Table(f"timing-{slug(b.block.id)}-plans", title, tuple(columns), tuple(found))
 
 

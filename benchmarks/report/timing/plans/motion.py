@@ -53,13 +53,13 @@ JOINT_CURVES = {
 
 def motion(run: Run) -> dict[str, Any] | None:
     """Return boards of joints and tool, and the figures that the plots clip."""
-    rows = run.folder.read("line/motion.parquet")
     found = line_plans(run)
+    rows = None if found is None else found.table("motion")
     if rows is None or found is None or not found.solved:
         return None
     rows = rows.filter(pl.col("solver") == pl.col("solver").first().over("law"))
     boards = [_joint_board(found, rows, run), _active_board(found)]
-    tool = run.folder.read("line/tool.parquet")
+    tool = found.table("tool")
     if tool is not None:
         tool = tool.filter(pl.col("solver") == pl.col("solver").first().over("law"))
         boards.append(_tool_board(found, tool, run))

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.plans import NEAREST
 from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import (
     BAND_COLOUR,
@@ -49,7 +48,8 @@ PLANE_HALF = 0.8
 
 def line_in_space(run: Run) -> dict[str, Any] | None:
     """Show the line with its samples, and the arm along it under the time law that the reader chooses."""
-    rows, found = run.folder.read("line/motion.parquet"), line_plans(run)
+    found = line_plans(run)
+    rows = None if found is None else found.table("motion")
     if rows is None or found is None or not found.solved:
         return None
     robot = run.robot(found.block.robot)
@@ -102,10 +102,11 @@ def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> 
 
 def space(run: Run) -> dict[str, Any] | None:
     """Show clearance over time and in space, for every law."""
-    rows, found = run.folder.read("line/clearance.parquet"), line_plans(run)
-    pictures = run.folder.read_json(NEAREST)
-    if rows is None or found is None or not found.solved or not pictures:
+    found = line_plans(run)
+    rows = None if found is None else found.table("clearance")
+    if rows is None or found is None or not found.solved or not found.nearest:
         return None
+    pictures = found.nearest
     robot = run.robot(found.block.robot)
     pairs = _left_out(found.solved[0]["certificate"]["clearance"]["left_out"])
     left_out = f" Pairs not examined: {pairs}." if pairs else ""
