@@ -16,35 +16,16 @@ from optik.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure of merit: its name, its unit, its computation and its format.
+    """A figure of merit: its name, its unit, its computation and its format."""
 
-    Attributes
-    ----------
-    name : str
-        What a suite calls it in a target.
-    unit : str
-        Of all its values; empty for a ratio or a count.
-    compute : callable
-        From the rows of one entry (a method, a law) to the value, or to a tuple with one value for each of `parts`. For a
-        relative measure: from the rows of both entries, the label of the one and that of the other.
-    words : str
-        What reports call it; its name where nothing else is given.
-    parts : tuple of str
-        What each of its values is, where it has several.
-    show : str
-        ``number`` (three digits), ``exact`` (seven digits, for values of which the distance from a whole number matters),
-        ``count`` (whole where it can be) or ``share`` (a percentage with its interval: three parts).
-    relative : bool
-        Whether it compares with a second entry, the ``to`` of a target.
-    """
-
-    name: str
-    unit: str
+    name: str  # what a suite calls it in a target
+    unit: str  # of all its values; empty for a ratio or a count
+    # from the rows of one entry to the value, or one value for each of `parts`; relative: of both entries, and their labels
     compute: Callable[..., Any]
-    words: str = ""
-    parts: tuple[str, ...] = ("value",)
-    show: str = "number"
-    relative: bool = False
+    words: str = ""  # what reports call it; by default its name
+    parts: tuple[str, ...] = ("value",)  # what each of its values is
+    show: str = "number"  # with three digits, exact (seven), count, or share (a percentage with its interval)
+    relative: bool = False  # it compares with a second entry, the `to` of a target
 
     @property
     def title(self) -> str:
@@ -104,28 +85,14 @@ class Target(Settings):
 
 @dataclass(frozen=True)
 class Outcome:
-    """One target and its outcome.
-
-    Attributes
-    ----------
-    block, where : str
-        Id and title of the block.
-    target : Target
-        What was asked.
-    measure : Measure
-        What was measured.
-    value : float
-        The measured value, NaN where there is none.
-    note : str
-        How many rows the value is computed from, or why there is none.
-    """
+    """One target of a block, with its id and title, and its outcome."""
 
     block: str
     where: str
     target: Target
     measure: Measure
-    value: float
-    note: str
+    value: float  # NaN where there is none
+    note: str  # how many rows the value is computed from, or why there is none
 
     @property
     def held(self) -> bool | None:

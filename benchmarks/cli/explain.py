@@ -27,30 +27,14 @@ PEERS_OF = {IKPeer: ("benchmarks.peers.ik", "peer"), LawPeer: ("benchmarks.peers
 
 
 class Explained(NamedTuple):
-    """One key of a suite.
-
-    Attributes
-    ----------
-    key : str
-        Its path in the suite, such as ``speed.warm.options.count``.
-    value : object
-        Its value in the file; None if it is absent.
-    default : str
-        Its default; ``required`` if it has none, empty if it is unknown.
-    unit : str
-        Unit of its value, or empty.
-    meaning : str
-        Its meaning.
-    given : bool
-        Whether it is in the file.
-    """
+    """One key of a suite: its path, such as ``speed.warm.options.count``, and its meaning."""
 
     key: str
-    value: Any
-    default: str
+    value: Any  # in the file; None if it is absent
+    default: str  # required if it has none, empty if it is unknown
     unit: str
     meaning: str
-    given: bool = True
+    given: bool = True  # whether it is in the file
 
 
 def explain(suite: Suite, folder: Path) -> list[Explained]:

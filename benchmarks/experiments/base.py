@@ -10,49 +10,21 @@ HOLDS, FAILS, PARTLY, UNTESTED = "holds", "does not hold", "holds when", "not te
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim of the paper and its verdict.
+    """A claim of the paper and its verdict."""
 
-    Attributes
-    ----------
-    key : str
-        Letter of the claim.
-    claim : str
-        The claim of the paper.
-    verdict : str
-        "holds", "does not hold", "holds when …" or "not tested".
-    summary : str
-        The result, with figures.
-    rule : str
-        The rule that decides the verdict.
-    figures : tuple of (str, str)
-        Names and values with units.
-    """
-
-    key: str
+    key: str  # letter of the claim
     claim: str
-    verdict: str
-    summary: str
-    rule: str
-    figures: tuple[tuple[str, str], ...] = ()
+    verdict: str  # "holds", "does not hold", "holds when …" or "not tested"
+    summary: str  # the result, with figures
+    rule: str  # by which the verdict is decided
+    figures: tuple[tuple[str, str], ...] = ()  # names and values with units
 
 
 @dataclass(frozen=True)
 class Misprint:
-    """A misprint of the paper and the evidence for its correction.
+    """A misprint of the paper and the evidence for its correction."""
 
-    Attributes
-    ----------
-    place : str
-        Equation or table.
-    printed : str
-        The printed text.
-    corrected : str
-        The corrected text.
-    evidence : str
-        The computed evidence, with figures.
-    """
-
-    place: str
+    place: str  # equation or table
     printed: str
     corrected: str
-    evidence: str
+    evidence: str  # computed, with figures

@@ -9,24 +9,12 @@ PAPER_TITLE = "Research on Trajectory Planning of a 6R Robotic Manipulator based
 
 
 class Counterpart(NamedTuple):
-    """A part of the paper and its counterpart in the report.
-
-    Attributes
-    ----------
-    place : str
-        Figure, table, equation or section of the paper.
-    what : str
-        What it is there.
-    answer : str
-        What answers it.
-    anchor : str
-        Section of the report; empty where it is elsewhere.
-    """
+    """A part of the paper (figure, table, equation or section) and its counterpart in the report."""
 
     place: str
-    what: str
-    answer: str
-    anchor: str = ""
+    what: str  # what it is there
+    answer: str  # what answers it
+    anchor: str = ""  # section of the report; empty where it is elsewhere
 
 
 COUNTERPARTS = (

@@ -26,18 +26,10 @@ MOST_BRANCHED = 6
 
 
 class Known(NamedTuple):
-    """Known solutions of some targets.
+    """Known solutions of some targets."""
 
-    Attributes
-    ----------
-    q : (k, n) array
-        A configuration inside the limits that reaches the target [rad, m]; NaN where none was found.
-    unreachable : (k,) array of bool
-        Whether the bound on the arm's reach proves that there is none.
-    """
-
-    q: Array
-    unreachable: Flags
+    q: Array  # (k, n) configurations inside the limits [rad, m]; NaN where none was found
+    unreachable: Flags  # whether the bound on the arm's reach proves that there is none
 
     @property
     def found(self) -> Flags:

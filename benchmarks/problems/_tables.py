@@ -32,17 +32,7 @@ UNIT_ERROR = 1e-3
 
 
 class Poses(NamedTuple):
-    """Content of a file of poses.
-
-    Attributes
-    ----------
-    targets : (k, 4, 4) array
-        Poses [1, m].
-    starts : (k, n) array, or None
-        Configurations inside the limits [rad, m].
-    group : (k,) array of str
-        Group of each pose: the file's name where it has none.
-    """
+    """Content of a file: poses (k, 4, 4) [1, m], starts (k, n) inside the limits [rad, m], and the group of each pose."""
 
     targets: Array
     starts: Array | None

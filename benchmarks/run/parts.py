@@ -18,21 +18,11 @@ MOST_CRASHES = 3
 
 
 class Done(NamedTuple):
-    """The result of a part.
-
-    Attributes
-    ----------
-    part : Part
-        The part.
-    rows : DataFrame or None
-        Its rows; None if it failed and its work defines no rows for crashes.
-    crashes : list of str
-        Reasons of failures in the part.
-    """
+    """The result of a part."""
 
     part: Part
-    rows: pl.DataFrame | None
-    crashes: list[str]
+    rows: pl.DataFrame | None  # None if it failed and its work defines no rows for crashes
+    crashes: list[str]  # reasons of failures
 
 
 def solve_parts(parts: Iterable[tuple[Kind, Part]], pool: Pool) -> Generator[Done]:

@@ -34,18 +34,10 @@ class PoolLost(OptikError, RuntimeError):
 
 @dataclass(frozen=True)
 class Failure:
-    """Reason why some work has no result.
-
-    Attributes
-    ----------
-    why : str
-        The reason: a crashed process, a time limit, or an error.
-    again : bool
-        Whether a second attempt may succeed: after a crash or a time limit, which other work may have caused.
-    """
+    """Reason why some work has no result: a crashed process, a time limit, or an error."""
 
     why: str
-    again: bool
+    again: bool  # a second attempt may succeed: after a crash or a time limit, which other work may have caused
 
 
 def attempt(recorded: Sequence[Mapping[str, str]], function: Callable[..., Any], *arguments: Any) -> Any:

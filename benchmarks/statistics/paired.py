@@ -16,22 +16,13 @@ SIGNIFICANT = 0.05
 
 @dataclass(frozen=True)
 class McNemar:
-    """McNemar's exact test of the problems that two methods solved.
-
-    Attributes
-    ----------
-    both, first, second, neither : int
-        Problems that both solved, only the first, only the second, and neither.
-    p : float
-        Two-sided p-value of "each is as likely to be the only one": the binomial test on the discordant pairs; 1 where there
-        are none.
-    """
+    """McNemar's exact test of the problems that two methods solved: both, only one, or neither."""
 
     both: int
     first: int
     second: int
     neither: int
-    p: float
+    p: float  # two-sided p-value of "each is as likely to be the only one"; 1 without discordant pairs
 
 
 def mcnemar(first: ArrayLike, second: ArrayLike) -> McNemar:

@@ -104,24 +104,12 @@ class CellWork(Work):
 
 
 class Trial(NamedTuple):
-    """Objects of one trial.
+    """Objects of one trial."""
 
-    Attributes
-    ----------
-    robot : Robot
-        The arm as it is planned for.
-    plant : Robot
-        The arm as it truly is: other friction and another payload.
-    seed : int
-        Of the encoders' noise.
-    rng : Generator
-        For what else is drawn, the laser's noise.
-    """
-
-    robot: Robot
-    plant: Robot
-    seed: int
-    rng: np.random.Generator
+    robot: Robot  # the arm as it is planned for
+    plant: Robot  # the arm as it truly is: other friction and another payload
+    seed: int  # of the encoders' noise
+    rng: np.random.Generator  # for the laser's noise
 
 
 def drive_name(block: CellBlock) -> str:

@@ -50,18 +50,10 @@ def peers_folder() -> Path:
 
 
 class WorkerPeer(Peer):
-    """A peer whose package is in a separate environment; a subclass only states its facts.
+    """A peer whose package is in a separate environment; a subclass only states its facts."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the peer, of its environment, and of its script in ``benchmarks/peers/_workers``.
-    requirements : tuple of str
-        What ``pip install`` puts into the environment.
-    """
-
-    name: ClassVar[str]
-    requirements: ClassVar[tuple[str, ...]]
+    name: ClassVar[str]  # of the peer, of its environment, and of its script in benchmarks/peers/_workers
+    requirements: ClassVar[tuple[str, ...]]  # what pip installs into the environment
 
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         self.robot = robot

@@ -145,52 +145,26 @@ class NotInstalled(Exception):
 
 @dataclass(frozen=True)
 class Failed:
-    """The failure of a call.
+    """The failure of a call."""
 
-    Attributes
-    ----------
-    outcome : str
-        ``raised`` (an exception), ``crashed`` (its process ended) or ``refused`` (it does not support the problem).
-    error : str
-        What it said.
-    """
-
-    outcome: str
-    error: str
+    outcome: str  # raised (an exception), crashed (its process ended) or refused (it does not support the problem)
+    error: str  # what it said
 
 
 class Answer(NamedTuple):
-    """One timed call.
+    """One timed call."""
 
-    Attributes
-    ----------
-    raw : object
-        What it returned, or `Failed`.
-    ns : int
-        Its time [ns]; where its process ended, the time until then.
-    cpu_ns : int or None
-        Time of all threads of its process during the call [ns]; None where its process ended.
-    """
-
-    raw: Any
-    ns: int
-    cpu_ns: int | None
+    raw: Any  # what it returned, or `Failed`
+    ns: int  # its time [ns]; where its process ended, the time until then
+    cpu_ns: int | None  # time of all threads of its process [ns]; None where its process ended
 
 
 @dataclass(frozen=True)
 class Absent:
-    """A peer that is not run, and the reason.
-
-    Attributes
-    ----------
-    why : str
-        The reason.
-    outcome : str
-        ``absent`` where its package is missing, ``refused`` where it does not support the robot, ``differs`` where its
-        model of the robot is not ours.
-    """
+    """A peer that is not run, and the reason."""
 
     why: str
+    # absent: its package is missing; refused: it does not support the robot; differs: its model of the robot is not ours
     outcome: str = "absent"
 
 

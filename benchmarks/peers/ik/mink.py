@@ -6,17 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._loop import LoopPeer
+from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, TASK_DAMPING, LoopPeer, frame_task_loop
 from optik.arm.robot import Robot
 from optik.se3 import log_so3
 from optik.types import Array
-
-MINK_ITERATIONS = 100
-"""Iteration limit of the loop."""
-MINK_TOLERANCE = 7e-7
-"""Bound on the norm of the task's error, so that both errors are below 1e-6 m and rad."""
-MINK_DAMPING = 1e-3
-"""``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
 
 
 class Mink(LoopPeer):
@@ -26,7 +19,7 @@ class Mink(LoopPeer):
     package = "mink"
     settings = (
         "solve_ik(configuration, [FrameTask(lm_damping=1e-3)], dt=1, solver=daqp) and integrate_inplace in a loop, at most "
-        f"{MINK_ITERATIONS} times, until the error is < {MINK_TOLERANCE:g}; ConfigurationLimit with a gain of 0.5, as Pink has "
+        f"{LOOP_ITERATIONS} times, until the error is < {LOOP_TOLERANCE:g}; ConfigurationLimit with a gain of 0.5, as Pink has "
         "it (with its default of 0.95 the loop stays at limits); no velocity limits, no restarts"
     )
 
@@ -36,27 +29,17 @@ class Mink(LoopPeer):
 
         model = mujoco.MjModel.from_xml_string(mjcf(robot))
         limits = [mink.ConfigurationLimit(model, gain=0.5)]
-        task = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=MINK_DAMPING)
+        task = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=TASK_DAMPING)
         self.configuration: Any = mink.Configuration(model)
-        configuration, from_matrix, solve_ik = self.configuration, mink.SE3.from_matrix, mink.solve_ik
-        no_solution = mink.NoSolutionFound
-        most = MINK_ITERATIONS if iterations is None else iterations
-
-        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
-            task.set_target(from_matrix(target))
-            configuration.update(q0)
-            for i in range(most + 1):
-                converged = bool(np.linalg.norm(task.compute_error(configuration)) < MINK_TOLERANCE)
-                if converged or i == most:
-                    break
-                try:
-                    velocity = solve_ik(configuration, [task], 1.0, "daqp", limits=limits)
-                except no_solution:
-                    break
-                configuration.integrate_inplace(velocity, 1.0)
-            return configuration.q.copy(), i, converged
-
-        self.call = call
+        self.call = frame_task_loop(
+            self.configuration,
+            task,
+            mink.SE3.from_matrix,
+            mink.solve_ik,
+            mink.NoSolutionFound,
+            iterations,
+            limits=limits,
+        )
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:

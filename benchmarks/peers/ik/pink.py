@@ -6,16 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._loop import LoopPeer
+from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, TASK_DAMPING, LoopPeer, frame_task_loop
 from optik.arm.robot import Robot
 from optik.types import Array
-
-PINK_ITERATIONS = 100
-"""Iteration limit of the loop."""
-PINK_TOLERANCE = 7e-7
-"""Bound on the norm of the task's error, so that both errors are below 1e-6 m and rad."""
-PINK_DAMPING = 1e-3
-"""``lm_damping`` of the frame task: without it the quadratic programme of an arm with seven joints may be singular."""
 
 
 class Pink(LoopPeer):
@@ -25,7 +18,7 @@ class Pink(LoopPeer):
     package = "pink"
     settings = (
         "solve_ik(configuration, [FrameTask(lm_damping=1e-3)], dt=1, solver=daqp) and integrate_inplace in a loop, at most "
-        f"{PINK_ITERATIONS} times, until |log6| < {PINK_TOLERANCE:g}; ConfigurationLimit with its gain of 0.5 (with a gain "
+        f"{LOOP_ITERATIONS} times, until |log6| < {LOOP_TOLERANCE:g}; ConfigurationLimit with its gain of 0.5 (with a gain "
         "of 1 the loop stays at limits: cold 42 % solved instead of 58 %); no velocity limits, no restarts; lm_damping 1e-3 "
         "solved as many as 0 and 0.1, and more than 1"
     )
@@ -36,28 +29,13 @@ class Pink(LoopPeer):
 
         model = _model(pinocchio, robot)
         limits = [pink.limits.ConfigurationLimit(model)]
-        task = pink.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=PINK_DAMPING)
+        task = pink.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=TASK_DAMPING)
         q_middle = robot.limits.clip(np.zeros(robot.n))
         self.configuration: Any = pink.Configuration(model, model.createData(), q_middle)
-        configuration, SE3, solve_ik = self.configuration, pinocchio.SE3, pink.solve_ik
-        no_solution = pink.exceptions.NoSolutionFound
-        most = PINK_ITERATIONS if iterations is None else iterations
-
-        def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
-            task.set_target(SE3(target))
-            configuration.update(q0)
-            for i in range(most + 1):
-                converged = bool(np.linalg.norm(task.compute_error(configuration)) < PINK_TOLERANCE)
-                if converged or i == most:
-                    break
-                try:
-                    velocity = solve_ik(configuration, [task], 1.0, "daqp", limits=limits, safety_break=False)
-                except no_solution:
-                    break
-                configuration.integrate_inplace(velocity, 1.0)
-            return configuration.q.copy(), i, converged
-
-        self.call = call
+        self.call = frame_task_loop(
+            self.configuration, task, pinocchio.SE3, pink.solve_ik, pink.exceptions.NoSolutionFound, iterations,
+            limits=limits, safety_break=False,
+        )  # fmt: skip
         self.limits = robot.limits  # the quadratic programme keeps them to rounding
 
     def fk(self, q: Array) -> Array | None:

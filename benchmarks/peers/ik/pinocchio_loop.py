@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._loop import LoopPeer
+from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
 
-CLIK_DAMPING, CLIK_ITERATIONS = 1e-6, 100
-"""Damping of the loop, as in the documentation, and a limit on iterations for targets where it does not converge."""
-CLIK_TOLERANCE = 7e-7
-"""Bound on the norm of log6, so that both errors are below the 1e-6 m and rad that every method must reach."""
+CLIK_DAMPING = 1e-6
+"""Damping of the loop, as in the documentation."""
 
 
 class PinocchioLoop(LoopPeer):
@@ -23,7 +21,7 @@ class PinocchioLoop(LoopPeer):
     package = "pinocchio"
     settings = (
         "the CLIK loop of the documentation in Python, dt = 1 instead of 0.1 (20 times faster, and more reliable near the "
-        f"solution), damping {CLIK_DAMPING:g}, at most {CLIK_ITERATIONS} iterations, until |log6| < {CLIK_TOLERANCE:g}; "
+        f"solution), damping {CLIK_DAMPING:g}, at most {LOOP_ITERATIONS} iterations, until |log6| < {LOOP_TOLERANCE:g}; "
         "no limits, no restarts"
     )
 
@@ -35,7 +33,7 @@ class PinocchioLoop(LoopPeer):
             joint = pinocchio.JointModelPZ() if robot.prismatic[i] else pinocchio.JointModelRZ()
             model.addJoint(i, joint, pinocchio.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
         tool = pinocchio.SE3(np.array(robot.tool))
-        self.call = _loop(pinocchio, model, tool.inverse(), CLIK_ITERATIONS if iterations is None else iterations)
+        self.call = _loop(pinocchio, model, tool.inverse(), LOOP_ITERATIONS if iterations is None else iterations)
         data = model.createData()
 
         def pose(q: Array) -> Array:
@@ -59,7 +57,7 @@ def _loop(pin: Any, model: Any, tool_inverse: Any, most: int) -> Any:
             pin.forwardKinematics(model, data, q)
             to_goal = data.oMi[last].actInv(goal)
             error = pin.log6(to_goal).vector
-            converged = np.linalg.norm(error) < CLIK_TOLERANCE
+            converged = np.linalg.norm(error) < LOOP_TOLERANCE
             if converged or iterations == most:
                 return q, iterations, bool(converged)
             jacobian = -pin.Jlog6(to_goal.inverse()) @ pin.computeJointJacobian(model, data, q, last)

@@ -103,36 +103,16 @@ MOST_DRAWS = 100_000
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """A line and the start configuration.
-
-    Attributes
-    ----------
-    robot : Robot
-        The arm.
-    kind : str
-        ``regular`` or ``near_singular``; other motions as `draw_motion` calls them.
-    index : int
-        Which one of its kind.
-    q_start : (n,) array
-        Configuration at the start, inside the limits [rad, m].
-    path : Path
-        Of a line: straight, turning about a fixed axis or not at all.
-    singular_value : float
-        Smallest singular value of the Jacobian along the track by which the line was chosen.
-    draws : int
-        How many lines were drawn until one could be followed and was of its kind.
-    arm : str
-        What reports call the arm.
-    """
+    """A motion to time: its path, and the start configuration inside the limits [rad, m]."""
 
     robot: Robot
-    kind: str
-    index: int
+    kind: str  # as `draw_motion` calls it
+    index: int  # which one of its kind
     q_start: Array
     path: Path
-    singular_value: float
-    draws: int
-    arm: str
+    singular_value: float  # smallest one of the Jacobian along the track by which the path was chosen
+    draws: int  # how many paths were sampled until one could be followed and was of its kind
+    arm: str  # name in reports
 
 
 def tracked(robot: Robot, q: Array, poses: Array, low: float, stands: Stands | None = None) -> Array:

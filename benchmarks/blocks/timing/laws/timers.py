@@ -31,39 +31,17 @@ from planners.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Timer:
-    """A law or a peer, ready to time joint paths within some limits.
-
-    Attributes
-    ----------
-    label : str
-        Name in reports.
-    role : str
-        ``law``, ``peer`` or ``reference``.
-    enforced : tuple of str
-        Names of the limits that it enforces.
-    call : callable
-        The timed function; its argument is the joint path.
-    motion : callable
-        Function that returns the trajectory for the joint path and the result of `call`; not timed.
-    law : TimeLaw or None
-        The law if it is one of optik, for whole plans.
-    told : MotionLimits
-        Limits that the law receives: all limits except those of ``without``. The certificate judges all limits.
-    took_ms : callable
-        Function that returns the time of a call [ms] if another process measured it, else None.
-    ended : str
-        How the law crashed the process in this block; it is not called again. Empty if it did not crash.
-    """
+    """A law or a peer, ready to time joint paths within some limits."""
 
     label: str
-    role: str
-    enforced: tuple[str, ...]
-    call: Callable[[JointPath], Any]
-    motion: Callable[[JointPath, Any], Trajectory]
-    law: TimeLaw | None
-    told: MotionLimits
-    took_ms: Callable[[Any], float | None] = lambda raw: None
-    ended: str = ""
+    role: str  # law, peer or reference
+    enforced: tuple[str, ...]  # limits that it enforces
+    call: Callable[[JointPath], Any]  # the timed function of a joint path
+    motion: Callable[[JointPath, Any], Trajectory]  # from a joint path and the result of `call`; not timed
+    law: TimeLaw | None  # for whole plans, if it is a law of optik
+    told: MotionLimits  # limits that the law receives: all but those of `without`; the certificate judges all limits
+    took_ms: Callable[[Any], float | None] = lambda raw: None  # time of a call that another process measured, else None
+    ended: str = ""  # how the law crashed the process in this block; it is not called again
 
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
