@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import polars as pl
-from scipy import stats
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED, Finding
 from benchmarks.experiments.workspace import (
@@ -17,10 +16,11 @@ from benchmarks.experiments.workspace import (
     TWO_MM,
     Fit,
     fit,
-    fit_words,
+    fit_figures,
     linear_verdict,
     linear_words,
     nearest_that_hold,
+    rank_over_distance,
 )
 from benchmarks.statistics import wilson
 
@@ -121,25 +121,11 @@ def _more_iterations(rows: pl.DataFrame) -> Finding:
     if len(needed) < 10 * LEAST_IN_BIN:
         return Finding("b", claim, UNTESTED, f"Only {len(needed)} trials are within 2 mm: too few to judge.", rule)
     far, took = needed["distance"].to_numpy(), needed["needed"].to_numpy()
-    parts = np.array_split(np.arange(len(needed)), 10)
-    medians = [float(np.median(took[p])) for p in parts]
     if len(set(took.tolist())) == 1:
         return Finding("b", claim, FAILS, f"All {len(needed):,} trials need {took[0]} iterations.", rule)
-    rank = stats.spearmanr(far, took)
-    level = len(set(medians)) == 1  # equal medians have no rank correlation
-    middle = 0.0 if level else float(stats.spearmanr(np.arange(10), medians).statistic)
-    text = (
-        f"{rows['setting'][0]}: rank correlation {rank.statistic:.2f} over {len(needed):,} trials; the median goes from "
-        f"{medians[0]:g} iterations for the nearest tenth to {medians[-1]:g} for the farthest."
-    )
-    figures = tuple(
-        (f"median iterations, {1e3 * far[p[0]]:.0f} to {1e3 * far[p[-1]]:.0f} mm away", f"{m:g} ({len(p)} trials)")
-        for p, m in zip(parts, medians, strict=True)
-    )
-    if rank.statistic >= 0.5 and rank.pvalue < 1e-3:
-        return Finding("b", claim, HOLDS, text, rule, figures)
-    verdict = f"{PARTLY} medians of many spots count, not single ones" if middle >= 0.8 else FAILS
-    return Finding("b", claim, verdict, text, rule, figures)
+    rank = rank_over_distance(far, took, "trials")
+    text = f"{rows['setting'][0]}: rank correlation {rank.rho:.2f} over {len(needed):,} trials; {rank.words}"
+    return Finding("b", claim, rank.verdict("spots"), text, rule, rank.figures)
 
 
 def needed_budgets(rows: pl.DataFrame) -> pl.DataFrame:
@@ -168,12 +154,7 @@ def _linear(dls: pl.DataFrame) -> Finding:
     if not any(fits.values()):
         why = f"No budget has {12 * LEAST_IN_BIN} trials in which the iteration's own error is the largest part."
         return Finding("c", claim, UNTESTED, why, rule)
-    figures = tuple(
-        (f"{setting}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(found))
-        for setting, at in fits.items()
-        for budget, found in at.items()
-    )
-    return Finding("c", claim, linear_verdict(fits), linear_words(fits), rule, figures)
+    return Finding("c", claim, linear_verdict(fits), linear_words(fits), rule, fit_figures(fits))
 
 
 def _fits(rows: pl.DataFrame) -> Iterator[tuple[int, dict[str, Fit]]]:

@@ -131,23 +131,44 @@ def more_iterations(folder: RunFolder) -> Finding:
     solved = _solved(rows).sort("distance")
     if len(solved) < 10 * LEAST_IN_BIN:
         return Finding("b", claim, UNTESTED, f"Only {len(solved)} solved targets: too few to judge.", rule)
-    far, took = solved["distance"].to_numpy(), solved["iterations"].to_numpy()
-    parts = np.array_split(np.arange(len(solved)), 10)
+    rank = rank_over_distance(solved["distance"].to_numpy(), solved["iterations"].to_numpy(), "targets")
+    text = f"{rows['method'][0]}: rank correlation {rank.rho:.2f} over {len(solved):,} solved targets; {rank.words}"
+    return Finding("b", claim, rank.verdict("targets"), text, rule, rank.figures)
+
+
+class Ranking(NamedTuple):
+    """Rank correlation of the needed iterations with the distance, and their medians in ten bins of equal count."""
+
+    rho: float
+    p: float
+    medians: list[float]
+    figures: tuple[tuple[str, str], ...]
+
+    @property
+    def words(self) -> str:
+        """The medians of the first and the last bin in words."""
+        first, last = self.medians[0], self.medians[-1]
+        return f"the median goes from {first:g} iterations for the nearest tenth to {last:g} for the farthest."
+
+    def verdict(self, noun: str) -> str:
+        """Return the verdict on claim (b)."""
+        if self.rho >= 0.5 and self.p < 1e-3:
+            return HOLDS
+        level = len(set(self.medians)) == 1  # equal medians have no rank correlation
+        middle = 0.0 if level else float(stats.spearmanr(np.arange(10), self.medians).statistic)
+        return f"{PARTLY} medians of many {noun} count, not single ones" if middle >= 0.8 else FAILS
+
+
+def rank_over_distance(far: Array, took: Array, noun: str) -> Ranking:
+    """Rank the needed iterations over the distance, both ordered by the distance."""
+    parts = np.array_split(np.arange(len(far)), 10)
     medians = [float(np.median(took[p])) for p in parts]
-    rank, middle = stats.spearmanr(far, took), stats.spearmanr(np.arange(10), medians).statistic
     figures = tuple(
-        (f"median iterations, {1e3 * far[p[0]]:.0f} to {1e3 * far[p[-1]]:.0f} mm away", f"{m:g} ({len(p)} targets)")
+        (f"median iterations, {1e3 * far[p[0]]:.0f} to {1e3 * far[p[-1]]:.0f} mm away", f"{m:g} ({len(p)} {noun})")
         for p, m in zip(parts, medians, strict=True)
     )
-    text = (
-        f"{rows['method'][0]}: rank correlation {rank.statistic:.2f} over {len(solved):,} solved targets; the median goes from "
-        f"{medians[0]:g} iterations for the nearest tenth to {medians[-1]:g} for the farthest."
-    )
-    if rank.statistic >= 0.5 and rank.pvalue < 1e-3:
-        verdict = HOLDS
-    else:
-        verdict = f"{PARTLY} medians of many targets count, not single ones" if middle >= 0.8 else FAILS
-    return Finding("b", claim, verdict, text, rule, figures)
+    rank = stats.spearmanr(far, took)
+    return Ranking(float(rank.statistic), float(rank.pvalue), medians, figures)
 
 
 def linear_error(folder: RunFolder) -> Finding:
@@ -169,12 +190,16 @@ def linear_error(folder: RunFolder) -> Finding:
         "higher order after each further step. With a step size α < 1 the fraction 1 − α of the error remains, which is "
         "proportional to the distance."
     )
-    figures = tuple(
-        (f"{method}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(fit))
-        for method, at in fits.items()
-        for budget, fit in at.items()
+    return Finding("c", claim, linear_verdict(fits), text, rule, fit_figures(fits))
+
+
+def fit_figures(fits: dict[str, dict[int, dict[str, Fit]]]) -> tuple[tuple[str, str], ...]:
+    """Return the fits of every setting at every budget in words."""
+    return tuple(
+        (f"{setting}, {budget} iteration{'s' if budget > 1 else ''}", fit_words(found))
+        for setting, at in fits.items()
+        for budget, found in at.items()
     )
-    return Finding("c", claim, linear_verdict(fits), text, rule, figures)
 
 
 def linear_words(fits: dict[str, dict[int, dict[str, Fit]]]) -> str:

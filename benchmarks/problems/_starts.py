@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
+from inspect import Signature, cleandoc, signature
+from typing import Any
 from zlib import crc32
 
 import numpy as np
@@ -56,6 +59,34 @@ def from_solutions(
     return ProblemSet(
         robot.fk(solutions), np.concatenate(first), np.array(names), known, sigma, np.concatenate(far)
     )  # fmt: skip
+
+
+START_OPTIONS = """
+starts : str or sequence of str, optional
+    Kinds of starts: near (the default), far, random, zero; one or several.
+spread : float
+    Standard deviation of start − solution on every joint, for near starts [rad].
+start_deg : (n,) array, optional
+    One start for all problems instead; prismatic joints in millimetres [deg, mm]."""
+"""Documentation of the options that `with_starts` adds."""
+
+
+def with_starts(draw: Callable[..., dict[str, Array]]) -> Callable[..., ProblemSet]:
+    """Return the problem set of the configurations that a function samples, with the options for their starts."""
+
+    @wraps(draw)
+    def make(
+        robot: Robot, seed: int, *, starts: Any = None, spread: float = 0.1, start_deg: Any = None, **options: Any
+    ) -> ProblemSet:
+        groups = draw(robot, seed, **options)
+        return from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
+
+    own, more = (signature(one).parameters.values() for one in (draw, from_solutions))
+    added = [parameter for parameter in more if parameter.kind is parameter.KEYWORD_ONLY]
+    make.__signature__ = Signature([*own, *added], return_annotation="ProblemSet")  # type: ignore[attr-defined]
+    words, title, rest = cleandoc(draw.__doc__ or "").partition("\n\nReturns\n")
+    make.__doc__ = f"{words}{START_OPTIONS}{title}{rest}"
+    return make
 
 
 def check_starts(

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import ArrayLike
 
-from benchmarks.problems._starts import from_solutions, stream
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems._starts import stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
@@ -22,15 +18,13 @@ BOUNDARY_SWEEPS, LEAST_MOVE = 400, 1e-10
 then grows with the square of that motion."""
 
 
+@with_starts
 def at_boundary(
     robot: Robot,
     seed: int,
     *,
     count: int = 200,
-    starts: str | Sequence[str] | None = None,
-    spread: float = 0.1,
-    start_deg: ArrayLike | None = None,
-) -> ProblemSet:
+) -> dict[str, Array]:
     """Targets whose positions are the farthest that the tool reaches in random directions, where the arm is stretched.
 
     For a random unit vector d the tool position p with the largest d·p is found by search: each joint in turn moves to its
@@ -47,22 +41,16 @@ def at_boundary(
         Seed of the random draw.
     count : int
         Number of targets.
-    starts : str or sequence of str, optional
-        Kinds of starts: near (the default), far, random, zero; one or several.
-    spread : float
-        Standard deviation of start − solution on every joint, for near starts [rad].
-    start_deg : (n,) array, optional
-        One start for all problems instead; prismatic joints in millimetres [deg, mm].
 
     Returns
     -------
-    ProblemSet
-        The problems, in one group for each kind of start.
+    dict of (count, n) arrays
+        Configurations that reach the targets, one group [rad, m].
 
     Raises
     ------
     InvalidInput
-        A prismatic joint without limits, a count below 1, or wrong starts.
+        A prismatic joint without limits, or a count below 1.
     """
     check_count(count, "count", 1)
     if not np.isfinite(robot.limits.half[robot.prismatic]).all():
@@ -73,9 +61,7 @@ def at_boundary(
     q = _farthest(robot, first, np.repeat(d, CLIMBS, axis=0))
     height = np.einsum("ki,ki->k", robot.fk(q)[:, :3, 3], np.repeat(d, CLIMBS, axis=0)).reshape(count, CLIMBS)
     best = np.ascontiguousarray(q.reshape(count, CLIMBS, robot.n)[np.arange(count), height.argmax(axis=1)])
-    return from_solutions(
-        robot, seed, {"at the boundary": best}, starts=starts, spread=spread, start_deg=start_deg
-    )  # fmt: skip
+    return {"at the boundary": best}
 
 
 def _farthest(robot: Robot, q: Array, d: Array) -> Array:

@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from benchmarks.problems._starts import from_solutions, stream
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems._starts import stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.types import Array
 
 
+@with_starts
 def at_limits(
     robot: Robot,
     seed: int,
     *,
     count: int = 200,
     joints: Sequence[int] = (1, 2, 3),
-    starts: str | Sequence[str] | None = None,
-    spread: float = 0.1,
-    start_deg: ArrayLike | None = None,
-) -> ProblemSet:
+) -> dict[str, Array]:
     """Targets whose solution has several joints at their limits at once, where clamping and step rejection decide.
 
     Which joints and which of their two limits is random; the other joints are uniform inside their limits. There may be
@@ -40,22 +36,16 @@ def at_limits(
         Number of targets for each number of joints.
     joints : sequence of int
         How many joints are at a limit; one group for each.
-    starts : str or sequence of str, optional
-        Kinds of starts: near (the default), far, random, zero; one or several.
-    spread : float
-        Standard deviation of start − solution on every joint, for near starts [rad].
-    start_deg : (n,) array, optional
-        One start for all problems instead; prismatic joints in millimetres [deg, mm].
 
     Returns
     -------
-    ProblemSet
-        The problems, grouped by the number of joints at their limits.
+    dict of (count, n) arrays
+        Configurations that reach the targets, by the number of joints at their limits [rad, m].
 
     Raises
     ------
     InvalidInput
-        More joints than the arm has with two finite limits, a count below 1, or wrong starts.
+        More joints than the arm has with two finite limits, or a count below 1.
     """
     check_count(count, "count", 1)
     groups: dict[str, Array] = {}
@@ -67,7 +57,7 @@ def at_limits(
                 "joints", number, f"at most {len(movable)}, the number of joints of {robot.name} with two limits"
             )
         groups[f"{number} joint{'s' if number > 1 else ''} at limits"] = _drawn(robot, seed, count, number)
-    return from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
+    return groups
 
 
 def _drawn(robot: Robot, seed: int, count: int, number: int) -> Array:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from benchmarks.problems._singular import ELBOW, RANK_LOST, SHOULDER, WRIST, by_all_joints, by_one_joint
-from benchmarks.problems._starts import from_solutions, stream
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems._starts import stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput
@@ -36,6 +34,7 @@ STILL_SINGULAR = 1e-12
 some configurations come to 1e-10."""
 
 
+@with_starts
 def singular_shells(
     robot: Robot,
     seed: int,
@@ -43,10 +42,7 @@ def singular_shells(
     count: int = 100,
     which: Sequence[str] | None = None,
     edges: Sequence[float] = (1e-6, 1e-4, 1e-2),
-    starts: str | Sequence[str] | None = None,
-    spread: float = 0.1,
-    start_deg: ArrayLike | None = None,
-) -> ProblemSet:
+) -> dict[str, Array]:
     """Targets whose solution lies in a chosen range of the smallest singular value, beside a named singularity.
 
     A singular configuration is found by search: a joint of a random configuration moves to a sign change of det J (joint 5
@@ -67,17 +63,11 @@ def singular_shells(
         a Jacobian of lower rank, without telling of which kind it is: the only one for arms with more joints.
     edges : sequence of float
         Edges of the shells, ascending: smallest singular value of the Jacobian in metres and radians [1].
-    starts : str or sequence of str, optional
-        Kinds of starts: near (the default), far, random, zero; one or several.
-    spread : float
-        Standard deviation of start − solution on every joint, for near starts [rad].
-    start_deg : (n,) array, optional
-        One start for all problems instead; prismatic joints in millimetres [deg, mm].
 
     Returns
     -------
-    ProblemSet
-        The problems, grouped by singularity and shell.
+    dict of (count, n) arrays
+        Configurations that reach the targets, by singularity and shell [rad, m].
 
     Raises
     ------
@@ -87,12 +77,11 @@ def singular_shells(
     """
     check_count(count, "count", 1)
     kinds, shells = _kinds(robot, which), _shells(edges)
-    groups = {
+    return {
         f"{kind}, {low:g} ≤ σ < {high:g}": _shell(robot, seed, count, kind, (low, high))
         for kind in kinds
         for low, high in shells
     }
-    return from_solutions(robot, seed, groups, starts=starts, spread=spread, start_deg=start_deg)
 
 
 def _shells(edges: Sequence[float]) -> list[tuple[float, float]]:
