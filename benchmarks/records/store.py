@@ -55,7 +55,11 @@ class Store:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file in UTF-8."""
-        write_atomically(self._with_folder(name), lambda part: part.write_text(text, encoding="utf-8"))
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, content: bytes) -> None:
+        """Write a file."""
+        write_atomically(self._with_folder(name), lambda part: part.write_bytes(content))
 
     def _with_folder(self, name: str) -> Path:
         """Return the path of a file, and create its folder inside this one."""

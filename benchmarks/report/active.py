@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import polars as pl
 
-from benchmarks.report.board import Plot
-from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.figures import HOVER, add, axis, colour, figure, lean, line
 from planners.limits import ALL_LIMITS
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 ACTIVE = 0.99
 """Distance to a limit up to which a constraint counts as active, relative to the limit [1]."""
@@ -19,7 +22,7 @@ LIMIT_COLOURS = {
 """Number of the colour of each limit."""
 
 
-def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Plot:
+def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float, unit: str) -> Figure:
     """Return a plot of the active limits along the path, with one row for each joint and limit."""
     rows = sorted(
         {(joint, limit) for joint, limit in near.select("joint", "limit").iter_rows()},
@@ -27,7 +30,7 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
     )
     names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
     across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
-    plot = Plot(
+    plot = figure(
         name, "Active constraint along the path", {"xaxis": axis(f"s [{unit}]"), "yaxis": across},
         max(220, 90 + 26 * len(names)),
     )  # fmt: skip
@@ -38,13 +41,14 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
                 x += [scale * start, scale * end, None]
             words = f"{joint} {str(limit).replace('_', ' ')}"
             trace = line(
-                x=lean(x, 5), y=[words] * len(x), name=words, line={"color": limit_colour(str(limit)), "width": 9},
+                x=lean(x, 5), y=[words] * len(x), name=str(limit).replace("_", " "),
+                line={"color": limit_colour(str(limit)), "width": 9},
                 hovertemplate=f"{words} at %{{x:.4g}} {unit}{HOVER}",
             )  # fmt: skip
-            plot.add(trace, {"law": [law]})
+            add(plot, trace, {"law": [law]})
     return plot
 
 
 def limit_colour(limit: str) -> str:
     """Return the colour of a limit."""
-    return f"var(--c{LIMIT_COLOURS[limit]})"
+    return colour(LIMIT_COLOURS[limit])

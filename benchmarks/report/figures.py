@@ -1,28 +1,49 @@
-"""Style of figures: colours of the page's theme, axes with units, rounded numbers."""
+"""Plotly figures in the page's colours, and boards: figures that share controls."""
 
 from __future__ import annotations
 
+import base64
+import copy
+import gzip
+import html
+import json
 import math
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.types import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Bar, Figure, Heatmap, Scatter, Scatter3d
+    from plotly.graph_objects.layout import Template
 
 Json = dict[str, Any]
+When = Mapping[str, Sequence[str]]
+"""Values of controls at which something is shown; controls that are not named do not matter."""
 
-METHOD_COLOURS = 20
-"""Number of colours that the page's style reserves for methods and laws."""
+STYLE = files("benchmarks.report").joinpath("templates", "page.css").read_text(encoding="utf-8")
+"""Style of the page, which names the colours."""
 
-COLOURS = 8
-"""Number of muted colours in the page's style for everything except methods: joints, limits, endings of a solve."""
+THEME: dict[str, str] = {
+    name: value.strip() for name, value in re.findall(r"(--[\w-]+):\s*([^;]+);", STYLE.split("@media")[0])
+}
+"""Colours of the light theme by their variables in the style. The page replaces those of figures in its dark theme."""
 
 DASHES = ("solid", "dash", "dot", "dashdot")
 """Dashes of lines, as Plotly calls them. Methods with the same dash have colours that colour-blind readers tell apart."""
 
-SHADES = 6
-"""Number of ordered colours that the page's style has."""
-
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star", "x", "pentagon")
 """Markers, as Plotly calls them."""
+
+METHOD_COLOURS, COLOURS, SHADES = (sum(bool(re.fullmatch(f"--{k}\\d+", name)) for name in THEME) for k in "mcs")
+"""Number of colours for methods and laws, of muted colours for all else (joints, limits), and of ordered colours."""
 
 NOISE = 1e-12
 """Lengths [m] and angles [rad] below this are rounding of double precision and no results; they are shown as ≤ this."""
@@ -30,25 +51,28 @@ NOISE = 1e-12
 PER_BASE_UNIT = {"m": 1.0, "mm": 1e3, "µm": 1e6, "nm": 1e9, "rad": 1.0, "mrad": 1e3, "µrad": 1e6, "°": 180.0 / math.pi}
 """Units of lengths and angles: the number of units in one metre or radian."""
 
-GRID_COLOUR = "var(--grid)"
-"""Colour of the lines of a grid."""
+GRID_COLOUR, INK_COLOUR, MUTED_COLOUR = THEME["--grid"], THEME["--ink"], THEME["--muted"]
+"""Colours of the lines of a grid, of text and emphasised lines, and of axes and secondary lines."""
 
-INK_COLOUR = "var(--ink)"
-"""Colour of text and of emphasised lines."""
-
-MUTED_COLOUR = "var(--muted)"
-"""Colour of axes and of secondary lines."""
-
-BAND_COLOUR = "var(--band)"
-"""Colour of the area beyond a limit."""
+BAND_COLOUR, ALARM_COLOUR, UNKNOWN_COLOUR = THEME["--band"], THEME["--alarm"], THEME["--unknown"]
+"""Colours of the area beyond a limit, of a limit, and of what is not known."""
 
 HOVER = "<extra></extra>"
 """Suffix of tooltip text, with which Plotly shows no second box beside it."""
 
+WHOLE_DIGITS = 2**53
+"""Whole numbers up to this are exact as floats."""
+
+MOST_STEPS = 300
+"""Number of plotted steps of a distribution: enough for a plot of some hundred pixels."""
+
+
+# ---------------------------------------------------------------- colours and numbers
+
 
 def method_colour(index: int) -> str:
-    """Return the colour of a method or law, as a variable that the page's theme defines."""
-    return f"var(--m{index % METHOD_COLOURS})"
+    """Return the colour of a method or law."""
+    return THEME[f"--m{index % METHOD_COLOURS}"]
 
 
 def method_dash(index: int) -> str:
@@ -62,8 +86,18 @@ def method_symbol(index: int) -> str:
 
 
 def colour(index: int) -> str:
-    """Return a muted colour of the page's theme for everything except methods (a joint, a limit)."""
-    return f"var(--c{index % COLOURS})"
+    """Return a muted colour for everything except methods (a joint, a limit)."""
+    return THEME[f"--c{index % COLOURS}"]
+
+
+def shades(count: int) -> list[str]:
+    """Return ordered colours, from weak to strong."""
+    return [THEME[f"--s{round(i * (SHADES - 1) / max(count - 1, 1))}"] for i in range(count)]
+
+
+def variable(value: str) -> str:
+    """Return a colour of the light theme as the page names it in every theme; other colours stay."""
+    return next((f"var({name})" for name, known in THEME.items() if known == value), value)
 
 
 def noise_floor(unit: str) -> float:
@@ -73,16 +107,32 @@ def noise_floor(unit: str) -> float:
     return float(f"1e{math.ceil(round(math.log10(NOISE * PER_BASE_UNIT[unit]), 6))}")
 
 
-def shades(count: int) -> list[str]:
-    """Return ordered colours, from weak to strong."""
-    return [f"var(--s{round(i * (SHADES - 1) / max(count - 1, 1))})" for i in range(count)]
+def lean(values: Any, digits: int = 4) -> Array:
+    """Round numbers to some significant digits; NaN for None and infinity."""
+    x = np.array([np.nan if v is None else v for v in values], dtype=float)
+    x[~np.isfinite(x)] = np.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        power = np.nan_to_num(digits - 1 - np.floor(np.log10(np.abs(x))), nan=0.0, posinf=0.0, neginf=0.0).clip(
+            -300, 300
+        )
+    up, down = 10.0 ** power.clip(0), 10.0 ** (-power).clip(0)  # whole powers of ten: no digits beyond those asked for
+    return np.asarray(np.round(x * up / down) / up * down)
 
 
-def axis(title: str, **options: Any) -> Json:
-    """Return an axis with its unit."""
-    lines = {"gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR}
-    ticks = {"ticks": "outside", "tickcolor": MUTED_COLOUR}
-    return lines | ticks | {"title": {"text": title, "standoff": 6}, "automargin": True, "ticklen": 4} | options
+def steps_of(values: ArrayLike, count: int, most: int = MOST_STEPS) -> tuple[Array, Array]:
+    """Return the percentage of `count` at or below each value: an empirical distribution, to be drawn with level steps.
+
+    Of more steps than `most`, half are evenly spaced in their share, half become ever denser towards either end; the first
+    and the last are always there, and each that is drawn is exact.
+    """
+    x, counts = np.unique(np.asarray(values, dtype=float), return_counts=True)
+    share = 100.0 * np.cumsum(counts) / count
+    if len(x) > most:
+        even = np.searchsorted(share, np.linspace(share[0], share[-1], most // 2))
+        dense = np.geomspace(1.0, len(x), most // 4).astype(int) - 1
+        chosen = np.unique(np.concatenate([[0, len(x) - 1], even, dense, len(x) - 1 - dense]).clip(0, len(x) - 1))
+        x, share = x[chosen], share[chosen]
+    return np.concatenate([x[:1], x]), np.concatenate([[0.0], share])
 
 
 def iterations(count: int) -> str:
@@ -90,51 +140,286 @@ def iterations(count: int) -> str:
     return f"{count} iteration" + ("s" if count != 1 else "")
 
 
+# ---------------------------------------------------------------- figures
+
+
+@cache
+def template() -> Template:
+    """Return the look of all figures: axes, margins and text in the page's colours."""
+    import plotly.graph_objects as go
+
+    lines = {"gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR, "linecolor": MUTED_COLOUR}
+    ticks = {"showline": True, "ticks": "outside", "tickcolor": MUTED_COLOUR, "ticklen": 4}
+    axes = lines | ticks | {"automargin": True, "title": {"standoff": 6}}
+    clear = "rgba(0,0,0,0)"
+    layout = {
+        "paper_bgcolor": clear, "plot_bgcolor": clear, "font": {"size": 12, "color": INK_COLOUR}, "hovermode": "closest",
+        "margin": {"l": 8, "r": 12, "t": 12, "b": 8}, "hoverlabel": {"font": {"size": 12}},
+        "modebar": {"bgcolor": clear, "color": MUTED_COLOUR, "activecolor": INK_COLOUR},
+        "xaxis": axes, "yaxis": axes,
+        "scene": {f"{a}axis": lines | {"showbackground": False} for a in "xyz"},
+    }  # fmt: skip
+    return go.layout.Template(layout=layout)
+
+
+def figure(id: str, title: str, layout: Json, height: int = 340) -> Figure:
+    """Return an empty figure; `id` is unique on the page, and a height of 0 means a square."""
+    import plotly.graph_objects as go
+
+    size = {"height": height} if height else {}
+    frame = {"template": template(), "title": {"text": title}, "meta": {"id": id}}
+    return go.Figure(layout=frame | size | layout)
+
+
+def axis(title: str, **options: Any) -> Json:
+    """Return an axis with its unit."""
+    return {"title": {"text": title}} | options
+
+
 def log_axis(title: str, **options: Any) -> Json:
-    """Return a logarithmic axis with powers of ten; for lengths and angles it ends at the least result, with a mark there."""
-    found = re.search(r"\[([^\[\]]+)\]$", title)
-    floor = noise_floor(found[1]) if found else 0.0
+    """Return a logarithmic axis with powers of ten; for lengths and angles it ends at the least result."""
     data = axis(title, type="log", exponentformat="power", **({"dtick": 2} | options))
+    floor = _floor(data)
     if floor and "range" in data:
         low, high = data["range"]
         data["range"] = [max(low, math.log10(floor) - 0.3), high]
-    return data | ({"meta": floor} if floor else {})
-
-
-def line(**options: Any) -> Json:
-    """Return a line trace; its numbers bypass Plotly's validation, which would check each one and be slow."""
-    import plotly.graph_objects as go
-
-    numbers = {k: options.pop(k) for k in ("x", "y", "customdata") if k in options}
-    data: Json = go.Scatter(**({"mode": "lines", "showlegend": False} | options)).to_plotly_json()
-    return data | numbers
-
-
-def heatmap(**options: Any) -> Json:
-    """Return a heat-map trace; its numbers bypass Plotly's validation, which would check each one and be slow."""
-    import plotly.graph_objects as go
-
-    numbers = {k: options.pop(k) for k in ("z", "customdata") if k in options}
-    data: Json = go.Heatmap(**options).to_plotly_json()
-    return data | numbers
-
-
-def line_3d(**options: Any) -> Json:
-    """Return a line in space."""
-    import plotly.graph_objects as go
-
-    data: Json = go.Scatter3d(**({"mode": "lines", "showlegend": False} | options)).to_plotly_json()
     return data
 
 
-def bars(**options: Any) -> Json:
+def _floor(axis: Mapping[str, Any]) -> float:
+    """Return the least result of a logarithmic axis, by the unit in its title; 0 if it has none."""
+    found = re.search(r"\[([^\[\]]+)\]$", (axis.get("title") or {}).get("text") or "")
+    return noise_floor(found[1]) if found and axis.get("exponentformat") == "power" else 0.0
+
+
+def line(**options: Any) -> Scatter:
+    """Return a line or markers in a plane; those with a name are in the legend."""
+    import plotly.graph_objects as go
+
+    return go.Scatter(**({"mode": "lines", "showlegend": "name" in options} | options))
+
+
+def line_3d(**options: Any) -> Scatter3d:
+    """Return a line or markers in space."""
+    import plotly.graph_objects as go
+
+    return go.Scatter3d(**({"mode": "lines", "showlegend": "name" in options} | options))
+
+
+def bars(**options: Any) -> Bar:
     """Return horizontal bars."""
     import plotly.graph_objects as go
 
-    data: Json = go.Bar(**({"orientation": "h", "showlegend": False} | options)).to_plotly_json()
-    return data
+    return go.Bar(orientation="h", showlegend=True, **options)
 
 
-def lean(values: Iterable[float | None], digits: int = 4) -> list[float | None]:
-    """Round numbers to some significant digits; None for NaN and infinity."""
-    return [None if v is None or not math.isfinite(v) else float(f"{v:.{digits}g}") for v in values]
+def heatmap(**options: Any) -> Heatmap:
+    """Return a heat map; one with a name is in the legend."""
+    import plotly.graph_objects as go
+
+    return go.Heatmap(**({"showlegend": "name" in options} | options))
+
+
+def entry(name: str, colour: str, **look: Any) -> Scatter:
+    """Return a trace without points: an entry of the legend for what several traces have in common."""
+    marker = {"marker": {"symbol": look["symbol"], "color": colour, "size": 8}} if "symbol" in look else {}
+    mode = "markers" if marker and "dash" not in look else "lines"
+    return line(
+        x=[None], y=[None], name=name, mode=mode, line={"color": colour, "dash": look.get("dash", "solid")}, **marker
+    )
+
+
+def level(at: float, name: str = "", **look: Any) -> Json:
+    """Return a level line across a figure, as a shape; one with a name is in the legend."""
+    stroke = {"color": ALARM_COLOUR, "width": 1} | look
+    shown = {"name": name, "showlegend": True} if name else {}
+    return shown | {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": at, "y1": at, "line": stroke}
+
+
+def band(low: float, high: float, name: str = "") -> Json:
+    """Return the area between two levels, as a shape; one with a name is in the legend."""
+    shown = {"name": name, "showlegend": True} if name else {}
+    return shown | {
+        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below",
+        "fillcolor": BAND_COLOUR, "line": {"width": 0},
+    }  # fmt: skip
+
+
+def add(figure: Figure, trace: Any, when: When | None = None, **patch: Any) -> None:
+    """Add a trace, shown at some choices; what is below the least result of an axis is drawn there, with a mark.
+
+    `patch` names the choices ``at`` which the trace has another ``look``.
+    """
+    for letter in "xy" if trace.type == "scatter" else "":
+        floor, values = _floor(figure.layout[f"{letter}axis"].to_plotly_json()), trace[letter]
+        if floor and values is not None:
+            raised = np.maximum(np.asarray(values, dtype=float), floor)
+            trace[letter] = raised
+            marked = any(mark[f"{letter}ref"] == letter for mark in figure.layout.annotations)
+            if (raised == floor).any() and not marked:
+                figure.add_annotation(_floor_mark(letter, floor))
+    if when or patch:
+        trace.meta = {**(trace.meta or {}), **({"when": dict(when)} if when else {}), **patch}
+    figure.add_trace(trace)
+
+
+def _floor_mark(letter: str, floor: float) -> Json:
+    """Return the mark at the end of an axis: values drawn there are at most this."""
+    other = "y" if letter == "x" else "x"
+    here = {f"{letter}ref": letter, letter: math.log10(floor), f"{other}ref": "paper", other: 0}
+    return here | {
+        "text": f"≤ 10<sup>−{-round(math.log10(floor))}</sup>", "showarrow": False, "font": {"size": 10}, "opacity": 0.85,
+        "xanchor": "left", "yanchor": "bottom", "bgcolor": THEME["--paper"],
+    }  # fmt: skip
+
+
+def vary(figure: Figure, when: When, layout: Json) -> None:
+    """Change the layout of a figure at some choices; later changes override earlier ones."""
+    meta = figure.layout.meta
+    figure.layout.meta = meta | {"variants": [*meta.get("variants", ()), {"when": dict(when), "layout": layout}]}
+
+
+# ---------------------------------------------------------------- boards
+
+
+@dataclass(frozen=True)
+class Control:
+    """A control with which the reader selects the content of a board."""
+
+    key: str
+    label: str
+    options: tuple[tuple[str, str], ...]
+    initial: str = ""
+    when: When = field(default_factory=dict)
+
+    @property
+    def value(self) -> str:
+        """Value that is selected initially."""
+        return self.initial or self.options[0][0]
+
+    @staticmethod
+    def of(key: str, label: str, values: Sequence[str], initial: str = "") -> Control:
+        """Return a choice among values that are their own names."""
+        return Control(key, label, tuple((v, v) for v in values), initial)
+
+    @staticmethod
+    def of_blocks(blocks: Sequence[Any]) -> Control:
+        """Return a choice among blocks with their rows."""
+        return Control("block", "Problems", tuple((b.block.id, b.block.title) for b in blocks))
+
+
+@dataclass(frozen=True)
+class Board:
+    """Figures that share controls and a caption, with a heading if a section has several boards."""
+
+    id: str
+    figures: tuple[Figure, ...]
+    controls: tuple[Control, ...] = ()
+    caption: str = ""
+    heading: str = ""
+
+    @property
+    def shown(self) -> tuple[Control, ...]:
+        """Controls that the page shows: those with more than one option."""
+        return tuple(c for c in self.controls if len(c.options) > 1)
+
+    @property
+    def state(self) -> dict[str, str]:
+        """Initial value of every control."""
+        return {c.key: c.value for c in self.controls}
+
+    @property
+    def chosen(self) -> str:
+        """Initial choices in words, for a figure on paper; empty without a choice."""
+        here = [c for c in self.shown if fits(c.when, self.state)]
+        named = "; ".join(f"{c.label}: {dict(c.options)[c.value]}" for c in here)
+        return f"Shown for {named}." if named else ""
+
+    def each(self, key: str) -> tuple[Board, ...]:
+        """Return one board for each value of a control, to be drawn one after another."""
+        if all(c.key != key for c in self.shown):
+            return (self,)
+
+        def fixed(value: str) -> tuple[Control, ...]:
+            return tuple(replace(c, initial=value) if c.key == key else c for c in self.controls)
+
+        values = [value for c in self.controls if c.key == key for value, _ in c.options]
+        return tuple(replace(self, id=f"{self.id}-{value}", controls=fixed(value)) for value in values)
+
+    def at_first(self) -> list[Figure]:
+        """Return the figures at the initial choices."""
+        return [figure_at(figure, self.state) for figure in self.figures]
+
+
+def fits(when: When, state: Mapping[str, str]) -> bool:
+    """Return whether something is shown at these choices."""
+    return all(state.get(key) in values for key, values in when.items())
+
+
+def figure_at(figure: Figure, state: Mapping[str, str]) -> Figure:
+    """Return a figure as it is at some choices."""
+    import plotly.graph_objects as go
+
+    found = go.Figure(layout=copy.copy(figure.layout))
+    for variant in figure.layout.meta.get("variants", ()):
+        if fits(variant["when"], state):
+            found.update_layout(variant["layout"])
+    for trace in figure.data:
+        meta = trace.meta or {}
+        if fits(meta.get("when", {}), state):
+            found.add_trace(trace)
+            if "look" in meta and fits(meta["at"], state):
+                found.data[-1].update(meta["look"])
+    return found
+
+
+# ---------------------------------------------------------------- data for the browser
+
+
+def packed(board: Board, names: Sequence[str] = ()) -> str:
+    """Return the figures of a board as the page's script reads them; Plotly shows the names unchanged."""
+    marked = sorted((name for name in names if set(name) & set("<>&")), key=len, reverse=True)
+    return squeeze(strict_json([_plain(figure, marked) for figure in board.figures]).encode())
+
+
+def squeeze(content: bytes) -> str:
+    """Compress bytes to text; the result is reproducible."""
+    return base64.b64encode(gzip.compress(content, compresslevel=9, mtime=0)).decode()
+
+
+def strict_json(data: Any) -> str:
+    """Return JSON without NaN."""
+    return json.dumps(data, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
+def strict(data: Any) -> str:
+    """Return JSON without NaN that is safe inside a script element and an attribute."""
+    text = strict_json(data)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _plain(figure: Figure, names: Sequence[str]) -> Json:
+    """Return a figure as plain data, without the template and the title, which the page has once."""
+    layout = {k: v for k, v in figure.layout.to_plotly_json().items() if k not in ("template", "title")}
+    traces = [trace.to_plotly_json() for trace in figure.data]
+    for trace in traces:
+        if "log10" in (trace.get("meta") or {}):
+            del trace["z"]  # the page computes it from the values
+    return {"data": _listed(traces, names), "layout": _listed(layout, names)}
+
+
+def _listed(data: Any, names: Sequence[str]) -> Any:
+    """Return data with lists in place of arrays, None in place of NaN, and escaped names."""
+    if isinstance(data, str):
+        for name in names:
+            data = data.replace(name, html.escape(name, quote=False))
+        return data
+    if isinstance(data, dict):
+        return {key: _listed(value, names) for key, value in data.items()}
+    if isinstance(data, np.ndarray) and data.ndim == 1 and data.dtype.kind == "f":
+        return [None if v != v else int(v) if abs(v) < WHOLE_DIGITS and v == int(v) else v for v in data.tolist()]
+    if isinstance(data, list | tuple | np.ndarray):
+        return [_listed(value, names) for value in data]
+    return _listed(np.array([data], dtype=float), names)[0] if isinstance(data, float | np.number) else data

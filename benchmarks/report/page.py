@@ -11,10 +11,9 @@ from markupsafe import Markup
 
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Section
-from benchmarks.report.board import strict
+from benchmarks.report.figures import THEME, packed, squeeze, strict, template, variable
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.overview import overview
-from benchmarks.report.packing import squeeze
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built
 from benchmarks.report.shown import shown_table
@@ -40,9 +39,9 @@ def render(run: Run) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "strict": strict}
+    environment.filters |= {"number": number, "percent": percent, "strict": strict, "variable": variable}
     environment.filters["shown"] = lambda table: shown_table(table, run)
-    environment.filters["packed"] = lambda board: board.packed(run.labels)
+    environment.filters["packed"] = lambda board: packed(board, run.labels)
     placed = {place: built(run, place) for place in ("top", "terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(
         head=overview(run),
@@ -51,6 +50,7 @@ def render(run: Run) -> str:
         style=_asset("page.css"),
         script=_asset("page.js"),
         plotly=_plotly(),
+        look={"template": template().to_plotly_json(), "variables": {value: name for name, value in THEME.items()}},
     )
 
 

@@ -10,8 +10,7 @@ from benchmarks.blocks.base import BlockRows, load_kind
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import MANIFEST, RunFolder
 from benchmarks.report.base import Table, load_report
-from benchmarks.report.board import Key, When
-from benchmarks.report.figures import method_colour, method_dash, method_symbol
+from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Outcome
 from optik.arm.library import load
@@ -100,18 +99,13 @@ class Run:
         """Return the colour of a method or law, the same on the whole page."""
         return method_colour(self.labels.index(label))
 
-    def dash(self, label: str) -> str:
-        """Return the dash of the lines of a method or law, which distinguishes methods with similar colours."""
-        return method_dash(self.labels.index(label))
-
     def symbol(self, label: str) -> str:
         """Return the marker of a method or law."""
         return method_symbol(self.labels.index(label))
 
-    def key(self, label: str, when: When | None = None, *, marked: bool = True) -> Key:
-        """Return the entry of a legend for a method or law, with its colour, dash and marker."""
-        symbol = self.symbol(label) if marked else ""
-        return Key(label, self.colour(label), "solid", dict(when or {}), self.dash(label), symbol)
+    def look(self, label: str) -> Json:
+        """Return the look of the lines of a method or law."""
+        return {"color": self.colour(label), "width": 2, "dash": method_dash(self.labels.index(label))}
 
     @cached_property
     def outcomes(self) -> list[Outcome]:

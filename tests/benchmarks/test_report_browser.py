@@ -152,6 +152,12 @@ def test_names_with_tags_stay_text(opened: Browser) -> None:
     opened.run("""(() => { const s = document.querySelector('#statuses select'); s.value = 'misprint';
         s.dispatchEvent(new Event('change')); })()""")
     assert EVIL in opened.run(ticks)
+    opened.run("""(() => { const s = document.querySelector('#success select'); s.value = 'misprint';
+        s.dispatchEvent(new Event('change')); })()""")
+    entries = "[...document.querySelectorAll('#success .legend li')].map(li => li.lastChild.textContent)"
+    opened.until(f"{entries}.includes({json.dumps(EVIL)})", 10)
+    assert opened.run(f"{entries}.length") == 2
+    assert opened.run("[...document.querySelectorAll('#success .legend svg')].every(svg => svg.children.length > 0)")
     assert opened.run("document.querySelectorAll('main b, header b, main script:not([type])').length") == 0
 
 

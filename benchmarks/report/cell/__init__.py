@@ -25,7 +25,6 @@ from benchmarks.blocks.cell.settings import (
 from benchmarks.experiments.executed import executed_claims
 from benchmarks.records import slug
 from benchmarks.report.base import QUESTION, KindReport, Section
-from benchmarks.report.board import Board, Control, Plot
 from benchmarks.report.cell.spots import axes, space, split
 from benchmarks.report.cell.tables import (
     cell_blocks,
@@ -36,7 +35,7 @@ from benchmarks.report.cell.tables import (
     spots_blocks,
     tables,
 )
-from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line
 from benchmarks.report.findings import claims_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
@@ -128,7 +127,7 @@ def laws(run: Run) -> dict[str, Any] | None:
         for b in blocks
     ]
     found = [table for b in blocks for table in law_tables(b, run)]
-    boards = [board for b in blocks if (board := _board(b, run)).plots]
+    boards = [board for b in blocks if (board := _board(b, run)).figures]
     return {"words": words, "boards": boards, "tables": found}
 
 
@@ -140,7 +139,9 @@ def _board(b: BlockRows, run: Run) -> Board:
         if rows[column].drop_nulls().is_empty() or not np.any(rows[column].drop_nulls().to_numpy()):
             continue
         frame = {"xaxis": axis("duration [s]", rangemode="tozero"), "yaxis": axis(title, rangemode="tozero")}
-        plot = Plot(f"cell-laws-{column.removesuffix('_m')}-{name}", title.partition(" [")[0].capitalize(), frame, 360)
+        plot = figure(
+            f"cell-laws-{column.removesuffix('_m')}-{name}", title.partition(" [")[0].capitalize(), frame, 360
+        )
         for law in b.block.labels:
             for timed in (OWN_TIME, SAME_TIME):
                 part = rows.filter(
@@ -149,17 +150,16 @@ def _board(b: BlockRows, run: Run) -> Board:
                 trace = line(
                     x=lean(part["duration"]), y=lean(scale * part[column].to_numpy()), mode="markers",
                     marker={"size": 10, "color": run.colour(law), "symbol": run.symbol(law)},
-                    hovertemplate=f"{law}<br>%{{x:.3g}} s: %{{y:.3g}}{HOVER}",
+                    name=law, hovertemplate=f"{law}<br>%{{x:.3g}} s: %{{y:.3g}}{HOVER}",
                 )  # fmt: skip
-                plot.add(trace, {"timed": [timed]})
+                add(plot, trace, {"timed": [timed]})
         plots.append(plot)
     both = (b.rows["timed"] == SAME_TIME).any()
     options = (
         ((OWN_TIME, "each law's own"), (SAME_TIME, "that of the slowest")) if both else ((OWN_TIME, "each law's own"),)
     )
-    legend = tuple(run.key(law) for law in b.block.labels)
     return Board(
-        f"cell-laws-{name}", tuple(plots), (Control("timed", "Duration", options),), legend,
+        f"cell-laws-{name}", tuple(plots), (Control("timed", "Duration", options),),
         "One point for each line and trial, with and without noise.",
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -11,25 +11,34 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.cell.settings import AXES, WITHIN_M
 from benchmarks.records import slug
-from benchmarks.report.board import Board, Control, Key, Plot
 from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
 from benchmarks.report.figures import (
+    ALARM_COLOUR,
     HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
+    Board,
+    Control,
+    add,
     axis,
     colour,
+    figure,
     iterations,
     lean,
+    level,
     line,
     line_3d,
     log_axis,
     shades,
+    vary,
 )
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.space import axes_in_space
 from benchmarks.statistics import quantiles
 from optik.types import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter, Scatter3d
 
 PART_WORDS = {
     "laser": "laser: target − spot", "ik": "IK: its answer − target", "path": "path: planned − answer",
@@ -74,7 +83,7 @@ def millimetres(values: pl.Series) -> np.ndarray:
     return 1e3 * values.to_numpy()
 
 
-SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = "var(--c1)", "var(--c2)", "var(--alarm)"
+SPOT_COLOUR, PLANNED_COLOUR, BEAM_COLOUR = colour(1), colour(2), ALARM_COLOUR
 """Colours of the spot, the planned path and the beam; the executed path has the colour of text."""
 
 
@@ -110,51 +119,48 @@ def _space_board(b: BlockRows, run: Run) -> Board:
     all_spots = 1e3 * done(b).unique("problem").sort("problem").select("x", "y", "z").to_numpy()
     scene = axes_in_space(run.robot(b.block.robot).gravity, np.vstack([everything, all_spots]))
     scene["camera"] |= {"eye": EYE, "center": dict.fromkeys("xyz", 0.0)}
-    plot = Plot(
+    plot = figure(
         f"cell-space-{name}",
         "Planned and executed paths of the tool",
         {"scene": scene, "margin": dict.fromkeys("lrtb", 0)},
         560,
     )
-    plot.add(_spots(all_spots))
+    add(plot, _spots(all_spots))
     problems = _everywhere(rows, labels)
     for row in rows.iter_rows(named=True):
         when = shown_at(row["setting"], row["after"]) | {"spot": [str(row["problem"])]}
         for column, words, drawn, width in (
-            ("beam", "laser beam", BEAM_COLOUR, 2), ("planned", "planned path", PLANNED_COLOUR, 7),
+            ("beam", "laser beam, measured", BEAM_COLOUR, 2), ("planned", "planned path", PLANNED_COLOUR, 7),
             ("tool", "executed path", INK_COLOUR, 3),
         ):  # fmt: skip
-            plot.add(_curve(_points(row[column]), words, drawn, width), when)
+            add(plot, _curve(_points(row[column]), words, drawn, width), when)
     for (problem,), part in rows.group_by("problem", maintain_order=True):
         spot = 1e3 * np.array(part.select("x", "y", "z").row(0))
-        plot.add(_spot(spot), {"spot": [str(problem)]})
+        add(plot, _spot(spot), {"spot": [str(problem)]})
     far = dict(rows.select("problem", "distance").iter_rows())
     spots = Control("spot", "Spot", tuple((str(p), f"{1e3 * far[p]:.0f} mm away") for p in problems), str(problems[-1]))
-    legend = (
-        Key("true spot", SPOT_COLOUR, "dot"), Key("other spots", MUTED_COLOUR, "dot"),
-        Key("laser beam, measured", BEAM_COLOUR), Key("planned path", PLANNED_COLOUR),
-        Key("executed path", INK_COLOUR),
-    )  # fmt: skip
     methods = Control.of("method", "Method", labels, next(iter(settings_of([b], whole=True)), labels[0]))
     return Board(
-        f"cell-space-board-{name}", (plot,), (methods, after_control(b), spots), legend,
+        f"cell-space-board-{name}", (plot,), (methods, after_control(b), spots),
         "Base frame, equal scales; drag to turn. With a budget of iterations the planned path is a move in joint space to the "
         "answer, so it is not straight.",
     )  # fmt: skip
 
 
-def _spots(points: Array) -> dict[str, Any]:
+def _spots(points: Array) -> Scatter3d:
     x, y, z = (lean(points[:, i], 5) for i in range(3))
     marker = {"size": 2, "color": MUTED_COLOUR}
-    return line_3d(x=x, y=y, z=z, mode="markers", name="spots", marker=marker, hovertemplate=f"another spot{HOVER}")
+    return line_3d(
+        x=x, y=y, z=z, mode="markers", name="other spots", marker=marker, hovertemplate=f"another spot{HOVER}"
+    )
 
 
-def _curve(points: Array, words: str, colour: str, width: int) -> dict[str, Any]:
+def _curve(points: Array, words: str, colour: str, width: int) -> Scatter3d:
     x, y, z = (lean(points[:, i], 5) for i in range(3))
     return line_3d(x=x, y=y, z=z, name=words, line={"color": colour, "width": width}, hovertemplate=f"{words}{HOVER}")
 
 
-def _spot(at: Array) -> dict[str, Any]:
+def _spot(at: Array) -> Scatter3d:
     x, y, z = (lean([value], 5) for value in at)
     marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
     return line_3d(x=x, y=y, z=z, mode="markers", name="true spot", marker=marker, hovertemplate=f"true spot{HOVER}")
@@ -211,11 +217,11 @@ def _split_board(b: BlockRows) -> Board:
     rows, name = done(b), slug(b.block.id)
     labels = settings_of([b])
     low = {"range": [np.log10(LEAST_MM) - 0.3, 3.0]}
-    budgets = Plot(
+    budgets = figure(
         f"split-budget-{name}", "Against the iteration budget",
         {"xaxis": axis("iteration budget", type="category"), "yaxis": log_axis("median length [mm]", **low)}, 400,
     )  # fmt: skip
-    far = Plot(
+    far = figure(
         f"split-distance-{name}", "Against the distance of the spot",
         {"xaxis": axis("distance from the start [mm]"), "yaxis": log_axis("median length [mm]", **low)}, 400,
     )  # fmt: skip
@@ -224,11 +230,9 @@ def _split_board(b: BlockRows) -> Board:
         _by_budget(budgets, part, label)
         for (after,), at in part.group_by("after", maintain_order=True):
             _by_distance(far, at, label, str(after))
-    legend = [Key(words, PART_COLOURS[part]) for part, words in PART_WORDS.items()]
-    legend.append(Key("total: executed − spot", TOTAL_COLOUR, "dashed"))
     controls = (Control.of("method", "Method", labels), after_control(b))
     return Board(
-        f"split-{name}", (budgets, far), controls, tuple(legend),
+        f"split-{name}", (budgets, far), controls,
         "Median lengths of the vectors over the executed trials. The vectors add up, their lengths do not. Lengths below a "
         "nanometre are shown as a nanometre: a move in joint space ends exactly at the answer, and if no iterate is better "
         "than the start, nothing is executed.",
@@ -242,27 +246,28 @@ def _medians(rows: pl.DataFrame) -> dict[str, float]:
     }
 
 
-def _by_budget(plot: Plot, rows: pl.DataFrame, label: str) -> None:
+def _by_budget(plot: Figure, rows: pl.DataFrame, label: str) -> None:
     at = [(str(after), _medians(part)) for (after,), part in rows.group_by("after", maintain_order=True)]
     x = ["the whole line" if after == WHOLE else after for after, _ in at]
     for part in SPLIT_COLUMNS:
-        plot.add(_line(part, x, [found[part] for _, found in at]), {"method": [label]})
+        add(plot, _line(part, x, [found[part] for _, found in at]), {"method": [label]})
 
 
-def _by_distance(plot: Plot, rows: pl.DataFrame, label: str, after: str) -> None:
+def _by_distance(plot: Figure, rows: pl.DataFrame, label: str, after: str) -> None:
     order = np.argsort(rows["distance"].to_numpy(), kind="stable")
     parts = [rows[i.tolist()] for i in np.array_split(order, SPLIT_BINS) if len(i)]
     x = lean(1e3 * np.array([float(np.median(p["distance"].to_numpy())) for p in parts]))
     medians = [_medians(p) for p in parts]
     for part in SPLIT_COLUMNS:
-        plot.add(_line(part, x, [found[part] for found in medians]), shown_at(label, after))
+        add(plot, _line(part, x, [found[part] for found in medians]), shown_at(label, after))
 
 
-def _line(part: str, x: list[Any], y: list[float]) -> dict[str, Any]:
+def _line(part: str, x: Any, y: list[float]) -> Scatter:
     total = part == "total"
     return line(
         x=x, y=lean(y), mode="lines+markers", marker={"size": 6},
         line={"color": TOTAL_COLOUR if total else PART_COLOURS[part], "width": 2, "dash": "dot" if total else "solid"},
+        name="total: executed − spot" if total else PART_WORDS[part],
         hovertemplate=f"{'all' if total else PART_WORDS[part]}<br>%{{y:.3g}} mm{HOVER}",
     )  # fmt: skip
 
@@ -299,7 +304,7 @@ def _positions(b: BlockRows) -> Board:
     plots = []
     for normal in AXES:
         u, v = (a for a in AXES if a != normal)
-        plot = Plot(
+        plot = figure(
             f"cell-positions-{normal}-{name}", f"Seen along {normal.upper()}",
             {
                 "xaxis": axis(f"{u.upper()} [mm]", constrain="domain"),
@@ -307,10 +312,10 @@ def _positions(b: BlockRows) -> Board:
             }, 0,
         )  # fmt: skip
         spots = rows.unique("problem").sort("problem")
-        plot.add(
+        add(plot,
             line(
                 x=lean(millimetres(spots[u])), y=lean(millimetres(spots[v])), mode="markers",
-                marker={"symbol": "circle-open", "size": 8, "color": "var(--c1)"},
+                marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
                 hovertemplate=f"spot at %{{x}}, %{{y}} mm{HOVER}",
             )
         )  # fmt: skip
@@ -319,14 +324,13 @@ def _positions(b: BlockRows) -> Board:
         ):
             tools = line(
                 x=lean(millimetres(part[u] + part[f"error_{u}"])), y=lean(millimetres(part[v] + part[f"error_{v}"])),
-                mode="markers", marker={"size": 4, "color": INK_COLOUR},
+                mode="markers", marker={"size": 4, "color": INK_COLOUR}, name="executed tool",
                 hovertemplate=f"executed tool at %{{x}}, %{{y}} mm{HOVER}",
             )  # fmt: skip
-            plot.add(tools, {"method": [str(setting)], "after": [str(after)]})
+            add(plot, tools, {"method": [str(setting)], "after": [str(after)]})
         plots.append(plot)
-    legend = (Key("laser spot", "var(--c1)", "ring"), Key("executed tool", INK_COLOUR, "dot"))
     return Board(
-        f"cell-positions-{name}", tuple(plots), (Control.of("method", "Method", labels), after_control(b)), legend,
+        f"cell-positions-{name}", tuple(plots), (Control.of("method", "Method", labels), after_control(b)),
         "Fig. 10 as executed: laser spots with a known solution and the final positions of the tool, in the base frame.",
     )  # fmt: skip
 
@@ -339,33 +343,28 @@ def _errors(b: BlockRows) -> Board:
         budgets = [budgets[round(i * (len(budgets) - 1) / (MOST_BUDGETS - 1))] for i in range(MOST_BUDGETS)]
     colours = dict(zip(budgets, shades(len(budgets)), strict=True))
     plots = []
-    for a, figure in FIGURES.items():
-        plot = Plot(
-            f"cell-error-{a}-{name}", f"{a.upper()} error (Fig. {figure})",
+    for a, printed in FIGURES.items():
+        plot = figure(
+            f"cell-error-{a}-{name}", f"{a.upper()} error (Fig. {printed})",
             {
                 "xaxis": axis("distance from the start [mm]", rangemode="tozero"),
-                "yaxis": axis(f"error in {a.upper()} [mm]"), "shapes": [_bound(s * 1e3 * WITHIN_M) for s in (-1, 1)],
+                "yaxis": axis(f"error in {a.upper()} [mm]"),
+                "shapes": [level(1e3 * WITHIN_M, "± 2 mm"), level(-1e3 * WITHIN_M)],
             }, 360,
         )  # fmt: skip
-        plot.vary({"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
+        vary(plot, {"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
         for label in labels:
             for budget in budgets:
                 part = rows.filter((pl.col("setting") == label) & (pl.col("budget") == budget))
                 trace = line(
                     x=lean(millimetres(part["distance"])), y=lean(millimetres(part[f"error_{a}"])), mode="markers",
-                    marker={"size": 5, "color": colours[budget]},
+                    marker={"size": 5, "color": colours[budget]}, name=iterations(budget),
                     hovertemplate=f"{iterations(budget)}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm{HOVER}",
                 )  # fmt: skip
-                plot.add(trace, {"method": [label]})
+                add(plot, trace, {"method": [label]})
         plots.append(plot)
     scale = Control("scale", "Scale", ((FINE_SCALE, f"± {NEAR_MM:g} mm"), (WHOLE_SCALE, "all errors")))
-    legend = [Key(iterations(n), c, "dot") for n, c in colours.items()] + [Key("± 2 mm", "var(--alarm)")]
     return Board(
-        f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale), tuple(legend),
+        f"cell-errors-{name}", tuple(plots), (Control.of("method", "Method", labels), scale),
         "Fig. 11, 12 and 13 as executed, one point for each trial. The fine scale clips larger errors.",
     )  # fmt: skip
-
-
-def _bound(at: float) -> dict[str, Any]:
-    look = {"color": "var(--alarm)", "width": 1}
-    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": at, "y1": at, "line": look}

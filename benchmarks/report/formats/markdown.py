@@ -9,7 +9,7 @@ from typing import Any
 
 from benchmarks.records import RunFolder, slug
 from benchmarks.report.base import Table
-from benchmarks.report.board import Board
+from benchmarks.report.figures import Board
 from benchmarks.report.formats.svg import draw
 from benchmarks.report.overview import overview
 from benchmarks.report.run import Run
@@ -36,9 +36,9 @@ def write_markdown(folder: RunFolder) -> list[Path]:
 
     def figure(board: Board) -> str:
         file = f"{FIGURES_FOLDER}/{slug(board.id)}.svg"
-        folder.write_text(file, draw(board))
+        folder.write_bytes(file, draw(board.at_first()))
         figures.append(folder.path / file)
-        titles = ", ".join(plot.title for plot in board.plots)
+        titles = ", ".join(figure.layout.title.text for figure in board.figures)
         caption = " ".join(words for words in (board.caption, board.chosen) if words)
         return f"![{marked(titles)}]({file})\n\n*{marked(caption)}*\n" if caption else f"![{marked(titles)}]({file})\n"
 

@@ -4,19 +4,37 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from benchmarks.blocks.ik.budgets import BudgetRows, success
 from benchmarks.report.base import Cell, Column, Table
-from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import HOVER, axis, iterations, lean, line, log_axis, shades
+from benchmarks.report.figures import (
+    HOVER,
+    INK_COLOUR,
+    Board,
+    Control,
+    Json,
+    add,
+    axis,
+    entry,
+    figure,
+    iterations,
+    lean,
+    level,
+    line,
+    log_axis,
+    shades,
+)
 from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
 from benchmarks.report.words import listed
 from benchmarks.statistics import binned, quantiles
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter
 
 ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
 """Columns of the errors, and the axes of the base frame that they belong to."""
@@ -32,11 +50,6 @@ DECADES = (-9.4, 3.4)
 
 DRAWN_QUANTILES = {"median": (0.5, "solid"), "95th percentile": (0.95, "dot")}
 """Quantiles of the errors that are drawn, with their dashes."""
-
-TWO_MM_LINE = {
-    "type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 2, "y1": 2, "line": {"color": "var(--alarm)", "width": 1},
-}  # fmt: skip
-"""The paper's bound on the error of each axis, as a shape of a plot."""
 
 DAMPING_BLOCK = "damping"
 """Id of the block that the section on damping is about."""
@@ -73,17 +86,17 @@ def _millimetres(column: str) -> pl.Expr:
     return (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
 
 
-def _error_plots(id: str, across: Json) -> dict[str, Plot]:
+def _error_plots(id: str, across: Json) -> dict[str, Figure]:
     """Return an empty plot for the error of each axis."""
     return {
-        column: Plot(
+        column: figure(
             f"{id}-{column}", f"{name} axis", {"xaxis": across, "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES)}
         )
         for column, name in ERROR_AXES.items()
     }  # fmt: skip
 
 
-def _quantile_line(x: Any, y: Any, colour: str, dash: str, size: int, hover: str, **more: Any) -> Json:
+def _quantile_line(x: Any, y: Any, colour: str, dash: str, size: int, hover: str, **more: Any) -> Scatter:
     """Return the line of a quantile: strong with markers for the median."""
     strong = dash == "solid"
     return line(
@@ -92,8 +105,10 @@ def _quantile_line(x: Any, y: Any, colour: str, dash: str, size: int, hover: str
     )  # fmt: skip
 
 
-QUANTILE_KEYS = (Key("median", "var(--ink)"), Key("95th percentile", "var(--ink)", "dashed"))
-"""Entries of the legend for the quantiles."""
+def _add_quantile_entries(plot: Figure) -> None:
+    """Add the quantiles to the legend."""
+    for words, (_, dash) in DRAWN_QUANTILES.items():
+        add(plot, entry(words, INK_COLOUR, dash=dash))
 
 
 def _distance_board(blocks: list[BudgetRows]) -> Board:
@@ -101,40 +116,36 @@ def _distance_board(blocks: list[BudgetRows]) -> Board:
     for column, plot in plots.items():
         for b in blocks:
             _add_distance_lines(plot, b, column)
+        _add_quantile_entries(plot)
     methods = dict.fromkeys(m for b in blocks for m in b.budgeted)
-    legend = [
-        Key(iterations(budget), shade, "solid", {"block": [b.block.id]})
-        for b in blocks
-        for budget, shade in zip(chosen(b.block.budgets), shades(len(chosen(b.block.budgets))), strict=True)
-    ]
     return Board(
         "by-distance", tuple(plots.values()), (Control.of_blocks(blocks), Control.of("method", "Method", list(methods))),
-        (*legend, *QUANTILE_KEYS),
         "Bins of 50 mm with at least 10 targets. All targets with a known solution are counted, also those where the method "
         "fails: they make the 95th percentile. Errors up to 10⁻⁹ mm (10⁻¹² m) are rounding: all are drawn there, as ≤ 10⁻⁹.",
         "Against the distance between start and target",
     )  # fmt: skip
 
 
-def _add_distance_lines(plot: Plot, b: BudgetRows, column: str) -> None:
+def _add_distance_lines(plot: Figure, b: BudgetRows, column: str) -> None:
     budgets = chosen(b.block.budgets)
     rows = b.known.with_columns(_millimetres(column), far=pl.col("distance") * 1e3)
     for label in b.budgeted:
         for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
             part = rows.filter((pl.col("method") == label) & (pl.col("budget") == budget))
             table = binned(part, "far", "mm", width=50.0)
-            for words, (level, dash) in DRAWN_QUANTILES.items():
+            for words, (share, dash) in DRAWN_QUANTILES.items():
                 hover = f"{iterations(budget)}, {words}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm (%{{customdata}} targets)"
                 trace = _quantile_line(
                     lean(table["middle"]),
-                    table[f"q{level}"],
+                    table[f"q{share}"],
                     shade,
                     dash,
                     4,
                     hover,
-                    customdata=table["count"].to_list(),
+                    customdata=table["count"].to_numpy(),
+                    **({"name": iterations(budget)} if dash == "solid" else {}),
                 )
-                plot.add(trace, {"block": [b.block.id], "method": [label]})
+                add(plot, trace, {"block": [b.block.id], "method": [label]})
 
 
 def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
@@ -144,24 +155,25 @@ def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
         for (column, plot), label in product(plots.items(), b.budgeted):
             _add_budget_lines(plot, b, rows.filter(pl.col("method") == label), label, run.colour(label), column)
     for plot in plots.values():
-        plot.layout["shapes"] = [TWO_MM_LINE]
-    legend = [Key(m, run.colour(m), "solid", {"block": [b.block.id]}) for b in blocks for m in b.budgeted]
+        _add_quantile_entries(plot)
+        plot.update_layout(shapes=[level(2.0, name="2 mm")])
     return Board(
         "by-budget", tuple(plots.values()), (Control.of_blocks(blocks),),
-        (*legend, *QUANTILE_KEYS, Key("2 mm", "var(--alarm)")),
         f"{COMPARED_PROBLEMS} Thin line: the paper's 2 mm.", "Against the iteration budget",
     )  # fmt: skip
 
 
-def _add_budget_lines(plot: Plot, b: BudgetRows, part: pl.DataFrame, label: str, colour: str, column: str) -> None:
+def _add_budget_lines(plot: Figure, b: BudgetRows, part: pl.DataFrame, label: str, colour: str, column: str) -> None:
     part = part.with_columns(_millimetres(column))
     if part.is_empty():
         return
     found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
-    for words, (level, dash) in DRAWN_QUANTILES.items():
-        values = [quantiles(found.get(n, []), (level,))[0] for n in b.block.budgets]
+    for words, (share, dash) in DRAWN_QUANTILES.items():
+        values = [quantiles(found.get(n, []), (share,))[0] for n in b.block.budgets]
         hover = f"{label}, {words}<br>budget %{{x}}: %{{y:.3g}} mm"
-        plot.add(_quantile_line(list(b.block.budgets), values, colour, dash, 5, hover), {"block": [b.block.id]})
+        named = {"name": label} if dash == "solid" else {}
+        trace = _quantile_line(list(b.block.budgets), values, colour, dash, 5, hover, **named)
+        add(plot, trace, {"block": [b.block.id]})
 
 
 # ---------------------------------------------------------------- damping
@@ -310,26 +322,25 @@ def _best_everywhere(strata: list[str], constants: dict[str, float], others: lis
 def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
     plots = {
-        "share": Plot("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])}),
-        "iterations": Plot(
+        "share": figure("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])}),
+        "iterations": figure(
             "damping-iterations", "Median iterations, solved targets", {"yaxis": log_axis("iterations", dtick=1)}
         ),
-        "p95": Plot("damping-error", "Position error, 95th percentile", {"yaxis": log_axis("error [mm]")}),
+        "p95": figure("damping-error", "Position error, 95th percentile", {"yaxis": log_axis("error [mm]")}),
     }  # fmt: skip
     for key, plot in plots.items():
-        plot.layout["xaxis"] = log_axis("damping λ", dtick=1)
+        plot.update_layout(xaxis=log_axis("damping λ", dtick=1))
         for group, shade in zip(strata, shades(len(strata)), strict=True):
             y = [max(table[group, m][key], FLOOR_MM) if key == "p95" else table[group, m][key] for m in ordered]
-            plot.add(
+            add(plot,
                 line(
                     x=[constants[m] for m in ordered], y=lean(y), mode="lines+markers", name=group,
                     line={"color": shade, "width": 2}, marker={"size": 6},
                     hovertemplate=f"{group}<br>λ = %{{x}}: %{{y:.4~g}}{HOVER}",
                 )
             )  # fmt: skip
-    legend = tuple(Key(group, shade, "solid") for group, shade in zip(strata, shades(len(strata)), strict=True))
     return Board(
-        "damping-board", tuple(plots.values()), (), legend,
+        "damping-board", tuple(plots.values()), (),
         f"One attempt of at most {b.budget} iterations from starts 0.1 rad (standard deviation) away. σ is the smallest "
         "singular value of the Jacobian at the solution. Errors below 10⁻⁹ mm are shown as 10⁻⁹ mm.",
     )  # fmt: skip

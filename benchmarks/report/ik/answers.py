@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -12,12 +12,14 @@ from benchmarks.blocks.ik.answers import solved_by_all
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner
-from benchmarks.report.board import Board, Control, Key, Plot
-from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
+from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, log_axis
 from benchmarks.report.ranked import most_solved, ranked
 from benchmarks.report.run import Run
 from benchmarks.statistics import percentage
 from optik.registry import short_name
+
+if TYPE_CHECKING:
+    pass
 
 ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
@@ -85,20 +87,17 @@ def _board(run: Run, found: list[BlockRows]) -> Board:
         "xaxis": log_axis("position error [m]", range=[-16, 1], dtick=3),
         "yaxis": axis("problems [%]", range=[0, 101]),
     }
-    plot = Plot("answers-errors", "Problems with at most this position error", layout)
-    shown: dict[str, list[str]] = {}
+    plot = figure("answers-errors", "Problems with at most this position error", layout)
     for b in found:
         for label, count in b.rows.select("method", "count").iter_rows():
             part = b.facts["distribution"].filter(pl.col("method") == label)
             trace = line(
-                x=lean(part["upper"].to_list()), y=lean((100.0 * np.cumsum(part["count"].to_numpy()) / count).tolist(), 5),
+                x=lean(part["upper"]), y=lean(100.0 * np.cumsum(part["count"].to_numpy()) / count, 5),
                 name=label, line={"color": run.colour(label), "shape": "hv"},
                 hovertemplate=f"{label}<br>within %{{x:.2g}} m: %{{y:.3f}} %{HOVER}",
             )  # fmt: skip
-            plot.add(trace, {"block": [b.block.id]})
-            shown.setdefault(label, []).append(b.block.id)
-    legend = tuple(Key(label, run.colour(label), when={"block": blocks}) for label, blocks in shown.items())
-    return Board("answers", (plot,), (Control.of_blocks(found),), legend)
+            add(plot, trace, {"block": [b.block.id]})
+    return Board("answers", (plot,), (Control.of_blocks(found),))
 
 
 REPORT = KindReport(

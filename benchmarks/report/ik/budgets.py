@@ -12,8 +12,18 @@ from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
 from benchmarks.report.base import Column, KindReport, Section, Table, Winner
-from benchmarks.report.board import Board, Control, Key, Plot
-from benchmarks.report.figures import HOVER, axis, bars, lean
+from benchmarks.report.figures import (
+    HOVER,
+    Board,
+    Control,
+    add,
+    axis,
+    bars,
+    colour,
+    figure,
+    lean,
+    vary,
+)
 from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
 from benchmarks.report.ik.default import (
     COMPARED_PROBLEMS,
@@ -34,13 +44,13 @@ from benchmarks.report.words import listed
 from optik.registry import short_name
 
 ENDINGS = {
-    "solved": ("solved", "var(--c2)"),
-    "max_iterations": ("iteration limit", "var(--c4)"),
-    "stalled": ("stalled", "var(--c1)"),
-    "time_limit": ("time limit", "var(--c5)"),
-    "outside_limits": ("outside joint limits", "var(--c3)"),
-    "unreachable": ("proved unreachable", "var(--c6)"),
-    "rejected": ("wrong claim of success", "var(--c7)"),
+    "solved": ("solved", colour(2)),
+    "max_iterations": ("iteration limit", colour(4)),
+    "stalled": ("stalled", colour(1)),
+    "time_limit": ("time limit", colour(5)),
+    "outside_limits": ("outside joint limits", colour(3)),
+    "unreachable": ("proved unreachable", colour(6)),
+    "rejected": ("wrong claim of success", colour(7)),
 }
 """Ways in which a solve ends: in words, and the colour of each."""
 
@@ -104,18 +114,15 @@ def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
         for b in blocks:
             add_success(plot, b, run, compared_rows(b)[0], b.methods, level, {"block": [b.block.id]})
         plots.append(plot)
-    legend = (
-        run.key(label, {"block": [b.block.id]}, marked=label not in b.whole) for b in blocks for label in b.methods
-    )
     return Board(
-        "success", tuple(plots), (Control.of_blocks(blocks),), tuple(legend),
+        "success", tuple(plots), (Control.of_blocks(blocks),),
         f"{COMPARED_PROBLEMS} Bars are Wilson 95 % intervals. A run that its budget stops is judged at its last iterate. Level "
         "line: a method with default settings, which has no budget.",
     )  # fmt: skip
 
 
 def _status_board(blocks: list[BudgetRows]) -> Board:
-    plot = Plot(
+    plot = figure(
         "status", "Final status at the largest budget",
         {
             "barmode": "stack", "bargap": 0.35,
@@ -124,20 +131,17 @@ def _status_board(blocks: list[BudgetRows]) -> Board:
         },
     )  # fmt: skip
     colours = dict(ENDINGS.values())
-    seen: dict[str, list[str]] = {}
     for b in blocks:
         here = {"block": [b.block.id]}
-        plot.vary(here, {"height": 64 + 36 * len(b.methods)})
+        vary(plot, here, {"height": 64 + 36 * len(b.methods)})
         for words, counts in _endings(b):
-            seen.setdefault(words, []).append(b.block.id)
             trace = bars(
                 y=b.methods, x=lean([100.0 * n / max(total, 1) for n, total in counts]), customdata=counts, name=words,
-                marker={"color": colours.get(words, "var(--c7)")},
+                marker={"color": colours.get(words, colour(7))},
                 hovertemplate=f"%{{y}}<br>{words}: %{{customdata[0]}} of %{{customdata[1]}} targets, %{{x:.1f}} %{HOVER}",
             )  # fmt: skip
-            plot.add(trace, here)
-    legend = tuple(Key(words, colours[words], "fill", {"block": seen[words]}) for words in colours if words in seen)
-    return Board("statuses", (plot,), (Control.of_blocks(blocks),), legend, COMPARED_PROBLEMS)
+            add(plot, trace, here)
+    return Board("statuses", (plot,), (Control.of_blocks(blocks),), COMPARED_PROBLEMS)
 
 
 def _endings(b: BudgetRows) -> list[tuple[str, list[list[int]]]]:

@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.ik.calls import CallRows
 from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.board import Board, Control, Json, Plot
-from benchmarks.report.figures import HOVER, axis, lean, line, log_axis
+from benchmarks.report.figures import (
+    HOVER,
+    Board,
+    Control,
+    Json,
+    add,
+    axis,
+    figure,
+    lean,
+    line,
+    log_axis,
+    steps_of,
+    vary,
+)
 from benchmarks.report.run import Run
-from benchmarks.report.steps import steps_of
 from benchmarks.statistics import percentage, performance_profile
 from optik.types import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 PLOT_ROOM = 0.03
 """Margin beside the curves, as a fraction of the width of a plot [1]."""
@@ -35,21 +50,20 @@ PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
 """Function from a block, a label and its rows to the plotted values; if they are empty, nothing is drawn."""
 
 
-def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Plot:
+def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Figure:
     """Return a plot of the percentage solved, with a line for each method of each block."""
-    plot = Plot(id, title, {"xaxis": across, "yaxis": axis("problems solved [%]", range=[-2, 102])}, height)
+    plot = figure(id, title, {"xaxis": across, "yaxis": axis("problems solved [%]", range=[-2, 102])}, height)
     for b in blocks:
         for label, part in b.by_method.items():
-            look = {"color": run.colour(label), "width": 2, "dash": run.dash(label), "shape": "hv"}
+            look = run.look(label) | {"shape": "hv"}
             if found := points(b, label, part):
                 found["hovertemplate"] = f"{label}<br>{found['hovertemplate']}{HOVER}"
-                plot.add(line(**found, name=label, line=look), {"block": [b.block.id]})
+                add(plot, line(**found, name=label, line=look), {"block": [b.block.id]})
     return plot
 
 
-def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Plot, ...], caption: str) -> Board:
-    legend = (run.key(label, {"block": [b.block.id]}, marked=False) for b in blocks for label in b.by_method)
-    return Board(id, plots, (Control.of_blocks(blocks),), tuple(legend), caption)
+def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Figure, ...], caption: str) -> Board:
+    return Board(id, plots, (Control.of_blocks(blocks),), caption)
 
 
 def _distribution(values: Array, count: int, hover: str) -> Json:
@@ -72,7 +86,7 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
     for b in blocks:
         us = b.rows.filter("solved")["ns"].to_numpy() / 1e3
         if len(us):
-            plot.vary({"block": [b.block.id]}, {"xaxis": {"range": _widened(np.log10(us.min()), np.log10(us.max()))}})
+            vary(plot, {"block": [b.block.id]}, {"xaxis": {"range": _widened(np.log10(us.min()), np.log10(us.max()))}})
     caption = (
         "Percentage of all problems solved by a call within this time. A curve ends at its method's success rate. The time of "
         "a call is the median of its rounds."
@@ -80,10 +94,10 @@ def success_in_time(blocks: list[CallRows], run: Run) -> Board:
     return _board("success-time-board", blocks, run, (plot,), caption)
 
 
-def _widened(low: float, high: float) -> list[float | None]:
+def _widened(low: float, high: float) -> list[float]:
     """Return a range with margins at both ends, so that no curve ends at the frame."""
     room = max(PLOT_ROOM * (high - low), 0.05)
-    return lean([low - room, high + room])
+    return [low - room, high + room]
 
 
 def profiles(blocks: list[CallRows], run: Run) -> Board:
@@ -127,14 +141,14 @@ def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
 def errors(blocks: list[CallRows], run: Run) -> Board:
     """Return distributions of the errors of answers inside the limits, of position and of rotation."""
 
-    def plot(what: str, unit: str) -> Plot:
+    def plot(what: str, unit: str) -> Figure:
         def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
             values = np.maximum(part.filter("inside")[f"{what}_error"].to_numpy(), LEAST_ERROR)
             return _distribution(values, len(part), f"%{{y:.4~g}} % within %{{x:.2g}} {unit}")
 
         title = f"Percentage of problems with at most this {what} error"
         found = _plot(f"call-{what}", title, log_axis(f"{what} error [{unit}]", dtick=3), 360, blocks, run, points)
-        found.layout["yaxis"] = axis("problems [%]", range=[-2, 102])
+        found.update_layout(yaxis=axis("problems [%]", range=[-2, 102]))
         return found
 
     caption = f"Answers inside the limits, by optik's forward kinematics. The least error shown is {LEAST_ERROR:g}."
@@ -157,7 +171,7 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
         f"{SIGMA_BINS} bins of equal width on this axis; bins with fewer than {FEWEST_IN_BIN} problems are omitted. Hover for "
         "the Wilson intervals."
     )
-    drawn = any(entry["trace"]["x"] for entry in plot.traces)
+    drawn = any(len(trace.x) for trace in plot.data)
     return _board("call-sigma-board", known, run, (plot,), caption) if drawn else None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -14,14 +14,16 @@ from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.base import Column, Table
-from benchmarks.report.board import Board, Json, Plot
-from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.figures import HOVER, Board, Json, add, axis, figure, lean, line
 from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.ranked import Ranked, ranked
 from benchmarks.report.run import Run
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
 from optik.types import Flags
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
 """Names of the paper's iteration and of the default method."""
@@ -217,9 +219,8 @@ def _board(pair: Pair, run: Run) -> Board:
     )
     problems = pair.given["problem"].unique()
     add_success(plot, b, run, b.rows.filter(pl.col("problem").is_in(problems.implode())), pair.labels)
-    legend = tuple(run.key(label, marked=label not in b.whole) for label in pair.labels)
     return Board(
-        "default-board", (plot,), (), legend,
+        "default-board", (plot,), (),
         f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
         + (f" {pair.whole} has no budget: its level line is its success rate with default settings." if pair.whole else ""),
     )  # fmt: skip
@@ -233,13 +234,13 @@ def budget_axis() -> Json:
     return axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
 
 
-def success_plot(id: str, title: str, what: str) -> Plot:
+def success_plot(id: str, title: str, what: str) -> Figure:
     """Return an empty plot of success against the iteration budget."""
-    return Plot(id, title, {"xaxis": budget_axis(), "yaxis": axis(f"{what} solved [%]", range=[-2, 102])})
+    return figure(id, title, {"xaxis": budget_axis(), "yaxis": axis(f"{what} solved [%]", range=[-2, 102])})
 
 
 def add_success(
-    plot: Plot, b: BudgetRows, run: Run, rows: pl.DataFrame, labels: Sequence[str],
+    plot: Figure, b: BudgetRows, run: Run, rows: pl.DataFrame, labels: Sequence[str],
     level: float = SUCCESS_LEVELS[-1], when: Json | None = None,
 ) -> None:  # fmt: skip
     """Draw the success of some methods against the budget, with intervals; a level line where a method has no budget."""
@@ -254,11 +255,11 @@ def add_success(
         trace = line(
             x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
             mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
-            line={"color": run.colour(label), "width": 2, "dash": run.dash(label)},
+            line=run.look(label),
             error_y={
                 "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
                 "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
             },
             hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}",
         )  # fmt: skip
-        plot.add(trace, when)
+        add(plot, trace, when)

@@ -5,20 +5,40 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
-from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import HOVER, INK_COLOUR, axis, heatmap, iterations, lean, line
+from benchmarks.report.figures import (
+    ALARM_COLOUR,
+    HOVER,
+    INK_COLOUR,
+    MUTED_COLOUR,
+    NOISE,
+    UNKNOWN_COLOUR,
+    Board,
+    Control,
+    Json,
+    add,
+    axis,
+    colour,
+    figure,
+    heatmap,
+    iterations,
+    lean,
+    line,
+)
 from benchmarks.report.ik.accuracy import chosen
 from benchmarks.report.ik.default import Pair, comparisons, pairs
 from benchmarks.report.run import Run
 from optik.arm.robot import Robot
 from optik.types import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Heatmap, Scatter
 
 MAP_ITERATIONS = "iterations to 1e−6 m and rad"
 """Quantities of a map besides the errors."""
@@ -37,9 +57,6 @@ ITERATION_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 POSITION_METHODS = 2
 """Methods whose positions are shown: the paper's iteration and the default. More methods would look the same."""
-
-START_KEY = Key("tool at the start", "#fff", "ring")
-"""Entry of a legend for the tool at the start."""
 
 _NAME = re.compile(r"^(?P<u>[XYZ])–(?P<v>[XYZ]) at (?P<normal>[xyz]) (?P<offset>[+-]\d+) mm$")
 """Name of the group of a sheet of graph paper."""
@@ -72,10 +89,10 @@ def sheets_of(b: BudgetRows) -> list[Sheet]:
     return [Sheet(m[0], m["u"], m["v"], m["normal"], int(m["offset"])) for m in found if m]
 
 
-def _sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Plot:
+def _sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Figure:
     """Return an empty plot of a plane with equal scales [mm], with the tool of the robot at the start."""
     tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
-    plot = Plot(
+    plot = figure(
         f"{name}-{b.block.id}-{sheet.u}{sheet.v}".lower(), f"{sheet.plane} sheet (offset along {sheet.normal.upper()})",
         {
             "xaxis": axis(f"{sheet.u} [mm]", constrain="domain", showgrid=False, zeroline=False),
@@ -83,9 +100,9 @@ def _sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Plot:
         },
         height=0,
     )  # fmt: skip
-    plot.add(
+    add(plot,
         line(
-            x=lean([tool[sheet.u]]), y=lean([tool[sheet.v]]), mode="markers",
+            x=lean([tool[sheet.u]]), y=lean([tool[sheet.v]]), mode="markers", name="tool at the start",
             marker={"symbol": "circle", "size": 12, "color": "#fff", "line": {"width": 3, "color": "#000"}},
             hovertemplate=f"tool at the start{HOVER}",
         )
@@ -120,17 +137,17 @@ class Squares:
         us, vs = self.us, self.vs
         return {"x0": float(us[0]), "dx": step(us), "y0": float(vs[0]), "dy": step(vs), "xgap": 1, "ygap": 1}
 
-    def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> list[list[float | None]]:
-        """Return one column over the squares; None where there is no row."""
+    def matrix(self, rows: pl.DataFrame, column: str, digits: int = 4) -> Array:
+        """Return one column over the squares; NaN where there is no row."""
         out = np.full((len(self.vs), len(self.us)), np.nan)
         out[rows["row"].to_numpy(), rows["col"].to_numpy()] = rows[column].to_numpy()
-        return [lean(row, digits) for row in out]
+        return lean(out.ravel(), digits).reshape(out.shape)
 
-    def filled(self, rows: pl.DataFrame, colour: str, hover: str) -> Json:
+    def filled(self, rows: pl.DataFrame, look: str, hover: str, name: str) -> Heatmap:
         """Return some squares in one colour."""
         return heatmap(
-            z=self.matrix(rows.with_columns(one=pl.lit(1.0)), "one"), **self.options, showscale=False,
-            colorscale=[[0, colour], [1, colour]], hovertemplate=f"{hover}{HOVER}",
+            z=self.matrix(rows.with_columns(one=pl.lit(1.0)), "one"), **self.options, showscale=False, name=name,
+            colorscale=[[0, look], [1, look]], hovertemplate=f"{hover}{name}{HOVER}",
         )  # fmt: skip
 
 
@@ -154,19 +171,18 @@ def _picture_board(pair: Pair, run: Run) -> Board:
     )
     mine, other, known = pl.col("mine"), pl.col("other"), pl.col("known")
     categories = (
-        ("reached by both", "var(--c2)", mine & other),
+        ("reached by both", colour(2), mine & other),
         (f"by {pair.attempt} only", run.colour(pair.attempt), mine & ~other),
         (f"by {pair.paper} only", run.colour(pair.paper), other & ~mine),
-        ("by neither", "var(--alarm)", known & ~mine & ~other),
-        ("no known solution", "var(--unknown)", ~known),
+        ("by neither", ALARM_COLOUR, known & ~mine & ~other),
+        ("no known solution", UNKNOWN_COLOUR, ~known),
     )
-    for words, colour, wanted in categories:
+    for words, look, wanted in categories:
         rows = solved.filter(wanted)
         if not rows.is_empty():
-            plot.add(squares.filled(rows, colour, sheet.hover + words))
-    legend = (*(Key(words, colour, "fill") for words, colour, _ in categories), START_KEY)
+            add(plot, squares.filled(rows, look, sheet.hover, words))
     return Board(
-        f"picture-{b.block.id}", (plot,), (), legend,
+        f"picture-{b.block.id}", (plot,), (),
         f"{sheet.plane} sheet through the tool, base frame; at most {b.budget} iterations, one attempt each.",
     )  # fmt: skip
 
@@ -181,7 +197,7 @@ def maps(run: Run) -> dict[str, Any] | None:
     return {"boards": boards} if boards else None
 
 
-def _plane_plots(name: str, b: BudgetRows, robot: Robot) -> tuple[dict[str, Plot], Control, Control]:
+def _plane_plots(name: str, b: BudgetRows, robot: Robot) -> tuple[dict[str, Figure], Control, Control]:
     """Return an empty plot of each plane, the choice of a budget, and the choice of a sheet."""
     sheets, shown = sheets_of(b), chosen(b.block.budgets, MAP_BUDGETS)
     first = {sheet.plane: sheet for sheet in reversed(sheets)}
@@ -204,24 +220,22 @@ def _positions_board(b: BudgetRows, robot: Robot) -> Board:
     for sheet in sheets_of(b):
         rows = b.known.filter(pl.col("group") == sheet.group)
         _add_positions(plots[sheet.plane], rows, sheet, methods, [int(n) for n, _ in after.options])
-    legend = (Key("laser spot", "var(--c1)", "ring"), Key("tool", INK_COLOUR, "dot"), START_KEY)
     return Board(
         f"positions-{b.block.id}", tuple(plots.values()), (Control.of("method", "Method", methods), after, sheet_control),
-        legend,
         "Fig. 10: laser spots with a known solution, and the tool at the last iterate within the budget, seen along the "
         "normal of the sheet. A line connects each spot with its tool.",
     )  # fmt: skip
 
 
-def _add_positions(plot: Plot, rows: pl.DataFrame, sheet: Sheet, methods: list[str], budgets: list[int]) -> None:
+def _add_positions(plot: Figure, rows: pl.DataFrame, sheet: Sheet, methods: list[str], budgets: list[int]) -> None:
     """Draw the spots of a sheet and the tools of every method after every budget."""
     here: Json = {"offset": [str(sheet.offset)]}
     u, v = sheet.u.lower(), sheet.v.lower()
     spots = rows.unique("problem").sort("problem")
-    plot.add(
+    add(plot,
         line(
             x=lean(1e3 * spots[u]), y=lean(1e3 * spots[v]), mode="markers",
-            marker={"symbol": "circle-open", "size": 8, "color": "var(--c1)"},
+            marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
             hovertemplate=f"spot at %{{x}}, %{{y}} mm{HOVER}",
         ),
         here,
@@ -230,10 +244,10 @@ def _add_positions(plot: Plot, rows: pl.DataFrame, sheet: Sheet, methods: list[s
     for method, budget in product(methods, budgets):
         if (method, budget) in parts:
             for trace in _tools(parts[method, budget], u, v):
-                plot.add(trace, here | {"method": [method], "budget": [str(budget)]})
+                add(plot, trace, here | {"method": [method], "budget": [str(budget)]})
 
 
-def _tools(part: pl.DataFrame, u: str, v: str) -> list[Json]:
+def _tools(part: pl.DataFrame, u: str, v: str) -> list[Scatter]:
     """Return the tools as points, and a line from each spot to its tool where they can be told apart."""
     spots = 1e3 * part.select(u, v).to_numpy()
     tools = spots - 1e3 * part.select(f"error_{u}", f"error_{v}").to_numpy()
@@ -241,10 +255,11 @@ def _tools(part: pl.DataFrame, u: str, v: str) -> list[Json]:
     joined = [np.stack([spots[apart, i], tools[apart, i], np.full(int(apart.sum()), np.nan)], axis=1) for i in (0, 1)]
     lines = line(
         x=lean(joined[0].ravel()), y=lean(joined[1].ravel()), mode="lines", hoverinfo="skip",
-        line={"color": "var(--muted)", "width": 1},
+        line={"color": MUTED_COLOUR, "width": 1},
     )  # fmt: skip
     points = line(
         x=lean(tools[:, 0]), y=lean(tools[:, 1]), mode="markers", marker={"size": 4, "color": INK_COLOUR},
+        name="tool",
         hovertemplate=f"tool at %{{x}}, %{{y}} mm{HOVER}",
     )  # fmt: skip
     return [lines, points]
@@ -261,24 +276,19 @@ def _maps_board(b: BudgetRows, robot: Robot) -> Board:
         replace(after, when={"quantity": errors}),
         sheet_control,
     )
-    legend = (
-        Key("no known solution", "var(--unknown)", "fill"),
-        Key("not solved within the largest budget", "var(--alarm)", "cross", {"quantity": [MAP_ITERATIONS]}),
-        START_KEY,
-    )
     return Board(
-        f"maps-{b.block.id}", tuple(plots.values()), controls, legend,
+        f"maps-{b.block.id}", tuple(plots.values()), controls,
         "Base frame, equal scales; |target − tool| on each axis at the last iterate within the budget. Errors up to "
         "10⁻⁹ mm (10⁻¹² m) are rounding and have one colour. Blank: the method was not given this target. The iteration "
         f"limit of the map of iterations is {b.budget}.",
     )  # fmt: skip
 
 
-def _add_maps(plot: Plot, b: BudgetRows, sheet: Sheet, budgets: list[str]) -> None:
+def _add_maps(plot: Figure, b: BudgetRows, sheet: Sheet, budgets: list[str]) -> None:
     """Draw a sheet: squares without a known solution, and every method's iterations and errors."""
     squares, here = Squares.of(b.rows, sheet), {"offset": [str(sheet.offset)]}
     unknown = squares.rows.unique("problem").filter(~pl.col("known"))
-    plot.add(squares.filled(unknown, "var(--unknown)", f"{sheet.hover}no known solution"), here)
+    add(plot, squares.filled(unknown, UNKNOWN_COLOUR, sheet.hover, "no known solution"), here)
     for (label, budget), part in squares.rows.filter("known").partition_by("method", "budget", as_dict=True).items():
         when = here | {"method": [str(label)]}
         if budget == b.budget and label in b.budgeted:
@@ -287,7 +297,7 @@ def _add_maps(plot: Plot, b: BudgetRows, sheet: Sheet, budgets: list[str]) -> No
             _add_errors(plot, part, squares, sheet.hover, when | {"budget": [str(budget)]})
 
 
-def _add_errors(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, when: Json) -> None:
+def _add_errors(plot: Figure, rows: pl.DataFrame, squares: Squares, where: str, when: Json) -> None:
     """Draw the error of each axis after one budget."""
     low, high = ERROR_DECADES
     ticks = list(range(low, high + 1, 3))
@@ -296,10 +306,10 @@ def _add_errors(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, wh
     at = rows.with_columns((pl.col(column).abs() * 1e3).clip(10.0**low) for column in MAP_ERRORS)
     for column, name in MAP_ERRORS.items():
         trace = _coloured(squares.matrix(at, column, 2), squares, low, high, "|error| [mm]", ticks, words)
-        plot.add(trace | {"hovertemplate": f"{where}%{{customdata:.2g}} mm{HOVER}"}, when | {"quantity": [name]})
+        add(plot, trace.update(hovertemplate=f"{where}%{{customdata:.2g}} mm{HOVER}"), when | {"quantity": [name]})
 
 
-def _add_iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str, when: Json, most: int) -> None:
+def _add_iterations(plot: Figure, rows: pl.DataFrame, squares: Squares, where: str, when: Json, most: int) -> None:
     """Draw iterations of the solved spots, and crosses for the others."""
     ticks = [n for n in ITERATION_TICKS if n <= most]
     solved, failed = (rows.filter((pl.col("status") == "solved") == ok) for ok in (True, False))
@@ -310,14 +320,15 @@ def _add_iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str
         0,
         high,
         "iterations",
-        lean(np.log10(ticks)),
+        np.log10(ticks),
         list(map(str, ticks)),
     )
-    plot.add(trace | {"hovertemplate": f"{where}iterations until solved: %{{customdata}}{HOVER}"}, when)
-    plot.add(
+    add(plot, trace.update(hovertemplate=f"{where}iterations until solved: %{{customdata}}{HOVER}"), when)
+    add(plot,
         line(
             x=lean(squares.us[failed["col"].to_numpy()]), y=lean(squares.vs[failed["row"].to_numpy()]), mode="markers",
-            marker={"symbol": "x-thin", "size": 8, "line": {"width": 2, "color": "var(--alarm)"}},
+            marker={"symbol": "x-thin", "size": 8, "line": {"width": 2, "color": ALARM_COLOUR}},
+            name="not solved within the largest budget",
             customdata=failed["status"].str.replace("_", " ").to_list(),
             hovertemplate=f"{where}not solved: %{{customdata}}{HOVER}",
         ),
@@ -326,17 +337,11 @@ def _add_iterations(plot: Plot, rows: pl.DataFrame, squares: Squares, where: str
 
 
 def _coloured(
-    values: list[list[float | None]],
-    squares: Squares,
-    low: float,
-    high: float,
-    title: str,
-    ticks: Any,
-    words: list[str],
-) -> Json:
+    values: Array, squares: Squares, low: float, high: float, title: str, ticks: Any, words: list[str]
+) -> Heatmap:
     """Return a map with logarithmic colours."""
     bar = {"title": {"text": title, "side": "right"}, "thickness": 12, "outlinewidth": 0, "len": 0.9}
     return heatmap(
-        customdata=values, meta="log10", **squares.options, colorscale="Viridis", zmin=low, zmax=high,
-        colorbar=bar | {"tickvals": ticks, "ticktext": words},
+        z=np.log10(np.maximum(values, NOISE)), customdata=values, meta={"log10": True}, **squares.options,
+        colorscale="Viridis", zmin=low, zmax=high, colorbar=bar | {"tickvals": ticks, "ticktext": words},
     )  # fmt: skip

@@ -17,19 +17,8 @@
   };
   const inflate = text => new Response(new Blob([bytesOf(text.trim())]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 
-  // Data as the report has packed it: JSON, then the floats that it refers to, NaN for what is not there.
-  const unpack = async text => {
-    const content = await inflate(text);
-    const length = new DataView(content).getUint32(0, true);
-    const floats = new Float32Array(content, 4 + length);
-    return JSON.parse(new TextDecoder().decode(new Uint8Array(content, 4, length)), (_, value) => {
-      if (!isObject(value) || !value.f32) return value;
-      const [first, rows, columns] = value.f32;
-      if (columns === undefined) return floats.subarray(first, first + rows);
-      const row = k => Array.from(floats.subarray(first + k * columns, first + (k + 1) * columns), v => (Number.isNaN(v) ? null : v));
-      return Array.from({ length: rows }, (_, k) => row(k));
-    });
-  };
+  const unpack = async text => JSON.parse(new TextDecoder().decode(await inflate(text)));
+  const look = JSON.parse(document.getElementById("look").textContent);
 
   const library = inflate(document.getElementById("plotly").textContent).then(content => {
     const script = document.createElement("script");
@@ -46,29 +35,24 @@
     return into;
   };
 
-  // A deep copy with var(--name) replaced by what the page's style says now.
+  // A deep copy with the light theme's colours replaced by those of the theme that the page has now.
   const themed = (value, style) => {
-    if (typeof value === "string") return value.replace(/var\((--[\w-]+)\)/g, (_, name) => style.getPropertyValue(name).trim());
+    if (typeof value === "string") return Object.hasOwn(look.variables, value) ? style.getPropertyValue(look.variables[value]).trim() : value;
     if (Array.isArray(value)) return typeof value[0] === "number" && typeof value.at(-1) === "number" ? value.slice() : value.map(item => themed(item, style));
     if (isObject(value)) return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, themed(item, style)]));
     return value;
   };
 
   const frame = style => ({
-    paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: style.getPropertyValue("--ink").trim() },
-    margin: { l: 8, r: 12, t: 12, b: 8 },
-    showlegend: false,
-    hovermode: "closest",
-    modebar: { bgcolor: "rgba(0,0,0,0)", color: style.getPropertyValue("--muted").trim(), activecolor: style.getPropertyValue("--ink").trim() },
-    hoverlabel: { font: { size: 12 } },
+    template: themed(look.template, style),
+    font: { family: getComputedStyle(document.body).fontFamily },
+    showlegend: false, // the board has one for all its figures
     dragmode: mouse ? "zoom" : false, // a finger that drags wants to scroll the page
   });
   // Buttons are named one by one: a new one of the library that talks to a server does not come by itself.
-  const config = plot => ({ responsive: true, displaylogo: false, scrollZoom: false, displayModeBar: mouse ? "hover" : false,
+  const config = layout => ({ responsive: true, displaylogo: false, scrollZoom: false, displayModeBar: mouse ? "hover" : false,
     showSendToCloud: false, plotlyServerURL: "",
-    modeBarButtons: [plot.layout.scene ? ["orbitRotation", "zoom3d", "resetCameraDefault3d", "toImage"] : ["zoom2d", "pan2d", "resetScale2d", "toImage"]] });
+    modeBarButtons: [layout.scene ? ["orbitRotation", "zoom3d", "resetCameraDefault3d", "toImage"] : ["zoom2d", "pan2d", "resetScale2d", "toImage"]] });
 
   const logarithm = matrix => matrix.map(row => row.map(value => (value === null ? null : Math.log10(Math.max(value, 1e-12)))));
 
@@ -78,12 +62,56 @@
     for (const { target } of entries) if (target.clientWidth && target._fullLayout && Math.abs(target._fullLayout.width - target.clientWidth) > 1) Plotly.Plots.resize(target);
   });
 
+  // ---------------------------------------------------------------- legends
+
+  const STROKES = { dash: "7 4", dot: "2 3", dashdot: "7 3 2 3" };
+  const MARKS = { square: "■", diamond: "◆", "triangle-up": "▲", cross: "✚", star: "★", x: "✖", "x-thin": "×", pentagon: "⬟" };
+  const plain = text => new DOMParser().parseFromString(text, "text/html").body.textContent; // names are escaped for Plotly
+
+  const drawn = (name, attributes, text = "") => {
+    const found = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) if (value !== undefined) found.setAttribute(key, value);
+    found.textContent = text;
+    return found;
+  };
+
+  // The first line, marker and area of every name among the traces and shapes that are shown.
+  const entriesOf = figures => {
+    const entries = new Map();
+    const keep = (name, parts) => entries.set(name, { ...parts, ...entries.get(name) });
+    for (const { data, layout } of figures) {
+      for (const { name, showlegend, type, mode = "", line = {}, marker = {}, fill, fillcolor, colorscale } of data) {
+        if (!name || showlegend === false) continue;
+        const color = line.color || marker.color, ring = marker.line || {};
+        if (type === "heatmap" || type === "bar" || fill) keep(name, { area: fillcolor || marker.color || colorscale[0][1] });
+        if (mode.includes("lines") && !fill) keep(name, { line: { stroke: color, "stroke-dasharray": STROKES[line.dash] } });
+        if (mode.includes("markers")) keep(name, { marker: { symbol: marker.symbol || "circle", color: marker.color || ring.color || color, ring } });
+      }
+      for (const { name, showlegend, type, fillcolor, line } of layout.shapes || []) {
+        if (showlegend) keep(name, type === "rect" ? { area: fillcolor } : { line: { stroke: line.color, "stroke-dasharray": STROKES[line.dash] } });
+      }
+    }
+    return entries;
+  };
+
+  const swatch = ({ area, line, marker }) => {
+    const found = drawn("svg", { class: line ? "key line" : "key", viewBox: line ? "0 0 30 12" : "8 0 14 12", "aria-hidden": "true" });
+    if (area) found.append(drawn("rect", { x: 8, y: 0.5, width: 14, height: 11, fill: area, stroke: "currentColor", "stroke-width": 0.3 }));
+    if (line) found.append(drawn("line", { x1: 0, x2: 30, y1: 6, y2: 6, "stroke-width": 2.5, ...line }));
+    if (marker) {
+      const { symbol, color, ring } = marker, open = symbol.endsWith("-open");
+      if (MARKS[symbol]) found.append(drawn("text", { x: 15, y: 10, "text-anchor": "middle", fill: color }, MARKS[symbol]));
+      else found.append(drawn("circle", { cx: 15, cy: 6, r: 4, fill: open ? "none" : color, stroke: open ? color : ring.color, "stroke-width": 1.6 }));
+    }
+    return found;
+  };
+
   class BoardView {
-    constructor(figure) {
-      this.figure = figure;
-      this.state = JSON.parse(figure.dataset.state);
-      this.plots = null;
-      for (const select of figure.querySelectorAll("[data-control]")) {
+    constructor(board) {
+      this.board = board;
+      this.state = JSON.parse(board.dataset.state);
+      this.figures = null;
+      for (const select of board.querySelectorAll("[data-control]")) {
         select.addEventListener("change", () => {
           this.state[select.dataset.control] = select.value;
           this.tell();
@@ -93,12 +121,12 @@
       this.tell();
     }
 
-    get drawn() { return this.plots !== null; }
+    get drawn() { return this.figures !== null; }
 
     // Its data and the library, fetched from the page once; then it is drawn.
     ready() {
-      this.coming ||= Promise.all([unpack(this.figure.querySelector("script").textContent), library]).then(([plots]) => {
-        this.plots = plots;
+      this.coming ||= Promise.all([unpack(this.board.querySelector("script").textContent), library]).then(([figures]) => {
+        this.figures = figures;
         this.draw();
       });
       return this.coming;
@@ -106,34 +134,43 @@
 
     // The choices, in words: for print, where no control is.
     tell() {
-      for (const item of this.figure.querySelectorAll("[data-when]")) item.hidden = !fits(JSON.parse(item.dataset.when), this.state);
-      const said = [...this.figure.querySelectorAll("[data-control]")].filter(select => !select.closest("[hidden]"))
+      for (const item of this.board.querySelectorAll("[data-when]")) item.hidden = !fits(JSON.parse(item.dataset.when), this.state);
+      const said = [...this.board.querySelectorAll("[data-control]")].filter(select => !select.closest("[hidden]"))
         .map(select => `${select.previousElementSibling.textContent}: ${select.selectedOptions[0].textContent}`);
-      const place = this.figure.querySelector(".chosen");
+      const place = this.board.querySelector(".chosen");
       if (place) place.textContent = said.join("; ");
     }
 
     draw() {
       const style = getComputedStyle(document.documentElement);
-      for (const plot of this.plots) {
-        const data = (plot.traces || []).filter(entry => fits(entry.when, this.state)).map(entry => this.trace(entry, style));
-        const layout = merge(frame(style), themed(plot.layout, style));
-        for (const entry of plot.layouts || []) if (fits(entry.when, this.state)) merge(layout, themed(entry.layout, style));
-        layout.uirevision = plot.layout.scene ? "camera" : JSON.stringify(this.state);
-        if (layout.scene) layout.dragmode = "orbit";
-        const place = document.getElementById(plot.id);
+      const shown = this.figures.map(figure => this.at(figure, style));
+      for (const { data, layout } of shown) {
+        const place = document.getElementById(layout.meta.id);
         if (layout.height) place.style.height = `${layout.height}px`;
         if (printing()) Object.assign(layout, { width: place.clientWidth, height: place.clientHeight }); // paper is not resized
-        Plotly.react(plot.id, data, layout, config(plot));
+        Plotly.react(place, data, layout, config(layout));
         fitted.observe(place);
       }
+      this.board.querySelector(".legend").replaceChildren(...[...entriesOf(shown)].map(([name, parts]) => {
+        const item = document.createElement("li");
+        item.append(swatch(parts), plain(name));
+        return item;
+      }));
     }
 
-    trace(entry, style) {
-      const trace = themed(entry.trace, style);
-      for (const variant of entry.variants || []) if (fits(variant.when, this.state)) merge(trace, themed(variant.patch, style));
-      if (trace.meta === "log10") trace.z = logarithm(trace.customdata);
-      return trace;
+    // A figure at the reader's choices.
+    at(figure, style) {
+      const data = figure.data.filter(({ meta }) => fits(meta?.when, this.state)).map(trace => {
+        const found = themed(trace, style), { at, look, log10 } = trace.meta || {};
+        if (look && fits(at, this.state)) merge(found, themed(look, style));
+        if (log10) found.z = logarithm(found.customdata);
+        return found;
+      });
+      const layout = merge(frame(style), themed(figure.layout, style));
+      for (const variant of figure.layout.meta.variants || []) if (fits(variant.when, this.state)) merge(layout, themed(variant.layout, style));
+      layout.uirevision = layout.scene ? "camera" : JSON.stringify(this.state);
+      if (layout.scene) layout.dragmode = "orbit";
+      return { data, layout };
     }
   }
 
@@ -176,7 +213,7 @@
   const boards = [...document.querySelectorAll("figure.board")].map(figure => new BoardView(figure));
   // The arm that plays motions: its script and its data.
   const drawArm = async place => {
-    const [text, data] = JSON.parse(new TextDecoder().decode(await inflate(place.querySelector("script").textContent)));
+    const [text, data] = await unpack(place.querySelector("script").textContent);
     const script = document.createElement("script");
     script.textContent = text;
     document.head.append(script);

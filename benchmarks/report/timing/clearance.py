@@ -12,11 +12,9 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import Column, KindReport, Section, Table
-from benchmarks.report.board import Board, Control, Plot
-from benchmarks.report.figures import HOVER, axis, lean, line
+from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, steps_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.steps import steps_of
 from benchmarks.statistics import percentage, quantiles
 
 if TYPE_CHECKING:
@@ -109,7 +107,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
     most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
-    missed = Plot(
+    missed = figure(
         "clearance-missed", "Missed contacts against the time of a motion",
         {
             "xaxis": axis("median time of a motion [ms]", **ticks),
@@ -117,7 +115,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
         },
         400,
     )  # fmt: skip
-    times = Plot(
+    times = figure(
         "clearance-times", "Motions judged within this time",
         {"xaxis": axis("time [ms]", **ticks), "yaxis": axis("motions [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
@@ -127,7 +125,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
             when = {"scene": [b.block.title]}
             if contacts:
                 share, low, high = percentage(int(rows["missed"].sum()), contacts)
-                missed.add(
+                add(missed,
                     line(
                         mode="markers", x=lean([np.median(ms)], 4), y=lean([share], 4), name=label,
                         marker={"color": run.colour(label), "size": 11, "symbol": run.symbol(label)},
@@ -140,17 +138,15 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
                     when,
                 )  # fmt: skip
             x, shares = steps_of(ms, len(ms))
-            look = {"color": run.colour(label), "width": 2, "dash": run.dash(label), "shape": "hv"}
+            look = run.look(label) | {"shape": "hv"}
             trace = line(
                 x=lean(x, 4), y=lean(shares, 4), name=label, line=look,
                 hovertemplate=f"{label}<br>%{{y:.3~g}} % within %{{x:.3g}} ms{HOVER}",
             )  # fmt: skip
-            times.add(trace, when)
-    labels = list(dict.fromkeys(label for b in blocks for label, _ in _by_method(b)))
+            add(times, trace, when)
     titles = [b.block.title for b in blocks]
     return Board(
         "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),
-        tuple(run.key(label) for label in labels),
         f"{PROOF.capitalize()}: also between samples. Bars are Wilson's 95 % intervals.",
     )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -11,14 +11,31 @@ from benchmarks.blocks._arms import arm_label
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import LawRows, in_group
 from benchmarks.report.active import ACTIVE, active_plot, limit_colour
-from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND_COLOUR, HOVER, INK_COLOUR, MUTED_COLOUR, axis, lean, line, log_axis
+from benchmarks.report.figures import (
+    ALARM_COLOUR,
+    HOVER,
+    INK_COLOUR,
+    MUTED_COLOUR,
+    Board,
+    Control,
+    Json,
+    add,
+    axis,
+    band,
+    figure,
+    lean,
+    line,
+    log_axis,
+    steps_of,
+)
 from benchmarks.report.run import Run
-from benchmarks.report.steps import steps_of
 from benchmarks.report.timing.laws.tables import limited
 from benchmarks.report.words import quoted
 from optik.registry import short_name
-from planners.limits import ALL_LIMITS, DERIVATIVES, LOADED
+from planners.limits import LOADED
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 EVERY = "every path"
 """The group of all lines, in a control of the page."""
@@ -41,11 +58,11 @@ LEAST_EXCESS = 0.01
 
 def durations(b: LawRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
-    plain = Plot(
+    plain = figure(
         "timing-distribution", "Paths with a duration of at most this multiple of T*",
         {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
-    kept = Plot(
+    kept = figure(
         "timing-profile", "After stretching to meet every limit: excess over T*",
         {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
     )  # fmt: skip
@@ -56,7 +73,7 @@ def durations(b: LawRows, run: Run) -> Board:
             rows = part.filter(pl.col("method") == label)
             if "absent" in about or rows.is_empty():
                 continue
-            look = _look(label, run)
+            look = run.look(label)
             _steps(
                 plain,
                 label,
@@ -71,7 +88,7 @@ def durations(b: LawRows, run: Run) -> Board:
             _steps(kept, label, look, np.maximum(excess, LEAST_EXCESS), len(rows), group, "% longer")
     names = [(g, g.replace("_", "-")) for g in groups]
     return Board(
-        f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),), _legend(b, run),
+        f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),),
         "First plot: all motions unchanged; one that exceeds a limit may be shorter than T*. Second plot: durations after "
         "uniform time scaling until all limits are met exactly. A law with discontinuous acceleration has no such duration. "
         f"Values below {LEAST_EXCESS:g} % are shown as {LEAST_EXCESS:g} %.",
@@ -89,9 +106,9 @@ def torques(b: LawRows, run: Run) -> Board | None:
         words = field.replace("_", " ")
         beyond = {
             "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
-            "line": {"color": "var(--alarm)", "width": 1, "dash": "dash"},
+            "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
         }  # fmt: skip
-        plot = Plot(
+        plot = figure(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
             {
                 "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
@@ -107,7 +124,7 @@ def torques(b: LawRows, run: Run) -> Board | None:
                 _steps(
                     plot,
                     label,
-                    _look(label, run),
+                    run.look(label),
                     np.clip(values, LEAST_RATIO, MOST_RATIO),
                     len(rows),
                     group,
@@ -116,17 +133,16 @@ def torques(b: LawRows, run: Run) -> Board | None:
         plots.append(plot)
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
-        _legend(b, run),
         "Motions before time scaling: the worst joint of each, proved for every instant, for the arm's model. Right of the "
         "dashed line a motion exceeds the torque limits. Where the acceleration is discontinuous, the torque rate is "
         f"infinite. Values above {MOST_RATIO:g} are shown as {MOST_RATIO:g}.",
     )  # fmt: skip
 
 
-def _around(values: pl.Series) -> list[float | None]:
+def _around(values: pl.Series) -> list[float]:
     """Return the decades that contain all plotted values, and the limit with some margin beyond it."""
     drawn = np.clip(values.drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
-    return lean([np.log10(0.9 * min(drawn.min(), 1.0)), np.log10(1.2 * max(drawn.max(), 1.0))])
+    return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
 
 
 def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
@@ -134,7 +150,7 @@ def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
     return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
 
 
-def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
+def _steps(plot: Figure, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
     """Return the fraction of lines [%] at or below each value."""
     if not len(values):
         return
@@ -143,7 +159,7 @@ def _steps(plot: Plot, label: str, look: Json, values: Any, count: int, group: s
         x=lean(x, 6), y=lean(shares, 6), name=label, line=look | {"shape": "hv"},
         hovertemplate=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}{HOVER}",
     )  # fmt: skip
-    plot.add(trace, {"group": [group]})
+    add(plot, trace, {"group": [group]})
 
 
 def _path_words(robot: str, kind: str, index: int) -> str:
@@ -151,22 +167,13 @@ def _path_words(robot: str, kind: str, index: int) -> str:
     return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
 
 
-def _look(label: str, run: Run) -> Json:
-    return {"color": run.colour(label), "width": 2, "dash": run.dash(label)}
-
-
-def _legend(b: LawRows, run: Run) -> tuple[Key, ...]:
-    here = set(b.rows["method"])
-    return tuple(run.key(label) for label in b.entries if label in here)
-
-
 def against_singularity(b: LawRows, run: Run) -> Board:
     """Plot durations and their ratio to T* over the smallest singular value on the path."""
     across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
-        Plot("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
-        Plot("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
+        figure("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
+        figure("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
     )
     for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
         if str(label) not in b.entries:
@@ -178,10 +185,10 @@ def against_singularity(b: LawRows, run: Run) -> Board:
                 text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
                 hovertemplate=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}{HOVER}",
             )  # fmt: skip
-            plot.add(trace, {"limits": [str(limits)]})
+            add(plot, trace, {"limits": [str(limits)]})
     controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
     return Board(
-        f"{b.block.id}-singularity", plots, controls, _legend(b, run),
+        f"{b.block.id}-singularity", plots, controls,
         "One point for each path and law. A law with one bound for the whole path is limited by the worst position along it, "
         "so it is slower at the left, near a singularity.",
     )  # fmt: skip
@@ -221,40 +228,32 @@ def _phase(
     scale, unit = of
     laws = motions["law"].unique(maintain_order=True).to_list()
     fastest = float(motions["speed"].to_numpy().max())
-    plot = Plot(
+    plot = figure(
         "timing-phase", "Speed along the path and its limit curves",
         {"xaxis": axis(f"s [{unit}]"), "yaxis": axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest])}, 440,
     )  # fmt: skip
     at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}{HOVER}"
     bounds = (
-        ("velocity", {"color": INK_COLOUR, "width": 1.6, "dash": "dash"}, "velocity limit of %{text}"),
-        (
-            "acceleration",
-            {"color": MUTED_COLOUR, "width": 1.6, "dash": "dot"},
-            "acceleration limits, for any path acceleration",
-        ),
+        ("velocity", "velocities", INK_COLOUR, "dash", "velocity limit of %{text}"),
+        ("acceleration", "accelerations", MUTED_COLOUR, "dot", "acceleration limits, for any path acceleration"),
     )
-    for field, look, meaning in bounds:
+    for field, several, drawn, dash, meaning in bounds:
         trace = line(
             x=lean(scale * curve["s"].to_numpy()), y=lean(scale * np.minimum(curve[field].to_numpy(), FAR * fastest)),
-            name=f"{field} limits", text=curve["velocity_joint"].to_list(), line=look, hovertemplate=meaning + at,
+            name=f"limit curve of the joint {several}", text=curve["velocity_joint"].to_list(),
+            line={"color": drawn, "width": 1.6, "dash": dash}, hovertemplate=meaning + at,
         )  # fmt: skip
-        plot.add(trace)
+        add(plot, trace)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
-        plot.add(
+        add(plot,
             line(
                 x=lean(scale * part["s"].to_numpy(), 5), y=lean(scale * part["speed"].to_numpy()), name=law,
                 line={"color": run.colour(law), "width": 2}, hovertemplate=law + at,
             )
         )  # fmt: skip
-    legend = [Key(law, run.colour(law)) for law in laws]
-    legend += [
-        Key("limit curve of the joint velocities", INK_COLOUR, "dashed"),
-        Key("limit curve of the joint accelerations", MUTED_COLOUR, "dashed"),
-    ]
     return Board(
-        f"{b.block.id}-phase", (plot,), (), tuple(legend),
+        f"{b.block.id}-phase", (plot,), (),
         f"The {words}. The dashed curves are the maximum-velocity curves: every motion above one of them exceeds a limit.",
     )  # fmt: skip
 
@@ -263,34 +262,25 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
     """Show the active constraints of every law along the line, and the ratio of the joints to their limits."""
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)
-    drawn = [name for name in LOADED if name in motions.columns and motions[name].is_not_nan().any()]
-    used = [name for name in ALL_LIMITS if name in DERIVATIVES or name in drawn or name in set(near["limit"])]
-    legend = [Key(field.replace("_", " "), limit_colour(field)) for field in used] + [
-        Key("beyond the limit", BAND_COLOUR, "fill")
-    ]
     initial = next((law for law in laws if law == b.block.plan), laws[0])
     return Board(
         f"{b.block.id}-who", (active_plot("timing-who", near, laws, *of), _ratios(motions, laws, of)),
-        (Control.of("law", "Time law", laws, initial),), tuple(legend),
+        (Control.of("law", "Time law", laws, initial),),
         f"The {words}. First plot: where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, from the certificate. "
         "Second plot: the jerk of a law without a jerk limit is far above 1. Where its acceleration is discontinuous the jerk "
         "is infinite; the plot shows it between these points.",
     )  # fmt: skip
 
 
-def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Plot:
+def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Figure:
     """Plot the largest ratio to its limit of every derivative along the line."""
     scale, unit = of
-    beyond = {
-        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1e6, "layer": "below", "fillcolor": BAND_COLOUR,
-        "line": {"width": 0},
-    }  # fmt: skip
     layout = {
         "xaxis": axis(f"s [{unit}]"),
         "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
-        "shapes": [beyond],
+        "shapes": [band(1.0, 1e6, "beyond the limit")],
     }
-    plot = Plot("timing-ratios", "Largest value / limit of any joint", layout, 340)
+    plot = figure("timing-ratios", "Largest value / limit of any joint", layout, 340)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
         for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):
@@ -300,5 +290,5 @@ def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Pl
                 line={"color": limit_colour(field), "width": 1.6},
                 hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}{HOVER}",
             )  # fmt: skip
-            plot.add(trace, {"law": [law]})
+            add(plot, trace, {"law": [law]})
     return plot

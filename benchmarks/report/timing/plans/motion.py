@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.timing.plans import LinePlans
-from benchmarks.report.active import ACTIVE, active_plot, limit_colour
-from benchmarks.report.board import Board, Control, Json, Key, Plot
-from benchmarks.report.figures import BAND_COLOUR, HOVER, MUTED_COLOUR, NOISE, axis, colour, lean, line, log_axis
+from benchmarks.report.active import ACTIVE, active_plot
+from benchmarks.report.figures import (
+    HOVER,
+    NOISE,
+    Board,
+    Control,
+    Json,
+    add,
+    axis,
+    band,
+    colour,
+    figure,
+    lean,
+    level,
+    line,
+    log_axis,
+    vary,
+)
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.tables import law_control, line_plans, worst
 from optik.arm.robot import Robot
 from optik.types import Array
 from planners.limits import ALL_LIMITS
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 ALL_LAWS, ALL_JOINTS = "all laws", "all joints"
 """Choices of the controls of laws and joints."""
@@ -79,11 +97,9 @@ def _active_board(found: LinePlans) -> Board:
         frames.append(frame.with_columns(pl.col("ratio").fill_null(np.inf), law=pl.lit(p["law"])))
     near = pl.concat(frames).filter((pl.col("ratio") >= ACTIVE) & pl.col("limit").is_in(ALL_LIMITS))
     laws = [p["law"] for p in plans]
-    used = [name for name in ALL_LIMITS if name in set(near["limit"])]
     return Board(
         "active-board", (active_plot("motion-active", near, laws, 1e3, "mm"),),
         (law_control(laws),) if laws[1:] else (),
-        tuple(Key(name.replace("_", " "), limit_colour(name)) for name in used),
         f"Where a joint is within {100 * (1 - ACTIVE):.0f} % of a limit, or exceeds it, from the certificate.",
     )  # fmt: skip
 
@@ -117,19 +133,19 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     for column, (words, title, _) in JOINT_CURVES.items():
         if column not in rows.columns:
             continue
-        plot = Plot(
+        plot = figure(
             f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
         )
         for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
             i = joints.index(joint)
             t = part["t"]
-            plot.add(
+            add(plot,
                 line(
-                    x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=f"{joint}, {law}",
+                    x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=str(joint),
                     line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
                 ),
                 {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
-                [({"law": [ALL_LAWS]}, {"line": {"color": run.colour(str(law))}})],
+                at={"law": [ALL_LAWS]}, look={"name": str(law), "line": {"color": run.colour(str(law))}},
             )  # fmt: skip
         if column == "torque":
             _add_friction(plot, rows, joints)
@@ -143,21 +159,16 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
         Control.of("range", "Vertical range", (IN_VIEW, WHOLE_CURVES)),
         Control.of("time", "Time", (WHOLE_MOTION, MOTION_START, MOTION_END)),
     )
-    legend = [Key(j, colour(i), "solid", {"law": laws, "joint": [j, ALL_JOINTS]}) for i, j in enumerate(joints)]
-    legend += [Key(law, run.colour(law), "solid", {"law": [ALL_LAWS]}) for law in laws]
-    legend.append(Key("beyond the limit", BAND_COLOUR, "fill"))
-    if "coulomb" in rows.columns and rows["coulomb"].max() > 0.0:  # type: ignore[operator]
-        legend.append(Key("Coulomb friction either way", MUTED_COLOUR, "fill", {"joint": joints, "law": laws}))
     instants = len(rows) // len(rows.unique(["law", "joint"]))
     return Board(
-        "motion-board", tuple(plots), controls, tuple(legend),
+        "motion-board", tuple(plots), controls,
         f"{instants:,} instants of the polynomials. “{IN_VIEW}” clips curves far beyond the limits; “{WHOLE_CURVES}” shows "
         "all. The peaks in the table below are exact, not from these instants."
         + (OF_TORQUES if "torque" in rows.columns else ""),
     )  # fmt: skip
 
 
-def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
+def _add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
     """Add the possible torques of Coulomb friction at each instant: an interval if a joint rests or reverses."""
     for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
         friction = float(part["coulomb"][0])
@@ -166,12 +177,12 @@ def _add_friction(plot: Plot, rows: pl.DataFrame, joints: list[str]) -> None:
         t, moved = part["t"].to_numpy(), np.sign(part["dq"].to_numpy())
         without = part["torque"].to_numpy() - friction * moved
         around = np.concatenate([without + friction, (without - friction)[::-1]])
-        name = f"{joint}, {law}, Coulomb friction either way"
         trace = line(
-            x=lean(np.concatenate([t, t[::-1]]), 5), y=lean(around), name=name, fill="toself", hoverinfo="skip", opacity=0.18,
-            line={"color": colour(joints.index(str(joint))), "width": 0}, fillcolor=colour(joints.index(str(joint))),
+            x=lean(np.concatenate([t, t[::-1]]), 5), y=lean(around), name="Coulomb friction either way", fill="toself",
+            hoverinfo="skip", opacity=0.18, line={"color": colour(joints.index(str(joint))), "width": 0},
+            fillcolor=colour(joints.index(str(joint))),
         )  # fmt: skip
-        plot.add(trace, {"law": [str(law)], "joint": [str(joint)]})
+        add(plot, trace, {"law": [str(law)], "joint": [str(joint)]})
 
 
 def _limits(found: LinePlans, column: str, robot: Robot) -> list[tuple[float, float] | None]:
@@ -201,20 +212,20 @@ def _sides(bound: Any, n: int) -> list[tuple[float, float] | None]:
     return [None if a is None or b is None else (float(a), float(b)) for a, b in zip(low, high, strict=True)]
 
 
-def _bands(plot: Plot, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
+def _bands(plot: Figure, limits: list[tuple[float, float] | None], column: str, joints: list[str]) -> None:
     """Shade the area beyond the limits of one joint, or of all if they are the same."""
     for joint, limit in zip(joints, limits, strict=True):
         if limit is not None:
-            plot.vary({"joint": [joint]}, {"shapes": _outside(limit)})
-            plot.vary({"joint": [joint], "range": [IN_VIEW]}, {"yaxis": {"range": _view(limit, column)}})
+            vary(plot, {"joint": [joint]}, {"shapes": _outside(limit)})
+            vary(plot, {"joint": [joint], "range": [IN_VIEW]}, {"yaxis": {"range": _view(limit, column)}})
     given = [x for x in limits if x is not None]
     if not given:
         return
     if len(set(limits)) == 1:
-        plot.vary({"joint": [ALL_JOINTS]}, {"shapes": _outside(given[0])})
+        vary(plot, {"joint": [ALL_JOINTS]}, {"shapes": _outside(given[0])})
     if column != "q":
         widest = max(given, key=lambda limit: limit[1])
-        plot.vary({"joint": [ALL_JOINTS], "range": [IN_VIEW]}, {"yaxis": {"range": _view(widest, column)}})
+        vary(plot, {"joint": [ALL_JOINTS], "range": [IN_VIEW]}, {"yaxis": {"range": _view(widest, column)}})
 
 
 def _view(limit: tuple[float, float], column: str) -> list[float]:
@@ -224,21 +235,14 @@ def _view(limit: tuple[float, float], column: str) -> list[float]:
 
 
 def _outside(limit: tuple[float, float]) -> list[Json]:
-    def band(low: float, high: float) -> Json:
-        return {
-            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": low, "y1": high, "layer": "below",
-            "fillcolor": BAND_COLOUR, "line": {"width": 0},
-        }  # fmt: skip
-
-    def edge(y: float) -> Json:
-        stroke = {"color": "var(--alarm)", "width": 1, "dash": "dash"}
-        return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": stroke}
-
-    far = 1e6 * (limit[1] - limit[0])
-    return [band(limit[1], limit[1] + far), band(limit[0] - far, limit[0]), edge(limit[0]), edge(limit[1])]
+    """Return the areas beyond the limits, with dashed edges."""
+    low, high = limit
+    far = 1e6 * (high - low)
+    areas = [band(high, high + far, "beyond the limit"), band(low - far, low)]
+    return [*areas, *(level(end, dash="dash") for end in limit)]
 
 
-def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
+def _whole_ranges(plot: Figure, rows: pl.DataFrame, column: str, laws: list[str], joints: list[str]) -> None:
     """Return ranges that contain whole curves; the shaded bands would widen those that Plotly computes."""
     for law in (*laws, ALL_LAWS):
         of_law = rows if law == ALL_LAWS else rows.filter(pl.col("law") == law)
@@ -246,23 +250,25 @@ def _whole_ranges(plot: Plot, rows: pl.DataFrame, column: str, laws: list[str], 
             values = (of_law if joint == ALL_JOINTS else of_law.filter(pl.col("joint") == joint))[column].to_numpy()
             low, high = float(values.min()), float(values.max())
             room = 0.06 * (high - low) + 1e-9
-            plot.vary(
+            vary(
+                plot,
                 {"range": [WHOLE_CURVES], "law": [law], "joint": [joint]},
-                {"yaxis": {"range": lean([low - room, high + room])}},
+                {"yaxis": {"range": lean([low - room, high + room]).tolist()}},
             )
 
 
-def _time_ranges(plot: Plot, rows: pl.DataFrame, laws: list[str]) -> None:
-    plot.vary({"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
+def _time_ranges(plot: Figure, rows: pl.DataFrame, laws: list[str]) -> None:
+    vary(plot, {"time": [MOTION_START]}, {"xaxis": {"range": [-0.05 * END_SECONDS, END_SECONDS]}})
     for law in laws:
         end = float(rows.filter(pl.col("law") == law)["t"].to_numpy().max())
-        plot.vary(
-            {"time": [MOTION_END], "law": [law]}, {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}}
+        vary(
+            plot,
+            {"time": [MOTION_END], "law": [law]},
+            {"xaxis": {"range": [end - END_SECONDS, end + 0.05 * END_SECONDS]}},
         )
 
 
 def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
-    laws = rows["law"].unique(maintain_order=True).to_list()
     most = 1e6 * max(float(rows[c].to_numpy().max()) for c in ("distance", "angle"))
     fields = {
         "speed": ("Speed along the line", axis("speed [mm/s]", rangemode="tozero"), 1e3),
@@ -271,7 +277,7 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     }
     plots = []
     for column, (title, vertical, scale) in fields.items():
-        plot = Plot(
+        plot = figure(
             f"tool-{column}", title, {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": vertical}, height=300
         )
         for (law,), part in rows.group_by("law", maintain_order=True):
@@ -280,7 +286,7 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
                 y = np.gradient(part["s"].to_numpy(), t)
             else:
                 t, y = _envelope(t, part[column].to_numpy())
-            plot.add(
+            add(plot,
                 line(
                     x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
                     line={"color": run.colour(str(law)), "width": 2},
@@ -288,9 +294,8 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
                 )
             )  # fmt: skip
         plots.append(plot)
-    legend = tuple(Key(law, run.colour(law)) for law in laws)
     return Board(
-        "tool-board", tuple(plots), (), legend,
+        "tool-board", tuple(plots), (),
         f"Speed from differences of the path length between instants. Deviations: the largest of every {ENVELOPE} instants.",
     )  # fmt: skip
 

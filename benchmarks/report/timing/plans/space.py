@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
 
-from benchmarks.report.board import Board, Json, Key, Plot
 from benchmarks.report.figures import (
-    BAND_COLOUR,
-    GRID_COLOUR,
+    ALARM_COLOUR,
     HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
+    Board,
+    Json,
+    add,
     axis,
+    band,
+    colour,
+    entry,
+    figure,
     lean,
     line,
     line_3d,
+    squeeze,
 )
 from benchmarks.report.numbers import number
-from benchmarks.report.packing import squeeze
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.tables import law_control, line_plans
 from optik.arm.robot import Robot
@@ -30,16 +35,19 @@ from optik.types import Array
 from planners.cell.view.page import embed_arm
 from planners.cell.view.show import Track, thin
 
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter3d
+
 ARM_INSTANTS = 251
 """Number of instants of a motion of the arm; the viewer interpolates cubics between them."""
 
 AROUND = 13
 """Points of a drawn circle."""
 
-MARK_COLOUR = "var(--alarm)"
+MARK_COLOUR = ALARM_COLOUR
 """Colour of the nearest shapes."""
 
-SCENE_COLOUR = "var(--c1)"
+SCENE_COLOUR = colour(1)
 """Colour of the scene."""
 
 PLANE_HALF = 0.8
@@ -58,10 +66,8 @@ def line_in_space(run: Run) -> dict[str, Any] | None:
     names = sorted((law for law, _ in laws.options), key=lambda law: law != laws.value)
     motions = {law: _track(rows.filter(pl.col("law") == law), robot.n) for law in names}
     words = [", ".join(number(1e3 * x, 4) for x in point) for point in ends]
-    legend = (Key("line", "var(--c1)"), Key("samples", "var(--c0)", "dot"), Key("start", "var(--c2)", "dot"),
-              Key("goal", "var(--c3)", "dot"))  # fmt: skip
     board = Board(
-        "line-board", (_straight(1e3 * ends, found.block.samples),), (), legend,
+        "line-board", (_straight(1e3 * ends, found.block.samples),), (),
         f"The line with its {found.block.samples} samples, in the base frame. Drag to turn.",
     )  # fmt: skip
     return {
@@ -76,22 +82,22 @@ def _track(rows: pl.DataFrame, n: int) -> Track:
     return thin(Track(t[:, 0], q, dq), ARM_INSTANTS)
 
 
-def _straight(ends: Array, samples: int) -> Plot:
+def _straight(ends: Array, samples: int) -> Figure:
     """Plot the line alone, with its samples [mm]."""
     scene = {"aspectmode": "cube", **{f"{a}axis": _axis_in_space(a, 5) for a in "xyz"}}
-    plot = Plot(
+    plot = figure(
         "straight", "The straight line in Cartesian coordinates (Fig. 5)",
         {"scene": scene, "margin": dict.fromkeys("lrtb", 0)}, height=520,
     )  # fmt: skip
     along = ends[0] + np.linspace(0.0, 1.0, samples)[:, None] * (ends[1] - ends[0])
-    plot.add(_points(ends, "line", mode="lines", line={"color": "var(--c1)", "width": 4}))
-    plot.add(_points(along, "sample", marker={"color": "var(--c0)", "size": 2}))
-    plot.add(_points(ends[:1], "P₀", marker={"color": "var(--c2)", "size": 6, "symbol": "circle"}))
-    plot.add(_points(ends[1:], "P", marker={"color": "var(--c3)", "size": 6, "symbol": "diamond"}))
+    add(plot, _points(ends, "line", mode="lines", line={"color": colour(1), "width": 4}))
+    add(plot, _points(along, "samples", marker={"color": colour(0), "size": 2}))
+    add(plot, _points(ends[:1], "start", marker={"color": colour(2), "size": 6, "symbol": "circle"}))
+    add(plot, _points(ends[1:], "goal", marker={"color": colour(3), "size": 6, "symbol": "diamond"}))
     return plot
 
 
-def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> Json:
+def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> Scatter3d:
     x, y, z = (lean(values) for values in points.T)
     hover = f"{name}<br>%{{x:.1f}}, %{{y:.1f}}, %{{z:.1f}} mm{HOVER}"
     return line_3d(x=x, y=y, z=z, mode=mode, name=name, hovertemplate=hover, **options)
@@ -129,16 +135,13 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
     """Plot the least distance of all pairs and that between links, with the proved bounds."""
     laws = rows["law"].unique(maintain_order=True).to_list()
     margin = 1e3 * float(pictures[0]["margin"])
-    below = {
-        "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": -1e4, "y1": margin, "layer": "below",
-        "fillcolor": BAND_COLOUR, "line": {"width": 0},
-    }  # fmt: skip
+    below = band(-1e4, margin, "nearer to the scene than the margin" if margin else "contact")
     most = 1e3 * float(np.nanmax(rows.select(pl.max_horizontal("scene", "own")).to_numpy().astype(float)))
-    plot = Plot(
+    plot = figure(
         "clearance-time", "Clearance over time",
         {
             "xaxis": axis("t [s]", rangemode="tozero"),
-            "yaxis": axis("distance [mm]", range=lean([min(-0.04 * most, margin - 0.1 * most), 1.06 * most])),
+            "yaxis": axis("distance [mm]", range=[min(-0.04 * most, margin - 0.1 * most), 1.06 * most]),
             "shapes": [below],
         }, 380,
     )  # fmt: skip
@@ -149,27 +152,23 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
             if kept.is_empty():
                 continue
             trace = line(
-                x=lean(kept["t"], 5), y=lean(1e3 * kept[column].to_numpy(), 5), name=f"{words}, {law}",
+                x=lean(kept["t"], 5), y=lean(1e3 * kept[column].to_numpy(), 5), **({"name": law} if dash == "solid" else {}),
                 line={"color": run.colour(law), "width": 2, "dash": dash},
                 hovertemplate=f"{words}, {law}<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
             )  # fmt: skip
-            plot.add(trace, {"law": [law]})
+            add(plot, trace, {"law": [law]})
     for picture in pictures:
         times, distances = np.array(picture["marks"]).T
         mark = line(
-            mode="markers", x=lean(times, 5), y=lean(1e3 * distances, 5), name=f"least, {picture['law']}",
+            mode="markers", x=lean(times, 5), y=lean(1e3 * distances, 5), name="least, from the certificate",
             marker={"color": MARK_COLOUR, "size": 10, "symbol": "diamond"},
             hovertemplate=f"least, from the certificate<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
         )  # fmt: skip
-        plot.add(mark, {"law": [picture["law"]]})
-    legend = [Key(law, run.colour(law), "solid", {"law": [law]}) for law in laws]
-    legend += [
-        Key("arm and scene", MUTED_COLOUR), Key("between links", MUTED_COLOUR, "dashed"),
-        Key("least, from the certificate", MARK_COLOUR, "dot"),
-        Key("contact" if not margin else "nearer to the scene than the margin", BAND_COLOUR, "fill"),
-    ]  # fmt: skip
+        add(plot, mark, {"law": [picture["law"]]})
+    for words, dash in (("arm and scene", "solid"), ("between links", "dot")):
+        add(plot, entry(words, MUTED_COLOUR, dash=dash))
     return Board(
-        "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (), tuple(legend),
+        "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (),
         "Least distance of the examined pairs at sampled instants, for the shapes of arm and scene. The bound of the "
         "certificate is for every instant.",
     )  # fmt: skip
@@ -180,51 +179,43 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
     points = np.vstack([1e3 * np.array(capsule[:2]) for picture in pictures for capsule in picture["arm"]])
     corners = [1e3 * _corners(box) for box in pictures[0]["boxes"]]
     everything = np.vstack([points, *corners])
-    plot = Plot(
+    plot = figure(
         "clearance-space", "Arm and scene where they are nearest",
         {"scene": axes_in_space(robot.gravity, everything), "margin": dict.fromkeys("lrtb", 0)}, 560,
     )  # fmt: skip
     for picture in pictures:
         when = {"law": [picture["law"]]}
         parts = [
-            ([_capsule(c) for c in picture["arm"] if not c[3]], INK_COLOUR, "arm", 2),
+            ([_capsule(c) for c in picture["arm"] if not c[3]], INK_COLOUR, "arm, capsules around its links", 2),
             ([_edges(box) for box in picture["boxes"] if not box[2]], SCENE_COLOUR, "scene", 3),
             ([_capsule(c) for c in picture["rounds"] if not c[3]], SCENE_COLOUR, "scene", 2),
             ([_square(plane) for plane in picture["planes"]], SCENE_COLOUR, "scene", 2),
             ([_capsule(c) for c in (*picture["arm"], *picture["rounds"]) if c[3]]
              + [_edges(box) for box in picture["boxes"] if box[2]], MARK_COLOUR, " and ".join(picture["pair"]), 4),
         ]  # fmt: skip
-        for lines, colour, name, width in parts:
+        for lines, look, name, width in parts:
             if lines:
                 x, y, z = 1e3 * np.vstack(lines).T
-                plot.add(
-                    line_3d(x=_broken(x), y=_broken(y), z=_broken(z), name=name, line={"color": colour, "width": width},
+                add(plot,
+                    line_3d(x=lean(x), y=lean(y), z=lean(z), name=name, line={"color": look, "width": width},
                             hovertemplate=f"{name}{HOVER}"), when,
                 )  # fmt: skip
         ends = 1e3 * np.array(picture["points"])
-        plot.add(
-            line_3d(x=lean(ends[:, 0]), y=lean(ends[:, 1]), z=lean(ends[:, 2]), mode="lines+markers", name="least clearance",
+        add(plot,
+            line_3d(x=lean(ends[:, 0]), y=lean(ends[:, 1]), z=lean(ends[:, 2]), mode="lines+markers",
+                    name="the nearest pair and its nearest points",
                     line={"color": MARK_COLOUR, "width": 6}, marker={"color": MARK_COLOUR, "size": 5},
                     hovertemplate=f"{1e3 * picture['found']:.4g} mm{HOVER}"), when,
         )  # fmt: skip
     laws = [picture["law"] for picture in pictures]
-    legend = (
-        Key("arm, capsules around its links", INK_COLOUR), Key("scene", SCENE_COLOUR),
-        Key("the nearest pair and its nearest points", MARK_COLOUR),
-    )  # fmt: skip
     return Board(
-        "clearance-space-board", (plot,), (law_control(laws),) if laws[1:] else (), legend,
+        "clearance-space-board", (plot,), (law_control(laws),) if laws[1:] else (),
         "At the instant of the least distance between arm and scene. Base frame, equal scales; capsules by rings and "
         "lengthwise lines. Drag to turn.",
     )  # fmt: skip
 
 
 # ---------------------------------------------------------------- shapes as lines
-
-
-def _broken(values: Array) -> list[float | None]:
-    """Return the coordinates of several lines in one trace, separated by NaN."""
-    return lean([None if np.isnan(v) else v for v in values])
 
 
 def _corners(box: Sequence[Any]) -> Array:
@@ -277,14 +268,11 @@ def axes_in_space(gravity: Array, points: Array) -> Json:
     """Return axes with equal scales that contain everything, with z upwards."""
     low, high = points.min(axis=0), points.max(axis=0)
     room = 0.05 * (high - low).max()
-    axes = {f"{a}axis": _axis_in_space(a, 6, range=lean([low[i] - room, high[i] + room])) for i, a in enumerate("xyz")}
-    up = dict(zip("xyz", lean(-gravity), strict=True))
+    axes = {f"{a}axis": _axis_in_space(a, 6, range=[low[i] - room, high[i] + room]) for i, a in enumerate("xyz")}
+    up = dict(zip("xyz", lean(-gravity).tolist(), strict=True))
     camera = {"up": up, "eye": {"x": 1.0, "y": -1.2, "z": 0.6}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
     return {"aspectmode": "data", "camera": camera, **axes}
 
 
 def _axis_in_space(name: str, ticks: int, **options: Any) -> Json:
-    return options | {
-        "title": {"text": f"{name.upper()} [mm]"}, "nticks": ticks, "gridcolor": GRID_COLOUR, "zerolinecolor": GRID_COLOUR,
-        "linecolor": MUTED_COLOUR, "showbackground": False,
-    }  # fmt: skip
+    return options | {"title": {"text": f"{name.upper()} [mm]"}, "nticks": ticks}

@@ -9,8 +9,7 @@ from typing import Any
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
 from benchmarks.report.base import Column, Table
-from benchmarks.report.board import Control
-from benchmarks.report.figures import noise_floor
+from benchmarks.report.figures import Control, noise_floor
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
