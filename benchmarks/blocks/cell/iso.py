@@ -16,8 +16,6 @@ from benchmarks.blocks.cell.trials import (
     CellWork,
     Trial,
     drive_of,
-    facts_of,
-    failure,
     line_of,
     start_of,
     trial_of,
@@ -103,10 +101,8 @@ def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     for before, point in pairwise(ORDER):
         row = {"problem": point + 1} | dict(zip(AXES, cube.poses[point, :3, 3].tolist(), strict=True))
         planned = plan(trial.robot, cube.q[point], cube.q[before], timing=work.block.law)
-        if not planned:
-            return [*rows, row | failure(work.drive, str(planned.status), why_not(planned))]
-        execution = drive.execute(planned)
-        row |= facts_of(execution)
+        facts, execution = work.execute(planned, lambda: drive)
+        row |= facts
         if execution:
             T = trial.robot.fk(execution.q[-1])
             row |= _reached(T[:3, 3]) | _turn(se3.error(cube.poses[point], T)[3:])
@@ -120,10 +116,9 @@ def _path(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     """Return the rows of one cycle along the line."""
     planned = _line(work.block)
     q = planned.trajectory(0.0)
-    execution = drive_of(work.block, work.drive, trial, q, noise=work.noise).execute(planned)
-    facts = facts_of(execution)
+    facts, execution = work.execute(planned, lambda: drive_of(work.block, work.drive, trial, q, noise=work.noise))
     command = planned.path.pose(np.linspace(0.0, planned.path.end, CROSSED_PLANES))[:, :3, 3]
-    if not execution:
+    if execution is None or not execution:
         return [facts]
     along = np.tile(command[-1] - command[0], (CROSSED_PLANES, 1))
     met = crossings(command, along, trial.robot.fk(execution.q)[:, :3, 3])

@@ -15,12 +15,9 @@ from benchmarks.blocks.cell.trials import (
     CellWork,
     Trial,
     drive_of,
-    facts_of,
-    failure,
     line_of,
     peaks,
     trial_of,
-    why_not,
 )
 from benchmarks.records import RunFolder
 from optik.errors import InvalidInput
@@ -95,18 +92,19 @@ def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFo
 
 def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:
     """Return the facts on one motion."""
-    if not planned:
-        return failure(work.drive, str(planned.status), why_not(planned))
-    proof = planned.certificate
-    found: dict[str, Any] = {
-        f"{name}_ratio": float(getattr(proof, name).ratio.max()) for name in ("velocity", "acceleration", "jerk")
-    } | {"length": float(planned.path.end)}
-    execution = drive_of(work.block, work.drive, trial, planned.trajectory(0.0), noise=work.repeat > 0).execute(planned)
-    found |= facts_of(execution)
+    noise = work.repeat > 0
+    facts, execution = work.execute(
+        planned, lambda: drive_of(work.block, work.drive, trial, planned.trajectory(0.0), noise=noise)
+    )
+    if execution is None:
+        return facts
+    ratios = {name: getattr(planned.certificate, name).ratio for name in ("velocity", "acceleration", "jerk")}
+    facts |= {f"{name}_ratio": float(ratio.max()) for name, ratio in ratios.items()}
+    facts["length"] = float(planned.path.end)
     if execution.torque is not None:
         peak, bound = peaks(execution)
-        found |= {"torque": peak.tolist(), "torque_bound": None if bound is None else bound.tolist()}
+        facts |= {"torque": peak.tolist(), "torque_bound": None if bound is None else bound.tolist()}
     if execution:
         off = trial.robot.fk(execution.q[-1])[:3, 3] - planned.path.pose(planned.path.end)[:3, 3]
-        found["rest_m"] = float((off @ off) ** 0.5)
-    return found
+        facts["rest_m"] = float((off @ off) ** 0.5)
+    return facts

@@ -23,7 +23,6 @@ from benchmarks.blocks.cell.trials import (
     failure,
     lasers,
     trial_of,
-    why_not,
 )
 from benchmarks.problems.base import ProblemSet, problem_set
 from benchmarks.records import RunFolder
@@ -246,11 +245,8 @@ class _Shown:
 
     def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
         """Execute a motion to a method's answer q (n,), and return its facts."""
-        if not planned:
-            return failure(self.work.drive, str(planned.status), why_not(planned))
-        execution = self._drive().execute(planned)
-        facts = facts_of(execution)
-        if not execution:
+        facts, execution = self.work.execute(planned, self._drive)
+        if execution is None or not execution:
             return facts
         end = execution.plan.trajectory
         split = split_configurations(self.robot, self.spot, self.seen, q, end(end.end), execution.q[-1])

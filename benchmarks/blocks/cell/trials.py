@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
@@ -97,6 +97,13 @@ class CellWork(Work):
         """Return rows of a part whose process ended or that raised an error."""
         blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
         return self.frame([row | blank for row in self.lost()])
+
+    def execute(self, planned: Plan, drive: Callable[[], Drive]) -> tuple[dict[str, Any], Execution | None]:
+        """Execute a motion; return the facts on it, and the execution if there is a motion."""
+        if not planned:
+            return failure(self.drive, str(planned.status), why_not(planned)), None
+        execution = drive().execute(planned)
+        return facts_of(execution), execution
 
     def frame(self, rows: list[dict[str, Any]]) -> pl.DataFrame:
         """Return rows as a table."""

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator
 
 from benchmarks.blocks._scenes import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
+from benchmarks.peers._pinocchio import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from benchmarks.targets import Measure
 from optik.arm.library import load
@@ -204,10 +205,7 @@ class CoalSampling:
         import pinocchio as pin
 
         self._pin, self._coal = pin, coal
-        self._model: Any = pin.Model()
-        for i in range(robot.n):
-            joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
-            self._model.addJoint(i, joint, pin.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
+        self._model = pinocchio_model(pin, robot)
         self._geometry: Any = pin.GeometryModel()
         assert robot.shapes is not None
         link, a, b, radius = robot.shapes.capsules

@@ -1,11 +1,14 @@
-"""Write an arm as URDF, for peers that read only URDF: one link per joint, from link0 to tool."""
+"""Write an arm as URDF, for peers that read only URDF: one link per joint; angles and quaternions of rotations."""
 
 from __future__ import annotations
 
 from math import atan2, hypot
 
+import numpy as np
+
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
+from optik.se3 import log_so3
 from optik.types import Array
 
 
@@ -29,6 +32,13 @@ def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -
         f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{xyz}" rpy="{rpy}"/>{more}</joint>'
     )
+
+
+def quaternion(R: Array) -> Array:
+    """Return the unit quaternion (4,) of a rotation, scalar first."""
+    w = log_so3(R)
+    half = 0.5 * float(np.linalg.norm(w))
+    return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * w])
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:

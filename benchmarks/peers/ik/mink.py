@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, TASK_DAMPING, LoopPeer, frame_task_loop
+from benchmarks.peers.ik._urdf import quaternion
 from optik.arm.robot import Robot
-from optik.se3 import log_so3
 from optik.types import Array
 
 
@@ -65,9 +65,7 @@ def mjcf(robot: Robot) -> str:
 
 def _placement(T: Array) -> str:
     """Return position and unit quaternion, scalar first, as XML attributes."""
-    w = log_so3(T[:3, :3])
-    half = 0.5 * float(np.linalg.norm(w))
-    h = [np.cos(half), *(0.5 * np.sinc(half / np.pi) * w)]
+    h = quaternion(T[:3, :3])
     return " ".join(f'{name}="{" ".join(repr(float(x)) for x in v)}"' for name, v in (("pos", T[:3, 3]), ("quat", h)))
 
 

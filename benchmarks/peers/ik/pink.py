@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers._pinocchio import pinocchio_model
 from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, TASK_DAMPING, LoopPeer, frame_task_loop
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -27,7 +28,7 @@ class Pink(LoopPeer):
         import pink
         import pinocchio
 
-        model = _model(pinocchio, robot)
+        model = pinocchio_model(pinocchio, robot)
         limits = [pink.limits.ConfigurationLimit(model)]
         task = pink.FrameTask("tool", position_cost=1.0, orientation_cost=1.0, lm_damping=TASK_DAMPING)
         q_middle = robot.limits.clip(np.zeros(robot.n))
@@ -42,18 +43,6 @@ class Pink(LoopPeer):
         """Return the tool pose by Pink's configuration."""
         self.configuration.update(q)
         return np.asarray(self.configuration.get_transform_frame_to_world("tool").homogeneous)
-
-
-def _model(pin: Any, robot: Robot) -> Any:
-    """Return Pinocchio's model with position limits, no velocity limits, and the frame ``tool``."""
-    model, last, infinite = pin.Model(), 0, np.array([np.inf])
-    for i in range(robot.n):
-        joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
-        lower, upper = robot.limits.lower[i : i + 1].copy(), robot.limits.upper[i : i + 1].copy()
-        placement = pin.SE3(np.array(robot.fixed[i]))
-        last = model.addJoint(last, joint, placement, robot.joint_names[i], infinite, infinite, lower, upper)
-    model.addFrame(pin.Frame("tool", last, 0, pin.SE3(np.array(robot.tool)), pin.FrameType.OP_FRAME))
-    return model
 
 
 METHOD = Pink

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers._pinocchio import pinocchio_model
 from benchmarks.peers.ik._loop import LOOP_ITERATIONS, LOOP_TOLERANCE, LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
@@ -28,10 +29,7 @@ class PinocchioLoop(LoopPeer):
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         import pinocchio
 
-        model = pinocchio.Model()
-        for i in range(robot.n):
-            joint = pinocchio.JointModelPZ() if robot.prismatic[i] else pinocchio.JointModelRZ()
-            model.addJoint(i, joint, pinocchio.SE3(np.array(robot.fixed[i])), robot.joint_names[i])
+        model = pinocchio_model(pinocchio, robot)
         tool = pinocchio.SE3(np.array(robot.tool))
         self.call = _loop(pinocchio, model, tool.inverse(), LOOP_ITERATIONS if iterations is None else iterations)
         data = model.createData()
