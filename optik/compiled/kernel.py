@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 from numba.core import config, types
@@ -81,7 +82,12 @@ class Helper(Kernel):
 
     def __call__(self, *args: Any) -> Any:
         """Run as a kernel: without its wrapper, the code of a helper cannot be called from Python."""
-        return Kernel(self.py_func)(*args)
+        return self._kernel(*args)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        """The same function with a wrapper, compiled once for each signature."""
+        return Kernel(self.py_func)
 
 
 def _plain(kind: Any) -> Any:
