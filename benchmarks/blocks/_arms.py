@@ -1,7 +1,9 @@
-"""Arms with a payload, as blocks of a suite name them."""
+"""Arms with a payload, and scenes, as blocks of a suite name them: by a name, or by a file."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -10,7 +12,9 @@ from optik.arm.inertia import payload_masses
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.plugins.usage import resolve_data_file
 from optik.registry import short_name
+from optik.scene import Scene
 
 
 def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
@@ -37,3 +41,25 @@ def _payload(value: Any) -> float | tuple[float, float]:
 
 Payload = Annotated[float | tuple[float, float] | None, BeforeValidator(_payload)]
 """Mass of the payload [kg], or the lightest and the heaviest; by default that of the robot's own file."""
+
+
+SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "scenes").glob("*.toml"))}
+"""Files of the built-in scenes by name."""
+
+
+def _scene(value: Any) -> str:
+    if isinstance(value, str) and value in SCENES:
+        return value
+    if isinstance(value, str) and "." not in value and "/" not in value:
+        raise InvalidInput("", repr(value), f"one of {', '.join(SCENES)}, or the path of a file")
+    return resolve_data_file(value, "scene")
+
+
+SceneName = Annotated[str, BeforeValidator(_scene)]
+"""The name of a built-in scene, or the path of a file."""
+
+
+def scene_named(name: str, margin: float = 0.0) -> Scene:
+    """Load a scene; a margin [m] replaces the scene's own."""
+    scene = Scene.load(SCENES.get(name, name))
+    return replace(scene, margin=margin) if margin else scene

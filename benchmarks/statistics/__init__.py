@@ -15,8 +15,7 @@ from benchmarks.statistics.paired import (
     not_told_apart,
     signed_rank,
 )
-from benchmarks.statistics.profiles import performance_profile
-from benchmarks.statistics.summaries import binned, quantiles, shifted_geometric_mean
+from benchmarks.statistics.summaries import binned, performance_profile, quantiles, shifted_geometric_mean
 
 __all__ = [
     "SIGNIFICANT", "McNemar", "binned", "holm", "is_too_few", "mcnemar", "mcnemar_p", "median_interval", "not_beaten",

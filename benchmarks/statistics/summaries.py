@@ -1,4 +1,4 @@
-"""Summaries: quantiles, quantiles in bins of a column, and the shifted geometric mean."""
+"""Summaries: quantiles, also in bins of a column, the shifted geometric mean, and performance profiles."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
+
+from optik.types import Array
 
 
 def quantiles(values: ArrayLike, levels: Sequence[float]) -> tuple[float, ...]:
@@ -43,3 +45,19 @@ def binned(
         .sort("bin")
         .select(((pl.col("bin") + 0.5) * width).alias("middle"), pl.exclude("bin"))
     )
+
+
+def performance_profile(costs: ArrayLike, ratios: ArrayLike) -> Array:
+    """Return the fraction of problems that each method solves within a multiple of the least cost of any method there.
+
+    These are the performance profiles of Dolan and Moré (2002). A problem that no method solved counts among the problems
+    and is solved by none.
+    """
+    cost = np.asarray(costs, dtype=float)
+    best = cost.min(axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        relative = np.where(np.isfinite(cost), cost / best, np.inf)
+    levels = np.asarray(ratios, dtype=float)
+    ordered = np.sort(relative, axis=0)
+    counts = [np.searchsorted(ordered[:, j], levels, side="right") for j in range(cost.shape[1])]
+    return np.stack(counts, axis=1) / len(cost)

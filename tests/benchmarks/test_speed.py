@@ -19,7 +19,7 @@ from benchmarks.blocks._fresh import ProcessFailed, fresh
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik import first_use
 from benchmarks.blocks.ik.callers import Caller
-from benchmarks.blocks.ik.calls import MEASURES, median_ratio
+from benchmarks.blocks.ik.calls import MEASURES, CallRows, median_ratio
 from benchmarks.blocks.ik.judgement import judged, shared, wrapped
 from benchmarks.blocks.ik.rounds import timed_part
 from benchmarks.peers.ik import PEERS
@@ -140,6 +140,25 @@ def test_a_stopped_run_is_continued(quick: RunFolder, tmp_path: Path) -> None:
     changed = {p.name for p in parts if p.stat().st_mtime_ns != kept.get(p.name)}
     assert changed <= {"hard--0000.parquet", "hard.json"}
     assert rows_of(folder, 1).height == 10
+
+
+def test_answers_at_equal_iterations_are_parts_of_their_own(tmp_path: Path) -> None:
+    settings = QUICK["speed"][1] | {"evaluation_budgets": [2, 5]}
+    suite = suite_of("quick", {"speed": [copy.deepcopy(settings)]})
+    folder, top = run_suite(suite, tmp_path / "run"), tmp_path / "run" / "rows/calls"
+    parts = {file.name: file.stat().st_mtime_ns for file in top.glob("*.parquet")}
+    assert set(parts) == {"hard--0000.parquet", "hard--2-0000.parquet", "hard--5-0000.parquet"}
+    (top / "hard--5-0000.parquet").unlink()
+    facts = (top / "hard.json").stat().st_mtime_ns
+    run_suite(suite, tmp_path / "run")
+    again = {file.name: file.stat().st_mtime_ns for file in top.glob("*.parquet")}
+    assert {name for name in parts if again[name] != parts[name]} == {"hard--5-0000.parquet"}
+    assert (top / "hard.json").stat().st_mtime_ns == facts
+    found = load_kind("calls").read(folder, suite.of("calls")[0])
+    assert isinstance(found, CallRows)
+    assert found.rows.height == 10
+    assert found.evaluations is not None
+    assert found.evaluations.group_by("budget").len().sort("budget").rows() == [(2, 10), (5, 10)]
 
 
 def test_wrong_options_are_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -232,6 +232,16 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         )
 
 
+def test_every_table_of_rows_begins_with_block_method_and_problem(own: Path, small_run: RunFolder) -> None:
+    files = [file for run in (own / "run", small_run.path) for file in (run / "rows").glob("*/*--*.parquet")]
+    assert {file.parent.name for file in files} == {"budgets", "calls", "laws", "plans"}
+    for file in files:
+        rows = pl.read_parquet(file)
+        assert rows.columns[:3] == ["block", "method", "problem"], file
+        assert rows["block"].unique().to_list() == [file.name.partition("--")[0]], file
+        assert not rows["method"].has_nulls() and not rows["problem"].has_nulls(), file
+
+
 def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, list[Explained]]) -> None:
     names = {row.key.split(".")[-1] for found in keys.values() for row in found if "options." not in row.key}
     assert [name for name in sorted(names) if not re.search(rf"[`{{ ]{name}[`, ]", PAGE)] == []

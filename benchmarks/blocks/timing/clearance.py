@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from pydantic import BeforeValidator
 
-from benchmarks.blocks._scenes import SceneName, scene_named
+from benchmarks.blocks._arms import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
 from benchmarks.peers._pinocchio import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered

@@ -11,8 +11,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import Payload, arm_with
-from benchmarks.blocks._scenes import SceneName, scene_named
+from benchmarks.blocks._arms import Payload, SceneName, arm_with, scene_named
 from benchmarks.blocks._torques import torques_at
 from benchmarks.blocks.base import Block, BlockRows, Compared, Kind, Tell
 from benchmarks.blocks.timing.nearest import clearance_frame, nearest_picture
