@@ -24,6 +24,9 @@ IN_FLIGHT = 64
 START_SECONDS = 300.0
 """Time limit for a worker to import optik [s]: a loaded machine may take tens of seconds."""
 
+MOST_STARTS = 3
+"""Attempts to start the workers: a loaded machine may end a process that starts."""
+
 _one_at_a_time = threading.Lock()
 """A lock, because a worker of a cluster may have several threads, and methods need not be thread-safe."""
 
@@ -172,27 +175,32 @@ class Processes(Pool):
 
     def _start(self) -> None:
         """Start all workers, so that the time limit of work does not include imports."""
-        with _safe_start():
-            self._executor = ProcessPoolExecutor(self.room, _Spawn())
-        try:
-            for future in [self._executor.submit(bool) for _ in range(self.room)]:
-                future.result(START_SECONDS)
-        except (BrokenProcessPool, TimeoutError):
-            raise PoolLost(f"a worker process could not start: {self._end()}") from None
+        for _ in range(MOST_STARTS):
+            with _safe_start():
+                self._executor = ProcessPoolExecutor(self.room, _Spawn())
+            try:
+                for future in [self._executor.submit(bool) for _ in range(self.room)]:
+                    future.result(START_SECONDS)
+                return
+            except BrokenProcessPool:
+                self._end()
+            except TimeoutError:
+                self._end(f"not ready within {START_SECONDS:g} s")
+        raise PoolLost(f"a worker process could not start: {self._why}")
 
-    def _end(self, why: str = "") -> str:
-        """Kill all workers, and return why they have ended."""
-        if self._executor is not None:
-            processes = [*self._executor._processes.values()]
-            for process in processes:
-                process.kill()
-            self._executor._result_queue._writer.close()  # a thread may wait for the rest of a result
-            self._executor.shutdown()
-            for process in processes:
-                process.join()
-            self._executor = None
-            self._why = why or f"its process ended: {_ending(max((p.exitcode for p in processes), default=0))}"
-        return self._why
+    def _end(self, why: str = "") -> None:
+        """Kill all workers, and keep why they have ended."""
+        if self._executor is None:
+            return
+        processes = [*self._executor._processes.values()]
+        for process in processes:
+            process.kill()
+        self._executor._result_queue._writer.close()  # a thread may wait for the rest of a result
+        self._executor.shutdown()
+        for process in processes:
+            process.join()
+        self._executor = None
+        self._why = why or f"its process ended: {_ending(max((p.exitcode for p in processes), default=0))}"
 
 
 def _ending(status: int) -> str:

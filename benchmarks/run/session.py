@@ -173,14 +173,15 @@ class _Session:
 
     def _solve(self, parts: Iterable[tuple[Kind, Part]], pool: Pool) -> None:
         """Run parts, and write their rows and failures."""
-        for part, rows, crashes in solve_parts(parts, pool):
-            if rows is None:
-                self._lacking.add(part.file)
-            else:
-                self._folder.write(part.file, add_keys(part.block, rows))
-            record_failures(self._folder, part.file, part.label, crashes)
-            self._done += 1
-            self._tell(self._done, self._total, part.label)
+        with closing(solve_parts(parts, pool)) as results:  # so that a second Ctrl-C, from Polars, is not lost in it
+            for part, rows, crashes in results:
+                if rows is None:
+                    self._lacking.add(part.file)
+                else:
+                    self._folder.write(part.file, add_keys(part.block, rows))
+                record_failures(self._folder, part.file, part.label, crashes)
+                self._done += 1
+                self._tell(self._done, self._total, part.label)
 
     def do_alone(self) -> None:
         """Run the blocks that are timed alone, one after another, in this process."""

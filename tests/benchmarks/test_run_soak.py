@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.records import RunFolder
+from benchmarks.records import LOCK, RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
+from tests.benchmarks.test_run_workers import until
 from tests.oracles import REPOSITORY
 
 pytestmark = pytest.mark.soak
@@ -34,13 +35,16 @@ id = "answers"
 robot = "paper6r"
 set = "near_start"
 count = 50000
-part = 2500
+part = 1000
 methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
 """
-"""Of iteration budgets 100,000 records in 50 parts, of recorded answers 100,000 in 40."""
+"""Of iteration budgets 100,000 records in 50 parts, of recorded answers 100,000 in 100."""
 
 KILLS, INTERRUPTS = 20, 5
 """How often it is stopped."""
+
+TABLES = 1 + 50 + 100
+"""Of problem sets, of iteration budgets and of recorded answers."""
 
 
 def finished(out: Path) -> dict[str, tuple[int, int]]:
@@ -53,21 +57,35 @@ def finished(out: Path) -> dict[str, tuple[int, int]]:
     return {f.relative_to(out).as_posix(): (f.stat().st_ino, f.stat().st_mtime_ns) for f in files}
 
 
-def stopped_at(suite: Path, out: Path, number: int, seconds: float, workers: int) -> int:
-    """Start the command, and send a signal to all of its group after some seconds; its exit status."""
+def stopped_at(suite: Path, out: Path, number: int, tables: int, pause: float, workers: int) -> None:
+    """Start the command, and send a signal to all of its group some time after its folder has so many tables.
+
+    A table less than none are the imports, of which Ctrl-C shows a traceback.
+    """
     command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(suite), "--out", str(out)]
     process = subprocess.Popen(
         [*command, "--workers", str(workers)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True, cwd=REPOSITORY, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
     )  # fmt: skip
-    time.sleep(seconds)
+
+    def arrived() -> bool:
+        lock = out / LOCK
+        works = lock.is_file() and f'"process": {process.pid},' in lock.read_text()
+        return process.poll() is not None or (works and len(finished(out)) >= tables)
+
+    if tables >= 0:
+        until(arrived, 300.0)
+    time.sleep(pause)
+    assert process.poll() is None, "it ended before it was stopped"
     if number == signal.SIGKILL:
         process.kill()  # the first process alone: its workers must end by themselves
-    else:
-        os.killpg(process.pid, number)
+        process.communicate(timeout=60)  # a worker that was about to start shows that nobody told it what to do
+        assert process.returncode == -signal.SIGKILL
+        return
+    os.killpg(process.pid, number)
     words = process.communicate(timeout=60)[1]
     assert "Traceback" not in words, words
-    return process.returncode
+    assert process.returncode == 130
 
 
 def test_a_run_that_is_killed_and_stopped_equals_one_that_was_not(tmp_path: Path) -> None:
@@ -78,18 +96,17 @@ def test_a_run_that_is_killed_and_stopped_equals_one_that_was_not(tmp_path: Path
     rng.shuffle(signals)
     out = tmp_path / "run"
     seen: dict[str, tuple[int, int]] = {}
-    hits = 0
     for turn, number in enumerate(signals):
-        moment = rng.uniform(0.3 if number == signal.SIGKILL else 2.5, 9.0)  # before, Python is still importing
-        status = stopped_at(suite, out, number, moment, 1 + turn % 2)
+        early = number == signal.SIGKILL and turn % 6 == 0
+        tables = max(len(seen) + 1, turn * TABLES // (len(signals) + 1))
+        stopped_at(suite, out, number, -1 if early else tables, rng.uniform(0.3, 1.5) if early else 0.0, 1 + turn % 2)
         now = finished(out) if out.exists() else {}
         assert seen.items() <= now.items(), "a finished part was lost, or done again"
-        hits += status in (-signal.SIGKILL, 130)
-        print(f"{signal.Signals(number).name}: exit status {status}, {len(now)} tables, {len(now) - len(seen)} more")
+        print(f"{signal.Signals(number).name}: {len(now)} tables, {len(now) - len(seen)} more")
         seen = now
-    assert hits == KILLS + INTERRUPTS, "it had ended before; make the run longer"
     folder = run_suite(load_suite(str(suite)), out, workers=2)
     assert seen.items() <= finished(out).items()
+    assert len(finished(out)) == TABLES
     assert not list(out.rglob("*.part"))
     assert folder.manifest()["complete"] is True
     whole = run_suite(load_suite(str(suite)), tmp_path / "whole", workers=1)

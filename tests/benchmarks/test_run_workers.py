@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 
 from benchmarks.records import RunFolder
-from benchmarks.run import run_suite
+from benchmarks.run import pool, run_suite
 from tests.benchmarks.test_run_folder import state, toy
 from tests.benchmarks.toy import TOY_COMMAND
 from tests.oracles import REPOSITORY
@@ -49,6 +49,36 @@ def alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+STILLBORN = """
+import os, sys
+for i in range({failures} if "--multiprocessing-fork" in sys.orig_argv else 0):
+    try:
+        os.close(os.open(__file__ + str(i), os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        continue
+    os._exit(3)
+"""
+"""What Python imports when it starts: it ends as many worker processes."""
+
+
+@pytest.mark.parametrize("failures", [3 - 1, pool.MOST_STARTS])
+def test_workers_that_do_not_start_are_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failures: int
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(STILLBORN.format(failures=failures))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    workers = pool.Processes(1, [])
+    try:
+        if failures < pool.MOST_STARTS:
+            assert workers.run_apart(abs, -3) == 3
+        else:
+            with pytest.raises(pool.PoolLost, match="could not start: its process ended: exit status 3"):
+                workers.run_apart(abs, -3)
+    finally:
+        workers.close()
+    assert len(list(tmp_path.glob("sitecustomize.py?"))) == failures
 
 
 def test_a_death_and_a_hang_cost_one_retry_and_then_their_rows(tmp_path: Path) -> None:
