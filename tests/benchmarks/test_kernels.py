@@ -2,11 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,33 +18,34 @@ from optik.compiled import archive, compiled
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 from optik.errors import InvalidInput, OutputError
-from optik.linear import copy_vector
+from optik.linear import cholesky_solve, copy_matrix, copy_vector
 from optik.plugins.files import import_file
-from tests.oracles import REPOSITORY
-
-FK = "import optik; optik.load('paper6r').fk([0.0] * 6)"
 
 
-def kernels(cache: Path, archives: Path) -> dict:
-    """What the command says with a cache and a folder of archives."""
-    code = "import sys; from pathlib import Path; from optik.compiled import archive; archive.ARCHIVES = Path(sys.argv.pop(1));"
-    code += "from benchmarks.cli.app import main; main()"
-    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache)}
-    command = [sys.executable, "-c", code, str(archives), "kernels", "--json"]
-    return json.loads(subprocess.run(command, capture_output=True, text=True, env=env, timeout=300, check=True).stdout)
-
-
-def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
+def test_the_list_says_why_a_kernel_was_compiled_here(
+    typed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    request.addfinalizer(archive.open_archive.cache_clear)  # after the folder of archives is the package's again
     cache, target = tmp_path / "cache", archive.Target(*cpu_target.target_context.codegen().magic_tuple())
-    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_CACHE_DIR": str(cache), "OPTIK_COMPILES": "native"}
-    subprocess.run([sys.executable, "-c", FK], env=env, timeout=300, check=True)
-    assert {row["why"] for row in kernels(cache, tmp_path)["cached"]} == {"no kernels are shipped"}
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(cache))
+    monkeypatch.setattr(archive, "ARCHIVES", tmp_path)
+    monkeypatch.setenv("OPTIK_COMPILES", "native")
+
+    def listed() -> Any:
+        archive.open_archive.cache_clear()
+        return json.loads(typed("kernels", "--json")[1])
+
+    archive.open_archive.cache_clear()
+    compiled(copy_vector.py_func)(np.zeros(2), np.zeros(2))
+    compiled(copy_matrix.py_func)(np.zeros((2, 2)), np.zeros((2, 2)))
+    compiled(cholesky_solve.py_func)(np.eye(2), np.zeros(2))
+    assert {row["why"] for row in listed()["cached"]} == {"no kernels are shipped"}
     found = [(*read_code(file).popitem(), file.name.rpartition("-")[0]) for file in sorted(cache.rglob("*.nbk"))]
     assert len(found) > 2
     (print0, code0, name0), (_, code1, name1) = found[:2]
     shipped = {print0: (name0, code0), "0" * 64: (name1, code1)}
     archive.pack(tmp_path / archive.file_name(), VERSIONS, target._replace(cpu="generic"), shipped)
-    out = kernels(cache, tmp_path)
+    out = listed()
     assert out["shipped"].startswith("2 kernels for generic")
     assert out["shipped"].endswith(" used")
     why = {row["kernel"]: row["why"] for row in out["cached"]}
@@ -53,7 +53,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(tmp_path: Path) -> None:
     assert "damaged" in why.pop(name1)
     assert set(why.values()) == {"not shipped for these arguments"}
     archive.pack(tmp_path / archive.file_name(), ["numba 0.1"], target, shipped)
-    out = kernels(cache, tmp_path)
+    out = listed()
     assert "numba 0.1" in out["shipped"]
     assert {row["why"] for row in out["cached"]} == {"the shipped kernels are not used here"}
 
