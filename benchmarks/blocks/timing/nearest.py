@@ -8,9 +8,8 @@ import numpy as np
 import polars as pl
 
 from optik.arm.robot import Robot
-from optik.distance import segment_box, segment_plane, segment_segment
 from optik.scene import Scene
-from optik.scene.contact import BOX, PLANE, SELF, find_pairs, rooms_batch
+from optik.scene.contact import BOX, ROUND, SELF, find_nearest, find_pairs, rooms_batch
 from optik.types import Array, Indices
 from planners.certificate.clearance import Clearance
 from planners.plan import Plan
@@ -22,21 +21,27 @@ CLEARANCE_INSTANTS = 501
 def clearance_frame(planned: Plan) -> pl.DataFrame:
     """Return the least distances over time, by the compiled distances at instants."""
     assert planned.scene is not None
-    robot, scene, t = planned.robot, planned.scene, np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
-    assert robot.shapes is not None
-    q, bodies = np.ascontiguousarray(planned.trajectory(t)), find_pairs(robot, scene).bodies
+    t = np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
     columns = {}
-    for name, chosen in (("scene", bodies[:, 2] != SELF), ("own", bodies[:, 2] == SELF)):
-        distance, which = np.full(t.size, np.inf), np.empty(t.size, np.int64)
-        if chosen.any():
-            rooms_batch(
-                robot.chain, (robot.shapes.capsules, scene.arrays, bodies[chosen].copy()), q, 0.0, distance, which
-            )
+    for name, own in (("scene", False), ("own", True)):
+        distance, _ = _rooms(planned.robot, planned.scene, planned.trajectory(t), own=own)
         columns[name] = [float(value) if np.isfinite(value) else None for value in distance]
     return pl.DataFrame(
         {"solver": planned.solver, "law": planned.law, "t": t, **columns},
         schema_overrides=dict.fromkeys(columns, pl.Float64),
     )
+
+
+def _rooms(robot: Robot, scene: Scene, q: Array, *, own: bool) -> tuple[Array, Indices]:
+    """Return the least distance of arm and scene, or of two links, at configurations (k, n) [m], and the pairs (k, 3)."""
+    assert robot.shapes is not None
+    bodies = find_pairs(robot, scene).bodies
+    chosen = bodies[(bodies[:, 2] == SELF) == own].copy()
+    distance, which = np.full(len(q), np.inf), np.zeros(len(q), np.int64)
+    if len(chosen):
+        shapes = (robot.shapes.capsules, scene.arrays, chosen)
+        rooms_batch(robot.chain, shapes, np.ascontiguousarray(q), 0.0, distance, which)
+    return distance, chosen[which] if len(chosen) else chosen
 
 
 def nearest_picture(planned: Plan) -> dict[str, Any] | None:
@@ -46,8 +51,9 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     closest = proof.scene or proof.own
     if closest is None:
         return None
-    arm = placed(robot, planned.trajectory(closest.time))
-    one, other, kind = _nearest_body(arm, scene, find_pairs(robot, scene).bodies, own=proof.scene is None)
+    q = planned.trajectory(closest.time)
+    arm, (_, pairs) = placed(robot, q), _rooms(robot, scene, q[None], own=proof.scene is None)
+    one, other, kind = pairs[0].tolist()
     box_pose, box_half, a, b, radius, point, normal = scene.arrays
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
@@ -63,7 +69,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
             for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
         ],
         "rounds": [
-            (a[i].tolist(), b[i].tolist(), float(radius[i]), kind not in (BOX, SELF, PLANE) and i == other)
+            (a[i].tolist(), b[i].tolist(), float(radius[i]), kind == ROUND and i == other)
             for i in range(len(radius))
         ],
         "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
@@ -83,17 +89,6 @@ def _words(proof: Clearance) -> str:
     return "; ".join(out)
 
 
-def _nearest_body(arm: tuple[Array, Array, Array], scene: Scene, bodies: Indices, *, own: bool) -> tuple[int, int, int]:
-    """Return the nearest pair of the arm and the scene, or of two links."""
-
-    def distance(pair: list[int]) -> float:
-        _, off, other_radius = _witness(arm, scene, *pair)
-        return float(np.linalg.norm(off)) - float(arm[2][pair[0]]) - other_radius
-
-    one, other, kind = min((pair for pair in bodies.tolist() if (pair[2] == SELF) == own), key=distance)
-    return one, other, kind
-
-
 def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
     """Return the capsules of an arm at a configuration."""
     assert robot.shapes is not None
@@ -108,31 +103,9 @@ def nearest_points(
 ) -> tuple[Array, Array]:
     """Return the nearest points of a capsule of the arm and of another body."""
     a, b, radius = arm
-    place, off, other_radius = _witness(arm, scene, one, other, kind)
+    _, place, off = find_nearest((one, other, kind), scene.arrays, np.stack([a, b], axis=1))
+    other_radius = {SELF: radius, ROUND: scene.arrays[4]}.get(kind, np.zeros(other + 1))[other]
     length = float(np.linalg.norm(off))
-    toward = -off / length if length > 0.0 else np.zeros(3)
+    toward = -np.array(off) / length if length > 0.0 else np.zeros(3)
     axis = a[one] + place * (b[one] - a[one])
     return axis + radius[one] * toward, axis + (length - other_radius) * toward
-
-
-def _witness(
-    arm: tuple[Array, Array, Array], scene: Scene, one: int, other: int, kind: int
-) -> tuple[float, Array, float]:
-    """Return the nearest point on a capsule's axis [0 to 1], the vector to it from the other body, and that body's radius."""
-    a, b, radius = arm
-    p, q = _triple(a[one]), _triple(b[one])
-    box_pose, box_half, c, d, sizes, point, normal = scene.arrays
-    if kind == BOX:
-        _, place, w = segment_box(p, q, box_pose[other], box_half[other])
-        return place, np.array(w), 0.0
-    if kind == PLANE:
-        _, place, w = segment_plane(p, q, point[other], normal[other])
-        return place, np.array(w), 0.0
-    first, second, size = (a, b, radius) if kind == SELF else (c, d, sizes)
-    _, place, w = segment_segment(p, q, _triple(first[other]), _triple(second[other]))
-    return place, np.array(w), float(size[other])
-
-
-def _triple(point: Array) -> tuple[float, float, float]:
-    x, y, z = map(float, point)
-    return x, y, z
