@@ -418,13 +418,6 @@ def test_refused_and_absent_are_words_and_no_rates(block: CallRows) -> None:
     assert all(label not in ("few", "liar") for w in block_winners(found) for label, *_ in w.entries)
 
 
-def test_an_older_run_without_the_newer_columns_has_its_tables(block: CallRows) -> None:
-    newer = {"first_ns", "least_ns", "most_ns", "changed_input", "outcome", "claimed", "cpu_ns"}
-    older = CallRows(block.block, block.rows.drop(newer & set(block.rows.columns)), block.folder, block.facts)
-    assert table(older)["lm"]["solved"] == table(block)["lm"]["solved"]
-    assert "false_claims" not in table(older)["lm"]
-
-
 def test_outcomes_claims_and_processor_time_are_shown_where_a_run_has_them(block: CallRows) -> None:
     mine = block.rows["method"] == "lm"
     rows = block.rows.with_columns(

@@ -174,7 +174,11 @@ def test_a_run_without_a_damping_block_has_no_such_section() -> None:
 
 
 def test_a_method_that_raises_is_named_with_its_first_reason() -> None:
-    rows = {"outcome": ["answered", "raised"], "error": [None, "ValueError: singular\nmatrix"], "solved": [True, False]}
+    rows = {
+        "outcome": ["answered", "raised"], "error": [None, "ValueError: singular\nmatrix"], "solved": [True, False],
+        "claimed": [None, None], "cpu_ns": [None, None], "changed_input": False, "ns": 1.0, "least_ns": 1, "most_ns": 1,
+        "first_round": 1.0,
+    }  # fmt: skip
     assert list(conspicuous(pl.DataFrame(rows), "")) == ["raised in 1 of 2 calls, first: ValueError: singular matrix"]
 
 

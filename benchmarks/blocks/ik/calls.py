@@ -165,8 +165,6 @@ class CallRows(BlockRows):
         if label in self.by_method:
             return "", ""
         about = self.entries[label]
-        if "refused" in about:
-            return "refused", str(about["refused"])
         if "absent" in about:
             return str(about.get("outcome", "absent")), str(about["absent"])
         return "not run yet", ""

@@ -1,8 +1,6 @@
 """The method that `serve.py` serves for optik-py (kylc): a Rust solver with gradients, random restarts and threads."""
 
 import importlib
-import os
-import tempfile
 from typing import Any
 
 MAX_TIME = 0.1
@@ -16,13 +14,7 @@ class _Method:
 
     def __init__(self, model: dict[str, Any]) -> None:
         optik: Any = importlib.import_module("optik")  # optik-py, in its own environment
-        folder = tempfile.mkdtemp()
-        file = os.path.join(folder, "arm.urdf")
-        with open(file, "w", encoding="utf-8") as stream:
-            stream.write(model["urdf"])
-        self.robot = optik.Robot.from_urdf_file(file, "link0", "tool")
-        os.remove(file)
-        os.rmdir(folder)
+        self.robot = optik.Robot.from_urdf_file(model["urdf_file"], "link0", "tool")
         self.robot.set_parallelism(1)
         self.config = optik.SolverConfig("speed", max_time=MAX_TIME, tol_f=TOL_F)
 

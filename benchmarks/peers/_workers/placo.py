@@ -1,7 +1,5 @@
 """The method that `serve.py` serves for placo (Rhoban): a frame task and quadratic programmes, as a loop to convergence."""
 
-import os
-import tempfile
 from typing import Any
 
 ITERATIONS = 100
@@ -18,13 +16,7 @@ class _Method:
         import placo
 
         self.np = np
-        folder = tempfile.mkdtemp()
-        file = os.path.join(folder, "arm.urdf")
-        with open(file, "w", encoding="utf-8") as stream:
-            stream.write(model["urdf"])
-        self.robot = placo.RobotWrapper(file, placo.Flags.ignore_collisions)
-        os.remove(file)
-        os.rmdir(folder)
+        self.robot = placo.RobotWrapper(model["urdf_file"], placo.Flags.ignore_collisions)
         self.solver = placo.KinematicsSolver(self.robot)
         self.solver.mask_fbase(True)
         self.solver.enable_joint_limits(True)

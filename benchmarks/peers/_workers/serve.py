@@ -2,9 +2,9 @@
 
 Run as ``python -I serve.py METHOD_FILE`` by the interpreter of the environment that has the package. This file and METHOD_FILE
 import nothing of ours: one of the packages has the import name ``optik``, too. METHOD_FILE defines ``METHOD``, a class that is
-built from a model (for IK ``urdf``, and ``iterations`` or None), and raises ValueError for an arm that it does not support,
-with the methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``. ``answer`` returns
-configuration, claim and iterations; or, of a time law, a dictionary of plain data.
+built from a model (for IK ``urdf``, its file ``urdf_file``, and ``iterations`` or None), and raises ValueError for an arm that
+it does not support, with the methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``.
+``answer`` returns configuration, claim and iterations; or, of a time law, a dictionary of plain data.
 """
 
 import gc
@@ -12,6 +12,7 @@ import json
 import os
 import runpy
 import sys
+import tempfile
 import time
 from typing import Any, TextIO
 
@@ -34,12 +35,19 @@ def main() -> None:
 
 
 def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    folder = tempfile.TemporaryDirectory()
     try:
+        if "urdf" in model:
+            model["urdf_file"] = os.path.join(folder.name, "arm.urdf")
+            with open(model["urdf_file"], "w", encoding="utf-8") as stream:
+                stream.write(model["urdf"])
         return runpy.run_path(sys.argv[1])["METHOD"](model), {}
     except ValueError as error:
         return None, {"refused": str(error)}
     except Exception as error:
         return None, {"error": f"{type(error).__name__}: {error}"}
+    finally:
+        folder.cleanup()
 
 
 def _solved(method: Any, *problem: Any) -> dict[str, Any]:

@@ -127,21 +127,17 @@ def _success_cells(b: CallRows, label: str, part: pl.DataFrame) -> dict[str, Cel
 
 
 def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
-    """Return the reported successes, the endings and the side effects on inputs of all calls in the stored rows."""
-    cells: dict[str, Cell] = {}
-    if "claimed" in part.columns and not part["claimed"].is_null().all():
+    """Return the reported successes, the endings and the side effects on inputs of all calls."""
+    endings = {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed", "refused")}
+    first_round = float(part["first_round"][0])
+    cells: dict[str, Cell] = endings | {"changed_input": int(part["changed_input"].sum()), "first_round": first_round}
+    if not part["claimed"].is_null().all():
         cells["false_claims"] = int((part["claimed"].fill_null(value=False) & ~part["solved"]).sum())
-    if "outcome" in part.columns:
-        cells |= {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed", "refused")}
-    if "cpu_ns" in part.columns and not part["cpu_ns"].is_null().all():
+    if not part["cpu_ns"].is_null().all():
         cells["cpu"] = float(part["cpu_ns"].sum()) / float(part["ns"].sum())
-    if "changed_input" in part.columns:
-        cells["changed_input"] = int(part["changed_input"].sum())
-    if "first_ns" in part.columns and (part["most_ns"] != part["least_ns"]).any():
+    if (part["most_ns"] != part["least_ns"]).any():
         spread = (part["most_ns"] - part["least_ns"]) / part["ns"]
         cells["noise"] = 100.0 * float(np.median(spread.to_numpy()))
-    if "first_round" in part.columns:
-        cells["first_round"] = float(part["first_round"][0])
     return cells
 
 
@@ -177,7 +173,7 @@ def conspicuous(part: pl.DataFrame, varies: str) -> Iterable[str]:
     """Yield unexpected behaviour of a method that its times and rates alone do not show."""
     cells = _conduct(part)
     for outcome, first in (("raised", ", first"), ("crashed", "")):
-        if cells.get(outcome) and "error" in part.columns:
+        if cells[outcome]:
             reasons = part.filter(pl.col("outcome") == outcome)["error"].drop_nulls()
             reason = " ".join(reasons[0].split()) if len(reasons) else "no reason recorded"
             yield f"{outcome} in {cells[outcome]:,} of {len(part):,} calls{first}: {reason}"
