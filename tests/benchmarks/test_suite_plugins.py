@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,54 +37,31 @@ def ran(folder: Path) -> list[str]:
     return sorted(file.stem for file in folder.glob("*.ran"))
 
 
-COMMANDS = """
-import contextlib, io, json, sys
-from benchmarks.cli.app import main
+@pytest.fixture
+def said(typed: Any) -> Callable[..., tuple[int, str]]:
+    """Exit status and words of a command, with the words on one line."""
 
-done = []
-for arguments in json.loads(sys.argv[1]):
-    sys.argv, words, status = ["optik", *arguments], io.StringIO(), 0
-    with contextlib.redirect_stdout(words), contextlib.redirect_stderr(words):
-        try:
-            main()
-        except SystemExit as ended:
-            status = ended.code
-    done.append((status, words.getvalue()))
-print(json.dumps(done))
-"""
-"""Runs commands one after another and prints the exit status and words of each: imports are most of a process's time."""
+    def run(*arguments: str) -> tuple[int, str]:
+        status, out, errors = typed(*arguments)
+        return status, " ".join((out + errors).split())
+
+    return run
 
 
-def cli(*commands: list[str]) -> list[tuple[int, str]]:
-    """Exit status and words of each command, all in one process of their own, with the words on one line."""
-    done = subprocess.run(
-        [sys.executable, "-c", COMMANDS, json.dumps(commands)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        cwd=REPOSITORY,
-        env=os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "160"},
-        check=True,
-    )
-    return [(status, " ".join(words.split())) for status, words in json.loads(done.stdout)]
-
-
-def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: Path) -> None:
+def test_a_file_that_raises_when_it_is_imported_is_named_with_its_line(folder: Path, said: Any) -> None:
     (folder / "jt.py").write_text("\nraise RuntimeError('boom')\n")
     run = ["bench", "run", str(folder / "suite.toml"), "--out", str(folder.parent / "run"), "--allow-plugins"]
-    ((code, words),) = cli(run)
+    code, words = said(*run)
     assert code == 2
     assert "RuntimeError: boom" in words
     assert "jt.py, line 2" in words
     assert "Traceback" not in words
 
 
-def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path, typed: Any) -> None:
+def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_none(folder: Path, said: Any) -> None:
     suite, out = str(folder / "suite.toml"), str(folder.parent / "run")
     run = ["bench", "run", suite, "--out", out]
-    (code, words), (checked, listed), (_, told) = cli(
-        run, ["bench", "check", suite, "--json"], ["bench", "check", suite]
-    )
+    (code, words), (checked, listed) = said(*run), said("bench", "check", suite, "--json")
     assert code == 2
     assert "--allow-plugins" in words
     assert str(folder / "jt.py") in words
@@ -94,7 +69,7 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert checked == 0
     assert {row["name"] for row in json.loads(listed)["plugins"]} == {"arm", "beside", "jt"}
     assert ran(folder) == []
-    assert "not run" in told
+    assert "not run" in said("bench", "check", suite)[1]
 
     done = optik_command(*run, "--allow-plugins", "--workers", "2")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -108,13 +83,13 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert set(rows["solver"]) == {"dls", "jt"}
 
     (folder / "jt.py").write_text((folder / "jt.py").read_text() + "\n# changed\n")
-    ((code, words),) = cli([*run, "--allow-plugins"])
+    code, words = said(*run, "--allow-plugins")
     assert code == 2
     assert "plug-in jt (optik.ik)" in words
     assert f"got {folder / 'jt.py'} with SHA-256" in words
     shutil.rmtree(folder)
-    code, words, said = typed("bench", "report", out)
-    assert code == 0, words + said
+    code, words = said("bench", "report", out)
+    assert code == 0, words
     page = page_of(RunFolder(out))
     assert "arm (6 joints)" in page.text
     assert str(folder / "arm.toml") not in page.text
