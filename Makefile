@@ -19,7 +19,7 @@ test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations=40
 
 soak: $(VENV)/.dev
-	$(BIN)/python -m pytest -m soak -n auto
+	$(BIN)/python -m pytest -m 'soak or hypothesis' -n auto
 	$(MAKE) newest
 
 # The tests on the newest Python of this machine (3.11 to 3.14); an extra that pip cannot install there is skipped by name.

@@ -1,12 +1,18 @@
 """What every test shares: property tests that draw the same examples in every run and are never timed."""
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests.outside import give
 
-settings.register_profile("optik", deadline=None, derandomize=True, database=None, max_examples=60)
-settings.load_profile("optik")
+ALIKE = {
+    "deadline": None,
+    "derandomize": True,
+    "database": None,
+    "suppress_health_check": [HealthCheck.function_scoped_fixture],
+}
+settings.register_profile("optik", **ALIKE, max_examples=25)
+settings.register_profile("soak", **ALIKE, max_examples=60)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -21,3 +27,4 @@ def pytest_configure(config: pytest.Config) -> None:
             give(option)
         except ValueError as error:
             raise pytest.UsageError(str(error)) from None
+    settings.load_profile("soak" if config.option.markexpr.startswith("soak") else "optik")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PPoly
 
@@ -55,7 +55,6 @@ text = st.text(st.characters(codec=None), min_size=1, max_size=12)  # lone surro
 
 
 @each_format
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_motion_comes_back_to_the_last_bit(suffix: str, tmp_path: Path, data: st.DataObject) -> None:
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))

@@ -16,6 +16,7 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan, replan
 from tests import oracles
+from tests.robots import marked
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "panda", "irb120", "kr6", "gen3lite", "iiwa14", "irb910sc", "wx200")
 PATHS = ("line", "arc", "polyline", "joint_line")
@@ -219,7 +220,7 @@ def findings(one: Problem, result: Plan, seed: int, rate: float, most: int) -> l
     return unproved + oracles.contradictions(result, start, rate, most, seed)
 
 
-@pytest.mark.parametrize("seed", range(SHORT))
+@pytest.mark.parametrize("seed", [marked(ROBOTS[seed % len(ROBOTS)], seed) for seed in range(SHORT)])
 def test_no_plan_is_contradicted_and_every_failure_is_true(seed: int) -> None:
     one = problem(seed)
     assert not findings(one, one.planned(), seed, 1e5, 6_000)

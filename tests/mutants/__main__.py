@@ -27,7 +27,10 @@ from tests.mutants.changes import Change, named, spread
 from tests.mutants.listed import DRAWS, EQUIVALENT, INTERPRETED, LISTED, TESTS
 
 ROOT = Path(__file__).resolve().parents[2]
-COPIED = ("optik", "planners", "benchmarks", "tests", "docs", "README.md", "CHANGELOG.md", "Makefile", "pyproject.toml")
+COPIED = (
+    *("optik", "planners", "benchmarks", "tests", "docs", "examples"),
+    *("README.md", "CHANGELOG.md", "Makefile", "pyproject.toml"),
+)
 LIMIT = 300.0
 """Seconds that the tests of one change may take; those of the code as it is take a third at most."""
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -112,7 +112,6 @@ def test_the_cause_is_named_and_true(name, changes, words):
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
 def test_any_base_tool_zeros_and_signs_together_are_found(data):
     seed = data.draw(st.integers(0, 10**6))
     rng = np.random.default_rng(seed)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -36,7 +36,6 @@ def second(tensor: Any) -> Any:
 # ---------------------------------------------------------------- bodies
 
 
-@settings(max_examples=30)
 @given(seeds, st.integers(1, 4))
 def test_bodies_are_joined_as_their_points_are(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

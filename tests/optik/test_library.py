@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -165,7 +165,6 @@ tables = st.dictionaries(st.sampled_from(["a_mm", "range_deg", "x"]), single, ma
 values = st.just(...) | single | st.lists(single | st.lists(single, max_size=2), max_size=3) | tables
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(way=st.sampled_from(WAYS), value=values)
 def test_one_value_of_any_kind_makes_an_arm_or_a_named_error(way, value, tmp_path):
     try:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -44,7 +44,6 @@ def test_every_robot_comes_back_to_the_last_bit(name: str) -> None:
     assert_same(optik.load(name), through_json(optik.load(name)))
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_any_robot_comes_back_to_the_last_bit(seed: int, free: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -59,7 +58,6 @@ def test_any_robot_comes_back_to_the_last_bit(seed: int, free: bool) -> None:
     assert_same(robot, robot.with_tool(robot.tool))
 
 
-@settings(max_examples=25)
 @given(st.lists(st.one_of(finite, st.sampled_from([np.inf, -np.inf])), min_size=1, max_size=9))
 def test_numbers_come_back_to_the_last_bit(values: list[float]) -> None:
     back = read_numbers(json.loads(json.dumps(numbers_to_list(values), allow_nan=False)), (len(values),), "x")

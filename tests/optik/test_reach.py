@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -87,7 +87,6 @@ def test_the_tolerance_is_left_as_room(seed, far):
     assert not proved(robot, target, tolerance=(position, rotation))
 
 
-@settings(max_examples=25)
 @given(seeds, st.integers(2, 7), st.booleans())
 def test_what_a_solver_was_asked_and_can_be_met_is_never_called_unreachable(seed, n, prismatic):
     rng = np.random.default_rng(seed)

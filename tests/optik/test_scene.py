@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -168,7 +168,6 @@ def test_a_static_urdf_is_a_scene_with_its_joints_at_0(tmp_path):
 part = st.none() | st.booleans() | st.floats() | st.text(max_size=3) | st.lists(st.floats(-1.0, 9.0), max_size=4)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from(files.SCENE_KEYS),
     part | st.lists(part, max_size=3) | st.lists(st.lists(part, max_size=3), max_size=2),

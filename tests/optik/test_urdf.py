@@ -105,7 +105,6 @@ def test_a_chain_is_the_product_of_its_origins_and_joints(case):
 
 
 @given(chains())
-@settings(max_examples=50)
 def test_a_chain_is_pinocchios(case):
     pin = pytest.importorskip("pinocchio")
     chain, q = case

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
@@ -61,7 +61,6 @@ def tree(seed: int) -> str:
     return f'<robot name="any">{text}</robot>'
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1))
 def test_what_is_read_and_what_is_written_have_pinocchios_torques(seed: int) -> None:
     import pinocchio as pin

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import comb
 
@@ -27,6 +27,7 @@ from planners.following.smoothing import BARRIER_WEIGHT
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r
+from tests.robots import marked
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "gen3lite", "panda", "iiwa14")
 
@@ -62,7 +63,7 @@ def off(joint_path: JointPath, s: Array) -> tuple[float, float]:
 # ---------------------------------------------------------------- the bound between nodes
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, "wx200", "irb910sc"])
+@pytest.mark.parametrize("name", [*ROBOTS, "irb910sc", marked("wx200", "wx200")])
 def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: str) -> None:
     robot = load(name)
     solver = make_solver(robot, "lm")
@@ -152,7 +153,6 @@ def test_the_bound_of_a_slider_that_turns_counts_both() -> None:
     assert angle == pytest.approx(h**4 / 384.0 * w**4, rel=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.floats(0.05, 1.0))
 def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float], high: float) -> None:
     b = np.array(points)

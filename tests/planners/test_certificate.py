@@ -176,7 +176,7 @@ def test_where_there_is_no_limit_there_is_no_ratio() -> None:
 # ---------------------------------------------------------------- position limits
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 5), st.floats(-0.1, 0.1), st.booleans())
 def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, beyond: float, upward: bool) -> None:
     lower, upper = ROBOT.limits.lower, ROBOT.limits.upper
@@ -361,7 +361,7 @@ def test_the_path_error_bounds_what_plain_kinematics_say(law: str) -> None:
         assert at == pytest.approx(found, rel=1e-6, abs=1e-14)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-4, 0.3))
 def test_no_instant_contradicts_the_bounds_of_a_motion_far_from_its_line(seed: int, size: float) -> None:
     trajectory, line = around_start(np.random.default_rng(seed), 3, size), default_line()

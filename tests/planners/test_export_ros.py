@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PPoly
 
@@ -173,7 +173,7 @@ def test_the_controller_is_sent_the_exact_states_of_the_motion_uniformly_slowed(
     assert sent.certificate.path_error.distance < 1e-6
 
 
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10)
 @given(T=st.floats(0.02, 4.0), rate=st.none() | st.floats(1.0, 1000.0))
 def test_times_are_whole_nanoseconds_that_fill_whole_periods(T: float, rate: float | None, tmp_path: Path) -> None:
     sent = to_ros(hop(T), tmp_path / "motion.json", rate=rate)
@@ -485,7 +485,6 @@ def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- YAML
 
 
-@settings(max_examples=60)
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1), st.text(st.characters(codec="utf-8")))
 def test_what_is_written_as_yaml_is_read_back_to_the_last_bit(values: list[float], name: str) -> None:
     name = "".join(c for c in name if c.isprintable())

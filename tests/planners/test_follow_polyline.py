@@ -40,7 +40,7 @@ class Pieces(Line):
 places = st.lists(st.floats(1e-6, 1.0 - 1e-6), min_size=1, max_size=12, unique=True)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(places, places, st.integers(0, 2**32 - 1))
 def test_the_bound_of_an_interval_is_the_greatest_of_all_pieces_that_it_touches(inner: Any, s: Any, seed: int) -> None:
     breaks, at = np.array([0.0, *sorted(inner), 1.0]), np.array([0.0, *sorted(s), 1.0])
@@ -51,7 +51,7 @@ def test_the_bound_of_an_interval_is_the_greatest_of_all_pieces_that_it_touches(
         assert (found[i] == max(touched)).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @example([0.015625, 1.0000000000000002e-06, 1e-06], [0.5], 1)  # breaks one rounding apart
 @given(places, places, st.integers(0, 2**32 - 1))
 def test_places_are_no_further_than_the_path_bends_and_no_nearer_than_rounding_allows(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import ruckig
 import toppra
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import PPoly, make_interp_spline
 
@@ -178,7 +178,6 @@ def test_smooth_is_the_shortest_single_quintic_that_holds(joint_path: JointPath,
 # ---------------------------------------------------------------- ramps
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.floats(0.0, 2.0), st.floats(0.1, 2.0), st.floats(1e-3, 1.0), st.floats(0.05, 0.6), st.floats(0.05, 0.38))
 def test_a_ramp_goes_from_speed_to_speed_over_its_length(
     v0: float, v1: float, length: float, rise: float, fall: float

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from optik.errors import InvalidInput
@@ -41,7 +41,6 @@ def beyond(trajectory: Any, order: int, lower: Any, upper: Any, count: int = 20_
     return np.asarray(np.maximum(y.max(axis=0) / upper, y.min(axis=0) / lower))
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.integers(1, 4).flatmap(lambda n: st.tuples(st.just(n), columns(n), columns(n), st.booleans())))
 def test_a_pair_is_what_its_two_sides_say_in_every_form(case: tuple[int, Any, Any, bool]) -> None:
     n, low, high, as_array = case

@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
@@ -105,7 +105,6 @@ def test_more_intervals_are_as_good_or_better(line: int) -> None:
     assert durations[2] <= 1.002 * durations[3]
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     line=st.integers(0, 3),
     velocity=st.floats(-2.0, 2.0),

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +24,6 @@ def pose_of(position: Any, turn: Any) -> Any:
 
 
 poses = st.builds(pose_of, vectors, vectors.map(lambda v: 3.0 * v))
-laws_hold = settings(deadline=None, max_examples=60)
 
 CURVES = ["path", "joint path", "trajectory"]
 
@@ -99,7 +98,6 @@ def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
 # ---------------------------------------------------------------- the line
 
 
-@laws_hold
 @given(poses, poses, parts, parts)
 def test_s_is_the_distance_travelled_in_metres(start: Any, goal: Any, u: float, w: float) -> None:
     chord = np.linalg.norm(goal[:3, 3] - start[:3, 3])
@@ -111,7 +109,6 @@ def test_s_is_the_distance_travelled_in_metres(start: Any, goal: Any, u: float, 
     assert np.linalg.norm(a - b) == pytest.approx(abs(u - w) * line.end, abs=1e-14)
 
 
-@laws_hold
 @given(poses, vectors, parts, parts)
 def test_s_is_the_angle_turned_in_radians_where_the_tool_only_turns(start: Any, axis: Any, u: float, w: float) -> None:
     angle = 2.9 * np.linalg.norm(axis) / np.sqrt(3.0)
@@ -125,7 +122,6 @@ def test_s_is_the_angle_turned_in_radians_where_the_tool_only_turns(start: Any, 
     assert between[1] == pytest.approx(abs(u - w) * line.end, abs=1e-13)
 
 
-@laws_hold
 @given(poses, poses, parts)
 def test_the_pose_is_on_the_chord_and_turned_the_shortest_way(start: Any, goal: Any, u: float) -> None:
     assume(np.linalg.norm(goal[:3, 3] - start[:3, 3]) > 1e-6)
@@ -134,7 +130,6 @@ def test_the_pose_is_on_the_chord_and_turned_the_shortest_way(start: Any, goal: 
     np.testing.assert_allclose(line(u * line.end), oracles.line_pose(start, goal, u), rtol=0.0, atol=1e-13)
 
 
-@laws_hold
 @given(poses, poses)
 def test_the_line_starts_at_its_start_and_ends_at_its_goal(start: Any, goal: Any) -> None:
     line = Line(start, goal)
@@ -142,7 +137,6 @@ def test_the_line_starts_at_its_start_and_ends_at_its_goal(start: Any, goal: Any
     np.testing.assert_allclose(line(line.end), goal, rtol=0.0, atol=2e-12)  # below 1e-12 nothing moves
 
 
-@laws_hold
 @given(poses, poses, st.floats(0.1, 0.9))
 def test_the_twist_is_the_derivative_of_the_pose(start: Any, goal: Any, u: float) -> None:
     line = Line(start, goal)
@@ -156,7 +150,6 @@ def test_the_twist_is_the_derivative_of_the_pose(start: Any, goal: Any, u: float
     np.testing.assert_allclose(turned, velocity[:3, :3], rtol=0.0, atol=1e-11 * scale / line.end)
 
 
-@laws_hold
 @given(poses, poses, parts, parts)
 def test_the_twist_is_constant_and_of_unit_speed(start: Any, goal: Any, u: float, w: float) -> None:
     line = Line(start, goal)
@@ -219,7 +212,6 @@ def test_a_half_turn_is_refused_with_what_would_work(short: float, move: float) 
 # ---------------------------------------------------------------- nearest
 
 
-@laws_hold
 @given(poses, poses, poses)
 def test_no_place_on_the_line_is_nearer_than_the_nearest(start: Any, goal: Any, tool: Any) -> None:
     assume(np.linalg.norm(goal[:3, 3] - start[:3, 3]) > 1e-3)
@@ -232,7 +224,6 @@ def test_no_place_on_the_line_is_nearer_than_the_nearest(start: Any, goal: Any, 
     assert np.linalg.norm(line(s[0])[:3, 3] - tool[:3, 3]) <= least + 1e-12
 
 
-@laws_hold
 @given(poses, vectors, parts, st.booleans())
 def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn: Any, u: float, moves: bool) -> None:
     assume(np.linalg.norm(turn) > 1e-3)
@@ -253,7 +244,6 @@ def test_the_nearest_place_to_the_goal_of_almost_a_half_turn_is_its_end() -> Non
 # ---------------------------------------------------------------- edges and misuse
 
 
-@laws_hold
 @given(poses)
 def test_equal_poses_make_a_line_without_length(start: Any) -> None:
     line = Line(start, start)

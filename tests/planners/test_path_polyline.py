@@ -48,7 +48,7 @@ def corner_width(path: Polyline, i: int) -> float:
 # ---------------------------------------------------------------- corners
 
 
-@settings(max_examples=25, phases=[Phase.explicit, Phase.generate])  # shrinking a brute force takes minutes
+@settings(phases=[Phase.explicit, Phase.generate])  # shrinking a brute force takes minutes
 @given(waypoints, tolerances, tolerances)
 def test_the_path_stays_within_its_tolerance_of_the_sharp_polyline_and_of_its_corners(
     given_poses: list[Array], blend: float, turn: float
@@ -221,7 +221,7 @@ def test_a_waypoint_that_nearly_repeats_its_neighbour_changes_little() -> None:
                 np.testing.assert_allclose(kept, T, rtol=0.0, atol=1e-15)
 
 
-@settings(max_examples=40, phases=[Phase.explicit, Phase.generate])
+@settings(phases=[Phase.explicit, Phase.generate])
 @given(st.integers(0, 2**32 - 1), st.floats(-5.0, -1.5), st.floats(-9.0, -3.0))
 def test_every_waypoint_is_passed_within_its_tolerance_merged_or_not(seed: int, blend: float, step: float) -> None:
     rng = np.random.default_rng(seed)

@@ -130,7 +130,6 @@ def is_below_its_bound(robot: Robot, seed: int) -> float:
     return float((fourth / np.maximum(bound, 1e-9)).max())
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans())
 def test_the_fourth_derivative_is_below_its_bound(seed: int, n: int, prismatic: bool) -> None:
     is_below_its_bound(random_loaded(np.random.default_rng(seed), n, prismatic=prismatic), seed)
@@ -206,7 +205,7 @@ def test_the_remainders_are_those_of_peanos_kernel() -> None:
 numbers = st.integers(-(10**6), 10**6).map(lambda k: 1e-3 * k)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(numbers, numbers, numbers, numbers, st.floats(1e-3, 10.0))
 def test_ranges_of_cubics_hold_all_samples_and_are_reached(a: float, b: float, c: float, d: float, h: float) -> None:
     x = np.linspace(0.0, 1.0, 2001)
@@ -221,7 +220,7 @@ def test_ranges_of_cubics_hold_all_samples_and_are_reached(a: float, b: float, c
 # ---------------------------------------------------------------- Coulomb friction
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 10**6), st.floats(0.01, 1.0))
 def test_a_direction_is_only_said_where_no_sample_contradicts(seed: int, h: float) -> None:
     rates = np.random.default_rng(seed).normal(size=5)

@@ -13,7 +13,6 @@ from planners import Trajectory
 from tests import oracles
 from tests.planners import cases
 
-laws_hold = settings(deadline=None, max_examples=40)
 seeds = st.integers(0, 2**31)
 
 
@@ -24,7 +23,6 @@ def random(seed: int, **options: Any) -> Trajectory:
 # ---------------------------------------------------------------- values
 
 
-@laws_hold
 @given(seeds, st.integers(0, 3), st.floats(0.0, 1.0))
 def test_values_are_those_of_the_polynomial_that_holds_the_instant(seed: int, order: int, u: float) -> None:
     trajectory = random(seed)
@@ -33,7 +31,6 @@ def test_values_are_those_of_the_polynomial_that_holds_the_instant(seed: int, or
     np.testing.assert_allclose(trajectory(t, order), wanted, rtol=1e-12, atol=1e-12 * (1 + np.abs(wanted).max()))
 
 
-@laws_hold
 @given(seeds, st.integers(1, 3), st.floats(0.05, 0.95))
 def test_each_order_is_the_derivative_of_the_one_before(seed: int, order: int, u: float) -> None:
     trajectory = random(seed)
@@ -77,7 +74,7 @@ def test_extrema_equal_two_hundred_thousand_samples_refined(seed: int, order: in
     np.testing.assert_allclose(extrema.t_greatest, t_greatest, rtol=0.0, atol=1e-5)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(seeds, st.integers(0, 3))
 def test_extrema_are_never_below_what_occurs(seed: int, order: int) -> None:
     rng = np.random.default_rng(seed)
@@ -98,7 +95,6 @@ def test_extrema_are_never_below_what_occurs(seed: int, order: int) -> None:
     assert (extrema.greatest >= greatest - slack).all()
 
 
-@laws_hold
 @given(seeds, st.integers(0, 3))
 def test_extrema_occur_when_they_are_said_to(seed: int, order: int) -> None:
     trajectory = random(seed)
@@ -110,7 +106,6 @@ def test_extrema_occur_when_they_are_said_to(seed: int, order: int) -> None:
             assert min(abs(v - wanted) for v in values) <= 1e-11 * (1.0 + abs(wanted))
 
 
-@laws_hold
 @given(seeds, st.integers(0, 3))
 def test_the_worst_is_the_larger_side(seed: int, order: int) -> None:
     e = random(seed).extrema(order)
@@ -158,7 +153,6 @@ def test_a_constant_motion_has_its_value_as_both_extrema() -> None:
 # ---------------------------------------------------------------- ends and jumps
 
 
-@laws_hold
 @given(seeds, st.integers(0, 3))
 def test_jumps_are_the_differences_of_one_sided_values(seed: int, order: int) -> None:
     trajectory = random(seed, pieces=4)
@@ -171,7 +165,6 @@ def test_jumps_are_the_differences_of_one_sided_values(seed: int, order: int) ->
     np.testing.assert_array_equal(trajectory.jumps(order), first[1:] - last[:-1])
 
 
-@laws_hold
 @given(seeds)
 def test_a_smooth_motion_has_no_jumps_below_the_third_derivative(seed: int) -> None:
     trajectory = random(seed, pieces=4, smooth=3)
@@ -183,7 +176,6 @@ def test_a_smooth_motion_has_no_jumps_below_the_third_derivative(seed: int) -> N
 # ---------------------------------------------------------------- slower and sampled
 
 
-@laws_hold
 @given(seeds, st.floats(0.2, 20.0), st.floats(0.0, 1.0), st.integers(0, 3))
 def test_a_slowed_motion_has_its_derivatives_over_powers_of_the_factor(
     seed: int, factor: float, u: float, order: int

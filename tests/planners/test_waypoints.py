@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -32,7 +32,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("tables")
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32), st.sampled_from(["x,y,z", "X_mm,Y_mm,Z_mm"]),
        st.sampled_from(["", "qx,qy,qz,qw", "Roll,Pitch,Yaw", "roll_deg,pitch_deg,yaw_deg", "i,j,k"]))  # fmt: skip
 def test_every_header_gives_the_poses_that_were_written(
