@@ -19,6 +19,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.cli.command import JsonCommand, argument, err_console, option, out_console, print_json
+from optik.errors import InvalidInput
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -236,15 +237,28 @@ class Format(StrEnum):
     MD = "md"
     CSV = "csv"
     TEX = "tex"
+    PDF = "pdf"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportCommand(JsonCommand):
-    """Write the report of a run into its folder: one HTML page that works offline, or Markdown, CSV or LaTeX."""
+    """Write the report of a run into its folder: one HTML page that works offline, or its tables and figures.
+
+    Tables are written as Markdown, CSV or LaTeX, figures as SVG (with Markdown) or PDF.
+    """
 
     folder: Path = argument("RUN", "Folder of a run.")
     format: Format = option(
-        "Output", "html: one page; md: report.md with figures; csv or tex: one file per table.", Format.HTML
+        "Output",
+        "html: one page; md: report.md with figures; csv or tex: one file per table; pdf: one file per figure.",
+        Format.HTML,
+    )
+    columns: str = option(
+        "Output",
+        "Columns of the tables in md, csv and tex, by their keys, with commas: the heads of the CSV files. Tables without "
+        "any of them are left out.",
+        "",
+        metavar="KEYS",
     )
 
     def run(self) -> None:
@@ -252,34 +266,30 @@ class ReportCommand(JsonCommand):
         from benchmarks.records import RunFolder
 
         with err_console.status("writing the report"):
-            written = _choose_writer(self.format)(RunFolder(self.folder))
+            written = self._write(RunFolder(self.folder))
         if self.as_json:
             print_json({"report": str(written[0]) if written else None, "files": [str(path) for path in written]})
             return
-        words = "no tables written: no part of this run is finished"
+        what = "figures" if self.format is Format.PDF else "tables"
+        words = f"no {what} written: no part of this run is finished"
         if written:
             one = self.format in (Format.HTML, Format.MD)
-            words = f"report: {written[0]}" if one else f"{len(written)} tables in {written[0].parent}"
+            words = f"report: {written[0]}" if one else f"{len(written)} {what} in {written[0].parent}"
         out_console.print(words, soft_wrap=True)
 
+    def _write(self, folder: RunFolder) -> list[Path]:
+        """Write the files of the format."""
+        from benchmarks.report import formats, write_report
 
-def _choose_writer(format: Format) -> Callable[[RunFolder], list[Path]]:
-    """Return the function that writes a format."""
-    if format is Format.MD:
-        from benchmarks.report.formats.markdown import write_markdown
-
-        return write_markdown
-    if format is Format.CSV:
-        from benchmarks.report.formats.tables_csv import write_csv
-
-        return write_csv
-    if format is Format.TEX:
-        from benchmarks.report.formats.tex import write_tex
-
-        return write_tex
-    from benchmarks.report import write_report
-
-    return lambda folder: [write_report(folder)]
+        columns = [key for key in map(str.strip, self.columns.split(",")) if key]
+        if columns and self.format in (Format.HTML, Format.PDF):
+            raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
+        if self.format is Format.HTML:
+            return [write_report(folder)]
+        if self.format is Format.PDF:
+            return formats.write_figures(folder)
+        writers = {Format.MD: formats.write_markdown, Format.CSV: formats.write_csv, Format.TEX: formats.write_tex}
+        return writers[self.format](folder, columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,7 +335,7 @@ class CompareCommand(JsonCommand):
             raise typer.Exit(1)
 
     def _print(self, found: Comparison) -> None:
-        """Print the differences, the different settings, and the parts that were not compared."""
+        """Print the different settings, the differences, and the parts that were not compared."""
         from benchmarks.report.numbers import number
 
         table = Table("block", "method", "measure", "A", "B", "change", "")
@@ -336,13 +346,13 @@ class CompareCommand(JsonCommand):
                 measure = f"{d.measure} [{d.unit}]" if d.unit else d.measure
                 cells = (d.block, d.label, measure, number(d.a, 4), number(d.b, 4), change, d.verdict)
                 table.add_row(*cells, style=looks.get(d.verdict))
-        if table.row_count:
-            out_console.print(table)
         for key, a, b in found.settings[: None if self.show_all else MOST_SETTINGS]:
             words = f"setting {key}: {_format_setting(a)} in A, {_format_setting(b)} in B"
             out_console.print(words, style="yellow", soft_wrap=True)
         if len(found.settings) > MOST_SETTINGS and not self.show_all:
             out_console.print(f"{len(found.settings) - MOST_SETTINGS} more settings differ; --all shows them")
+        if table.row_count:
+            out_console.print(table)
         for words in found.left_out:
             out_console.print(f"not compared: {words}", soft_wrap=True)
 

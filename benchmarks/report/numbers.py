@@ -1,8 +1,9 @@
-"""Number formats for people: significant digits, powers of ten, infinity, and a dash for missing values."""
+"""Numbers and names for people: significant digits, powers of ten, infinity, a dash for missing values, lists of labels."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 UNWRITTEN_EXCESS = 5e-13
 """Excess over a limit [1] that is not shown: it is the rounding of the polynomials' extrema."""
@@ -46,3 +47,13 @@ def p_value(p: float) -> str:
 def percent(share: float, digits: int = 1) -> str:
     """Format a rate given in percent."""
     return "–" if math.isnan(share) else f"{share:.{digits}f} %"
+
+
+def quoted(label: str) -> str:
+    """Return a label for a list: in quotation marks if it contains a comma or a semicolon."""
+    return f"“{label}”" if set(label) & set(",;") else label
+
+
+def listed(labels: Iterable[str]) -> str:
+    """Return the labels in a sentence, with commas between them."""
+    return ", ".join(map(quoted, labels))

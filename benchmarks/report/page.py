@@ -13,10 +13,10 @@ from benchmarks.records import RunFolder
 from benchmarks.report.base import Section
 from benchmarks.report.figures import THEME, packed, squeeze, strict, template, variable
 from benchmarks.report.numbers import number, percent
-from benchmarks.report.overview import overview
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built
-from benchmarks.report.shown import shown_table
+from benchmarks.report.tables import shown_rows
+from benchmarks.report.winners import overview
 from optik.plugins.files import forbid_code
 
 PAGE = "report.html"
@@ -40,7 +40,8 @@ def render(run: Run) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "percent": percent, "strict": strict, "variable": variable}
-    environment.filters["shown"] = lambda table: shown_table(table, run)
+    environment.filters["shown"] = shown_rows
+    environment.filters["dot"] = lambda label: variable(run.colour(label)) if label in run.labels else ""
     environment.filters["packed"] = lambda board: packed(board, run.labels)
     placed = {place: built(run, place) for place in ("top", "terms", "summary", "section")}
     return environment.get_template("page.html.j2").render(

@@ -9,8 +9,9 @@ from typing import Any
 from benchmarks.blocks.base import BlockRows, load_kind
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import MANIFEST, RunFolder
-from benchmarks.report.base import Table, load_report
+from benchmarks.report.base import load_report
 from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
+from benchmarks.report.tables import Table
 from benchmarks.suite import Suite, suite_of
 from benchmarks.targets import Outcome
 from optik.arm.library import load

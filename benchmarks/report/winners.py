@@ -1,13 +1,25 @@
-"""Winners: one row for each question that the kinds of the run answer."""
+"""Who wins: ranking on equal problems, one row for each question of the run, and the head of the page with its findings."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from benchmarks.report.base import Cell, Column, Table, Winner, load_report
+from benchmarks.experiments.base import PARTLY
+from benchmarks.report.base import Winner, load_report
+from benchmarks.report.numbers import listed, quoted
 from benchmarks.report.run import Run
-from benchmarks.report.shown import written
-from benchmarks.report.words import listed
+from benchmarks.report.sections import failure_words
+from benchmarks.report.tables import Cell, Column, Table, written
+from benchmarks.statistics import mcnemar, not_told_apart, percentage
+from optik.errors import UnknownName
+from optik.registry import short_name
+from optik.types import Flags
+
+RANKED_PROBLEMS = 1000
+"""Number of problems that suffices for a ranking: Wilson's interval of a rate is then 6 points wide, 0.4 near 100 %."""
 
 MOST_TIED = 3
 """Number of ties that are named; of more only their number is given."""
@@ -23,6 +35,44 @@ WINNER_COLUMNS = (
     Column("note", "Problems", show="text"),
 )
 """Columns of the winners as a table."""
+
+
+# ---------------------------------------------------------------- ranking
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """The ranked methods, and the others with how many problems they were given, in words that end a note."""
+
+    labels: tuple[str, ...]
+    left_out: str
+
+
+def ranked(given: Mapping[str, int]) -> Ranked:
+    """Rank methods that were given `RANKED_PROBLEMS`, or half the largest number: all are compared on the fewest of the ranked.
+
+    Where that leaves fewer than two, all are ranked.
+    """
+    most = max(given.values(), default=0)
+    asked = tuple(label for label, count in given.items() if count)
+    many = tuple(label for label in asked if given[label] >= min(RANKED_PROBLEMS, most / 2))
+    labels = many if len(many) > 1 else asked
+    out = [f"{quoted(label)} ({count:,})" for label, count in given.items() if label not in labels]
+    return Ranked(labels, f"; not ranked (fewer problems): {', '.join(out)}" if out else "")
+
+
+def most_solved(question: str, anchor: str, solved: Mapping[str, Flags], note: str) -> Winner:
+    """Return the method that solved the most of the same problems, and those not significantly different (McNemar's test)."""
+    entries = sorted(((label, *percentage(int(x.sum()), len(x))) for label, x in solved.items()), key=lambda e: -e[1])
+    best = entries[0][0]
+    p_values = {label: mcnemar(solved[best], x).p for label, x in solved.items() if label != best}
+    return Winner(
+        question, "%", "more", tuple(entries), anchor, note, "Wilson 95 % intervals; differences by McNemar's test",
+        not_told_apart(best, p_values), len(solved[best]),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- questions
 
 
 @dataclass(frozen=True)
@@ -120,3 +170,57 @@ def winners_table(run: Run) -> Table | None:
             row |= {"second": other, "second_value": (ends[0], ends[1], ends[2])}
         rows.append(row)
     return Table("winners", "Best method by question", WINNER_COLUMNS, tuple(rows)) if rows else None
+
+
+# ---------------------------------------------------------------- the head of the page
+
+
+def overview(run: Run) -> dict[str, Any]:
+    """Return subjects, scope and key findings of the comparison."""
+    begun = [b.block for b in run.begun]
+    # A kind that says who wins has its findings in that table.
+    shown = [load_report(kind) for kind in run.suite.kinds]
+    own = [words for kind in shown if not kind.winners(run) for words in kind.findings(run)]
+    return {
+        "title": run.suite.title,
+        "suite": run.suite.name,
+        "complete": bool(run.manifest.get("complete")),
+        "failed": failure_words(run),
+        "created": run.manifest["provenance"].get("created", ""),
+        "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
+        "subjects": _subjects(run),
+        "missing": [block.title for _, block in run.suite.pairs() if block not in begun],
+        "findings": [words for words in (*own, _verdicts(run)) if words],
+        "won": won(run),
+    }
+
+
+def _axes(run: Run, name: str) -> str:
+    try:
+        return f"{run.robot(name).n} joints"
+    except UnknownName:  # a robot that this version has no longer
+        return "not in this version"
+
+
+def _subjects(run: Run) -> str:
+    """Describe the compared subjects; one that is part of a more specific subject is left out."""
+    found = dict.fromkeys(
+        words for kind in run.suite.kinds for words in load_report(kind).subjects(run.suite.of(kind.name))
+    )
+    own = [words for words in found if not any(other != words and other.startswith(words) for other in found)]
+    return ", and ".join(own) + ("," if len(own) > 1 else "")
+
+
+def _verdicts(run: Run) -> str:
+    """Describe how many claims hold."""
+    if not run.on_paper:
+        return ""
+    verdicts = Counter(PARTLY if f.verdict.startswith(PARTLY) else f.verdict for f in run.findings)
+    if not verdicts:
+        return ""
+    words = {
+        "holds": ("holds", "hold"), PARTLY: ("holds under a condition", "hold under a condition"),
+        "does not hold": ("does not hold", "do not hold"), "not tested": ("is not tested here", "are not tested here"),
+    }  # fmt: skip
+    parts = [f"{verdicts[v]} {one if verdicts[v] == 1 else many}" for v, (one, many) in words.items() if v in verdicts]
+    return f"Of the paper's {sum(verdicts.values())} claims, " + ", ".join(parts) + "."

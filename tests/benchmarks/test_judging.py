@@ -18,12 +18,12 @@ from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
-from benchmarks.report.base import Table, load_report
+from benchmarks.report.base import load_report
 from benchmarks.report.ik.calls import block_winners
 from benchmarks.report.ik.calls_plots import by_sigma, profile_costs
 from benchmarks.report.ik.calls_tables import block_tables
 from benchmarks.report.run import Run
-from benchmarks.report.shown import shown_table
+from benchmarks.report.tables import Table, shown_rows
 from benchmarks.run import run_suite
 from benchmarks.statistics import wilson
 from benchmarks.suite import suite_of
@@ -477,8 +477,8 @@ def test_intervals_that_overlap_are_no_tie_where_each_pair_shows_the_same(block:
 def test_the_best_is_marked_among_methods_that_were_given_the_same(block: CallRows) -> None:
     rows = block.rows.with_columns(solved=pl.col("method") == "few")
     for found in block_tables(CallRows(block.block, rows, block.folder, block.facts))[:2]:
-        shown = {row.cells[0].text: row for row in shown_table(found).rows}
-        assert not any(cell.best for cell in shown["few"].cells)
+        shown = {row[0].text: row for row in shown_rows(found)}
+        assert not any(cell.best for cell in shown["few"])
         assert {row["label"]: row.get("given") for row in found.rows} == {
             label: "" if label == "few" else "yes" for label in block.by_method
         }

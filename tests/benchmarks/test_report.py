@@ -24,7 +24,15 @@ from benchmarks.report.base import load_report
 from benchmarks.report.figures import strict
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.timing.plans.tables import _limit_words, broken_limits, law_control, ratio_words, worst
+from benchmarks.report.timing.plans import limitations
+from benchmarks.report.timing.plans.tables import (
+    _limit_words,
+    broken_limits,
+    law_control,
+    line_plans,
+    ratio_words,
+    worst,
+)
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
 from tests.benchmarks.browser import Browser
@@ -347,6 +355,16 @@ def test_provenance_names_every_block_s_problems_by_their_hash(copied: RunFolder
 def test_controls_of_laws_open_on_the_default_law() -> None:
     assert law_control(["quintic", "optimal", "toppra"], "all laws").value == "optimal"
     assert law_control(["quintic", "toppra"]).value == "quintic"
+
+
+def test_limitations_name_the_limits_that_the_motions_had(small_run: RunFolder) -> None:
+    run = Run(small_run)
+    line = line_plans(run)
+    assert line is not None and line.solved[0]["limits"]["torque"] is not None
+    assert "velocity, acceleration, jerk, torque are those of the robot file" in " ".join(limitations(run))
+    assert "torque limits" not in " ".join(limitations(run))
+    line.solved[0]["limits"]["torque"] = None
+    assert "Dynamics, torque limits, the controller and a real arm are not included" in " ".join(limitations(run))
 
 
 def test_limits_are_listed_joint_by_joint_with_repeats() -> None:

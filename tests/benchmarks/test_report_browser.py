@@ -14,9 +14,10 @@ import pytest
 
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
-from benchmarks.report.base import QUESTION, Column, Section, Table, Winner
+from benchmarks.report.base import QUESTION, Section, Winner
 from benchmarks.report.figures import METHOD_COLOURS, method_dash
 from benchmarks.report.ik import budgets
+from benchmarks.report.tables import Column, Table
 from tests.benchmarks.browser import CHROMIUM, Browser
 
 EVIL = "<script>alert('x')</script> & <b>a|b</b>"

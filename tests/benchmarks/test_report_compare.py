@@ -201,5 +201,6 @@ def test_settings_that_differ_are_shown(small_run: RunFolder, tmp_path: Path, ty
         ("line.samples", 31, None),
     }
     _, out, _ = typed("bench", "compare", str(small_run.path), str(changed.path))
+    assert out.startswith("setting ")
     assert "setting seed: 7 in A, 8 in B" in out
     assert "setting line.samples: 31 in A, not set in B" in out

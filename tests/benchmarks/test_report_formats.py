@@ -20,7 +20,8 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
-from benchmarks.report.base import Column, Table, Winner
+from benchmarks.report.base import Winner
+from benchmarks.report.drawing import draw
 from benchmarks.report.figures import (
     Board,
     Control,
@@ -37,20 +38,25 @@ from benchmarks.report.figures import (
     steps_of,
     variable,
 )
-from benchmarks.report.formats.markdown import markdown_of
-from benchmarks.report.formats.svg import draw
-from benchmarks.report.formats.tables_csv import csv_of
-from benchmarks.report.formats.tex import escaped, tex_of
 from benchmarks.report.ik import budgets
+from benchmarks.report.numbers import listed
 from benchmarks.report.page import render
-from benchmarks.report.ranked import Ranked, ranked
 from benchmarks.report.run import Run
-from benchmarks.report.shown import shown_cell, shown_table, written
+from benchmarks.report.tables import (
+    Column,
+    Table,
+    csv_of,
+    escaped,
+    markdown_of,
+    shown_cell,
+    shown_rows,
+    tex_of,
+    written,
+)
 from benchmarks.report.timing import plans
-from benchmarks.report.winners import tied_words, winners_table, won
-from benchmarks.report.words import listed
+from benchmarks.report.winners import Ranked, ranked, tied_words, winners_table, won
 from benchmarks.statistics import holm, mcnemar_p, signed_rank
-from optik.errors import MissingDependency
+from optik.errors import InvalidInput, MissingDependency
 from tests.benchmarks.conftest import hide
 
 EVIL = "a|b <script>& 50 % _x_ $y$ #1 {z} ~^\\"
@@ -120,9 +126,9 @@ def test_the_best_are_those_that_no_interval_tells_from_the_best() -> None:
             "w": 1.0,
         },  # overlaps with the best, and yet neither value is in the other's
     )
-    shown = shown_table(Table("t", "t", columns, rows))
-    assert [row.cells[1].best for row in shown.rows] == [True, True, False, False]
-    assert [row.cells[2].best for row in shown.rows] == [False] * 4  # all the same: nothing to mark
+    shown = shown_rows(Table("t", "t", columns, rows))
+    assert [row[1].best for row in shown] == [True, True, False, False]
+    assert [row[2].best for row in shown] == [False] * 4  # all the same: nothing to mark
 
 
 def test_only_rows_that_may_are_the_best() -> None:
@@ -136,8 +142,8 @@ def test_only_rows_that_may_are_the_best() -> None:
         {"label": "a", "T": 2.0, "rank": "1"},
         {"label": "b", "T": 3.0, "rank": "2"},
     )
-    shown = shown_table(Table("t", "t", columns, rows))
-    assert [row.cells[1].best for row in shown.rows] == [False, True, False]
+    shown = shown_rows(Table("t", "t", columns, rows))
+    assert [row[1].best for row in shown] == [False, True, False]
 
 
 # ------------------------------------------------------------ read back
@@ -175,9 +181,9 @@ def test_markdown_reads_back() -> None:
     head, rule, *rows = markdown_rows(markdown_of(TABLE))
     assert head == ["Method | law", "solved [%]", "median_time [µs]", "problems", "error [mm]"]
     assert rule == ["---", "---:", "---:", "---:", "---:"]
-    shown = shown_table(TABLE)
-    for row, cells in zip(shown.rows, rows, strict=True):
-        assert cells == [c.text + (f" ({c.interval})" if c.interval else "") for c in row.cells[:5]]
+    shown = shown_rows(TABLE)
+    for row, cells in zip(shown, rows, strict=True):
+        assert cells == [c.text + (f" ({c.interval})" if c.interval else "") for c in row[:5]]
     assert rows[0][0] == EVIL
     assert "<script>" not in markdown_of(TABLE)
 
@@ -194,7 +200,28 @@ def test_latex_is_whole_and_has_no_bare_special_character() -> None:
     for row in body:
         bare = re.sub(r"\\[%#_&${}]|\$[^$]*\$|\\\\$", "", row)
         assert not set("%#_$|<>~^λµ−") & set(bare), bare
-    assert escaped("1.23·10⁻⁷ ≤ λ") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$"
+    assert escaped("1.23·10⁻⁷ ≤ λ s̈") == r"1.23$\cdot 10^{-7}$ $\le$ $\lambda$ $\ddot s$"
+
+
+@pytest.mark.parametrize("copies", [1, 2, 5])
+def test_latex_is_as_wide_as_a_line_and_gives_a_column_the_room_of_its_words(copies: int) -> None:
+    wide = tuple(replace(c, key=c.key if k == 0 else f"{c.key}{k}") for k in range(copies) for c in COLUMNS[:4])
+    rows = tuple({c.key: row.get(c.key.rstrip("1234")) for c in wide} for row in ROWS)
+    text = tex_of(Table("wide", "Wide", wide, rows))
+    widths = [float(width) for width in re.findall(r"p\{([\d.]+)\\linewidth\}", text)]
+    assert len(widths) == 4 * copies and 0.9 < sum(widths) <= 1.0 + 0.001 * len(widths)
+    assert widths[0] > widths[3]  # a long label, a short count
+    assert ("small" in text.partition("setlength")[0]) == (copies == 1)
+
+
+def test_columns_are_chosen_by_their_keys_in_their_order() -> None:
+    found = TABLE.only(["rest", "us", "unknown"])
+    assert [(column.key, column.aside) for column in found.columns] == [
+        ("label", False),
+        ("rest", False),
+        ("us", False),
+    ]
+    assert found.rows == TABLE.rows
 
 
 # ------------------------------------------------------------ figures
@@ -299,6 +326,15 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
         done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", name, "--json"])
         assert done.exit_code == 0, done.output
         assert [str(Path(f).relative_to(copied.path)) for f in json.loads(done.stdout)["files"]] == files
+    chosen = ["bench", "report", str(copied.path), "--format", "tex", "--json", "--columns", "us, rest"]
+    done = CliRunner().invoke(app, chosen)
+    assert [Path(f).name for f in json.loads(done.stdout)["files"]] == ["odd.tex"]
+    assert "few ask" in (copied.path / "tables/odd.tex").read_text() and "problems" not in done.stdout
+    for wrong in (["--columns", "us, x"], ["--columns", "us", "--format", "html"]):
+        assert isinstance(CliRunner().invoke(app, [*chosen, *wrong]).exception, InvalidInput)
+    done = CliRunner().invoke(app, ["bench", "report", str(copied.path), "--format", "pdf", "--json"])
+    figures = [Path(file) for file in json.loads(done.stdout)["files"]]
+    assert len(figures) > 3 and all(file.read_bytes().startswith(b"%PDF") for file in figures)
     winners = pl.read_csv(copied.path / "tables/winners.csv").row(0, named=True)
     assert (winners["best"], winners["value"], winners["tied"], winners["second"]) == ("a", 90.0, "b", "c")
     crashes = pl.read_csv(copied.path / "tables/failed-budgets.csv").rows()

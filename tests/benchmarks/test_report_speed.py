@@ -18,7 +18,7 @@ from benchmarks.report.base import load_report
 from benchmarks.report.ik.accuracy import choose
 from benchmarks.report.ik.calls_tables import conspicuous
 from benchmarks.report.run import Run
-from benchmarks.report.shown import written
+from benchmarks.report.tables import written
 from benchmarks.run import run_suite
 from benchmarks.statistics import percentage
 from benchmarks.suite import suite_of

@@ -16,8 +16,7 @@ import pytest
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.compare import compare_runs
-from benchmarks.report.formats.tables_csv import write_csv
-from benchmarks.report.formats.tex import write_tex
+from benchmarks.report.formats import write_csv, write_tex
 from benchmarks.report.run import Run
 from optik.errors import OptikError
 from tests.oracles import REPOSITORY

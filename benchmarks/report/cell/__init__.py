@@ -36,9 +36,9 @@ from benchmarks.report.cell.tables import (
     tables,
 )
 from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line
-from benchmarks.report.findings import claims_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
+from benchmarks.report.sections import claims_of
 from planners.cell.iso9283 import POSE_FRACTION, SIMULATED, PoseFigures, describe_cube
 
 

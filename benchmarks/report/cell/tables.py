@@ -22,14 +22,14 @@ from benchmarks.blocks.cell.settings import (
     within,
 )
 from benchmarks.records import slug
-from benchmarks.report.base import Column, Table
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Column, Table
 from benchmarks.statistics import percentage, quantiles
 from optik.types import Array
 from planners.cell.iso9283 import SIMULATED, PoseFigures
 
 if TYPE_CHECKING:
-    from benchmarks.report.base import Cell
+    from benchmarks.report.tables import Cell
 
 NOISE_WORDS = {
     "laser_angle": ("σ of the laser's pan and tilt", 1e3, "mrad"), "laser_range": ("σ of its range", 1e3, "mm"),

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from benchmarks.blocks.ik.budgets import BudgetRows, success
-from benchmarks.report.base import Cell, Column, Table
 from benchmarks.report.figures import (
     HOVER,
     INK_COLOUR,
@@ -28,9 +27,9 @@ from benchmarks.report.figures import (
     shades,
 )
 from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
-from benchmarks.report.numbers import number, percent
+from benchmarks.report.numbers import listed, number, percent
 from benchmarks.report.run import Run
-from benchmarks.report.words import listed
+from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.statistics import binned, quantiles
 
 if TYPE_CHECKING:

@@ -11,10 +11,11 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.ik.answers import solved_by_all
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
-from benchmarks.report.base import Column, KindReport, Section, Table, Winner
+from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, log_axis
-from benchmarks.report.ranked import most_solved, ranked
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Column, Table
+from benchmarks.report.winners import most_solved, ranked
 from benchmarks.statistics import percentage
 from optik.registry import short_name
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.ik.batch import extra_memory, solved_rate
-from benchmarks.report.base import Column, KindReport, Section, Table, Winner
+from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Column, Table
 from benchmarks.statistics import percentage
 from optik.registry import short_name
 

@@ -11,7 +11,7 @@ from benchmarks.blocks.ik.budgets import MEASURES, SUCCESS_LEVELS, BudgetRows, s
 from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
-from benchmarks.report.base import Column, KindReport, Section, Table, Winner
+from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.figures import (
     HOVER,
     Board,
@@ -37,10 +37,10 @@ from benchmarks.report.ik.default import (
     success_plot,
 )
 from benchmarks.report.ik.maps import maps, picture, sheets_of
-from benchmarks.report.numbers import percent
-from benchmarks.report.ranked import most_solved
+from benchmarks.report.numbers import listed, percent
 from benchmarks.report.run import Run
-from benchmarks.report.words import listed
+from benchmarks.report.tables import Column, Table
+from benchmarks.report.winners import most_solved
 from optik.registry import short_name
 
 ENDINGS = {

@@ -10,12 +10,13 @@ import polars as pl
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.base import Cell, Column, KindReport, Section, Table, Winner
+from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.ik.calls_plots import against_singularity, errors, profiles, success_in_time
 from benchmarks.report.ik.calls_tables import LABEL, block_tables
 from benchmarks.report.ik.default import has_same_problems
-from benchmarks.report.ranked import most_solved, ranked
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.report.winners import most_solved, ranked
 from benchmarks.statistics import median_interval, not_longer
 
 

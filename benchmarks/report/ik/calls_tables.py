@@ -12,8 +12,8 @@ import polars as pl
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, SHIFT_US, CallRows, ratio_where_solved
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, solved_at
 from benchmarks.records import slug
-from benchmarks.report.base import Cell, Column, Table
-from benchmarks.report.words import listed
+from benchmarks.report.numbers import listed
+from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.statistics import (
     holm,
     is_too_few,

@@ -13,11 +13,11 @@ import polars as pl
 from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
-from benchmarks.report.base import Column, Table
 from benchmarks.report.figures import HOVER, Board, Json, add, axis, figure, lean, line
 from benchmarks.report.numbers import number, p_value, percent
-from benchmarks.report.ranked import Ranked, ranked
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Column, Table
+from benchmarks.report.winners import Ranked, ranked
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
 from optik.types import Flags

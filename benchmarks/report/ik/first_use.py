@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blocks.ik.first_use import MEASURES
-from benchmarks.report.base import Cell, Column, KindReport, Section, Table
+from benchmarks.report.base import KindReport, Section
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.targets import measure_named
 
 FIRST_USE_COLUMNS = (

@@ -11,14 +11,15 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.records import slug
-from benchmarks.report.base import Column, KindReport, Section, Table
+from benchmarks.report.base import KindReport, Section
 from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, steps_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Column, Table
 from benchmarks.statistics import percentage, quantiles
 
 if TYPE_CHECKING:
-    from benchmarks.report.base import Cell
+    from benchmarks.report.tables import Cell
 
 TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 """Numbers on the axes of times [ms]."""

@@ -12,12 +12,11 @@ import polars as pl
 from benchmarks.blocks.timing.laws.rows import LawRows, in_group
 from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.numbers import number, percent
-from benchmarks.report.ranked import ranked
+from benchmarks.report.numbers import listed, number, percent, quoted
 from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.plots import against_singularity, durations, example_boards, torques
 from benchmarks.report.timing.laws.tables import all_tables, compared, law_tables, or_infinite, plan_times, violations
-from benchmarks.report.words import listed, quoted
+from benchmarks.report.winners import ranked
 from benchmarks.statistics import median_interval, not_longer
 from optik.registry import short_name
 from optik.types import Array

@@ -10,7 +10,6 @@ import polars as pl
 from benchmarks.blocks._arms import arm_label
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import LawRows, in_group
-from benchmarks.report.active import ACTIVE, active_plot, limit_colour
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     HOVER,
@@ -28,9 +27,10 @@ from benchmarks.report.figures import (
     log_axis,
     steps_of,
 )
+from benchmarks.report.numbers import quoted
 from benchmarks.report.run import Run
+from benchmarks.report.timing.active import ACTIVE, active_plot, limit_colour
 from benchmarks.report.timing.laws.tables import limited
-from benchmarks.report.words import quoted
 from optik.registry import short_name
 from planners.limits import LOADED
 

@@ -12,15 +12,15 @@ from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
-from benchmarks.report.base import Column, Table
+from benchmarks.report.tables import Column, Table
 from benchmarks.statistics import median_interval, percentage, quantiles
 from optik.types import Array
 from planners.limits import DERIVATIVES
 
 if TYPE_CHECKING:
     from benchmarks.blocks.timing.laws.rows import LawRows
-    from benchmarks.report.base import Cell
     from benchmarks.report.run import Run
+    from benchmarks.report.tables import Cell
 
 TORQUE_NOTE = (
     "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report.base import KindReport, Section, Table, Winner
-from benchmarks.report.numbers import number
+from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.numbers import listed, number
 from benchmarks.report.run import Run
+from benchmarks.report.tables import Table
 from benchmarks.report.timing.plans.motion import motion
 from benchmarks.report.timing.plans.space import line_in_space, space
 from benchmarks.report.timing.plans.tables import broken_limits, law_table, laws, line_plans
-from benchmarks.report.words import listed
 from optik.registry import short_name
 
 
@@ -52,12 +53,15 @@ def limitations(run: Run) -> list[str]:
     line = line_plans(run)
     if line is None or not line.solved:
         return []
+    limits = line.solved[0]["limits"]
+    given = [field.replace("_", " ") for field in JOINT_LIMITS if limits.get(field) is not None]
     items = [
         "The tool's distance from the line is a proved bound for every instant, at most 5 % (or a nanometre) above the "
         "largest value found. Peak velocities, accelerations and jerks are exact, from the roots of "
         "the polynomials' derivatives.",
-        "The velocity, acceleration and jerk limits are those of the robot file; the paper gives none. Dynamics, torque "
-        "limits, the controller and a real arm are not included.",
+        f"The limits on {listed(given)} are those of the robot file; the paper gives none. "
+        + ("Torques are those of the arm's model. The" if "torque" in given else "Dynamics, torque limits, the")
+        + " controller and a real arm are not included.",
     ]
     if any(p["law"] == "toppra" for p in line.solved):
         items.append(
