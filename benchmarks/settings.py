@@ -205,9 +205,7 @@ class Entries:
     def _read(self, value: Any) -> Any:
         if self._single:
             return self._one(value)
-        found = tuple(map(self._one, _listed(value)))
-        check_labels(found)
-        return found
+        return check_labels(tuple(map(self._one, _listed(value))))
 
     def _one(self, value: Any) -> Any:
         return value if hasattr(value, "label") else read(self.model, value, "").entry(**self._about)
@@ -235,9 +233,10 @@ def check_different(values: list[str], where: str, what: str) -> None:
         raise InvalidInput(where, f"{what}s {values}", f"{article} {what} of its own for each")
 
 
-def check_labels(entries: tuple[Any, ...]) -> None:
-    """Raise InvalidInput unless all entries have different labels."""
+def check_labels(entries: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return entries; raise InvalidInput unless all of them have different labels."""
     check_different([entry.label for entry in entries], "", "label")
+    return entries
 
 
 def default_label(named: str) -> Callable[[dict[str, Any]], str]:

@@ -51,7 +51,7 @@ class Block(Settings):
     @property
     def is_sweep(self) -> bool:
         """Whether the block varies the options of one method; its entries then take no colour of a method."""
-        return False
+        return bool(getattr(self, "sweep", False))
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -61,7 +61,8 @@ class Block(Settings):
     @property
     def entries(self) -> tuple[Entry, ...]:
         """Methods, laws and peers that the block compares, in the order of the suite."""
-        return ()
+        given = (entry for group in ("methods", "laws", "peers") for entry in getattr(self, group, ()))
+        return tuple(entry for entry in given if isinstance(entry, Entry))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -168,13 +169,11 @@ class Compared:
 class BlockRows:
     """A block with its rows and facts; the facts on each entry are in ``entries`` by label."""
 
-    kind: ClassVar[str] = ""
-    """Name of the kind of a block that has more tables than its rows."""
-
     block: Any
     rows: pl.DataFrame
     folder: RunFolder
     facts: dict[str, Any]
+    kind: str = ""  # by which other tables of the block are found
 
     @cached_property
     def entries(self) -> dict[str, dict[str, Any]]:
@@ -275,7 +274,7 @@ class Kind:
     def read(self, folder: RunFolder, block: Any) -> BlockRows | None:
         """Return a block with its rows for the report; None if it was not run."""
         rows = self.rows(folder, block)
-        return None if rows is None else self.read_as(block, rows, folder, self.facts(folder, block))
+        return None if rows is None else self.read_as(block, rows, folder, self.facts(folder, block), self.name)
 
     def facts(self, folder: RunFolder, block: Any) -> dict[str, Any]:
         """Return the facts on a block besides its rows."""

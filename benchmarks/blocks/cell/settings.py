@@ -299,11 +299,6 @@ class LawsBlock(CellBlock):
     repeats: Annotated[int, counted(0)] = key("Executions of each motion with noise, in addition to one without.", 0)
     same_duration: Flag = key("Whether each motion is also executed slowed to the longest of its line.", True)
 
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The time laws of the block."""
-        return self.laws
-
 
 def budget_label(label: str, budget: int | None) -> str:
     """Return the name of a method at one budget in reports and targets."""

@@ -150,11 +150,6 @@ class AnswersBlock(ProblemBlock):
             raise InvalidInput("options", "count", "the key `count` of the block in its place")
         return self
 
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The methods of the block."""
-        return self.methods
-
 
 @dataclass(frozen=True)
 class AnswersWork(Work):

@@ -150,16 +150,6 @@ class BudgetBlock(ProblemBlock):
         description="Whether it varies options of one method; by default, if all methods are one solver.",
     )
 
-    @property
-    def is_sweep(self) -> bool:
-        """Whether it varies options of one method."""
-        return self.sweep
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The methods."""
-        return self.methods
-
 
 @dataclass(frozen=True)
 class BudgetWork(Work):

@@ -106,11 +106,6 @@ class CallBlock(ProblemBlock):
     )
 
     @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The methods, then the peers."""
-        return (*self.methods, *self.peers)
-
-    @property
     def reference(self) -> str:
         """Label of the reference of ratios: the first method."""
         return self.methods[0].label
@@ -156,7 +151,7 @@ class CallRows(BlockRows):
     @cached_property
     def evaluations(self) -> pl.DataFrame | None:
         """Answers at equal numbers of iterations; None if none were requested, or they were not run yet."""
-        rows = self.folder.rows("calls", self.block.id) if self.block.evaluation_budgets else None
+        rows = self.folder.rows(self.kind, self.block.id) if self.block.evaluation_budgets else None
         found = None if rows is None else rows.filter(pl.col("budget").is_not_null())
         return None if found is None or found.is_empty() else found
 

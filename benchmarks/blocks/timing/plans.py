@@ -65,8 +65,6 @@ def first_of_laws(plans: Sequence[Item], law: Callable[[Item], str]) -> list[Ite
 class LinePlans(BlockRows):
     """The line by every IK method and law; ``facts["plans"]`` holds the summary of each plan."""
 
-    kind = "plans"
-
     @property
     def plans(self) -> list[dict[str, Any]]:
         """All plans."""

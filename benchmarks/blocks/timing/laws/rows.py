@@ -113,8 +113,6 @@ ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
 class LawRows(BlockRows):
     """A block of timed lines, its rows, and the facts on the entries; the reference is none of its entries."""
 
-    kind = "laws"
-
 
 def with_optimum(rows: pl.DataFrame) -> pl.DataFrame:
     """Return rows with ``optimum`` T* [s] and ``over_optimum`` T / T*.

@@ -170,11 +170,6 @@ def _different_sets(lines: tuple[LineSet, ...]) -> tuple[LineSet, ...]:
     return lines
 
 
-def _different_limits(limits: tuple[LimitSet, ...]) -> tuple[LimitSet, ...]:
-    check_labels(limits)
-    return limits
-
-
 class LawBlock(Block):
     """Lines × limits × laws."""
 
@@ -182,7 +177,7 @@ class LawBlock(Block):
     measures: ClassVar[tuple[Measure, ...]] = MEASURES
 
     lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions.")
-    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(_different_limits)] = key(
+    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key(
         "Limits of the joints and of the tool; each motion is timed within each."
     )
     laws: Annotated[tuple[Entry, ...], Entries(Law)] = key("Time laws of ours.")
@@ -229,11 +224,6 @@ class LawBlock(Block):
             raise InvalidInput(where, f"limits {limits!r}", f"a label of its limits: {', '.join(labels)}")
         update = {"robot": robot, "kind": "file" if path else kind, "limits": limits, "path": path, "payload": payload}
         return given.model_copy(update=update)
-
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """The laws, then the peers; the reference is none of them."""
-        return (*self.laws, *self.peers)
 
     @property
     def robots(self) -> tuple[str, ...]:
