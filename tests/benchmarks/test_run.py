@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from functools import cache
 from itertools import pairwise
@@ -95,18 +94,6 @@ def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tm
         assert_frame_equal(one, other, check_exact=True)
 
 
-def test_a_run_is_continued_and_only_what_is_missing_is_done(small_run: RunFolder, tmp_path: Path) -> None:
-    suite = small(line=SMALL["line"] | {"laws": ["ruckig"]})
-    folder = run_suite(suite, tmp_path / "run")
-    parts = sorted((tmp_path / "run" / "rows/budgets").iterdir())
-    parts[0].unlink()
-    kept = {p.name: p.stat().st_mtime_ns for p in parts[1:]}
-    run_suite(suite, tmp_path / "run")
-    assert parts[0].is_file()
-    assert {p.name: p.stat().st_mtime_ns for p in parts[1:]} == kept
-    assert folder.manifest()["complete"] is True
-
-
 def test_a_continued_run_names_every_session_that_worked(tmp_path: Path) -> None:
     suite = small(blocks=[], line=SMALL["line"] | {"laws": ["ruckig"]})
     folder = run_suite(suite, tmp_path / "run", workers=1)
@@ -123,6 +110,8 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(OutputError, match="something else"):
         run_suite(small(), tmp_path)
+    with pytest.raises(OutputError, match="file"):
+        run_suite(small(), tmp_path / "thesis.tex")
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -133,32 +122,24 @@ def test_a_folder_of_other_settings_is_left_alone(small_run: RunFolder) -> None:
     assert (small_run.path / "run.json").read_text() == before
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
-    file = tmp_path / "run"
-    file.write_text("")
-    with pytest.raises(OutputError, match="file"):
-        run_suite(small(), file)
-
-
-def test_a_wrong_option_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    wrong = json.loads(json.dumps(SMALL))
-    wrong["blocks"][1]["methods"][0]["options"] = {"dampening": 0.1}
-    with pytest.raises(InvalidInput, match="dampening"):
-        run_suite(small(blocks=wrong["blocks"]), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
+GRID, NEAR = SMALL["blocks"]
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "words"),
     [
-        {"blocks": [SMALL["blocks"][0] | {"options": SMALL["blocks"][0]["options"] | {"spacing_m": 0}}]},
-        {"blocks": [SMALL["blocks"][1] | {"options": {"count": "x"}}]},
-        {"line": SMALL["line"] | {"robot": "puma560", "start_deg": [0, 45, -180, 0, 45, 0]}},
-        {"line": SMALL["line"] | {"move_m": [0.0, 0.0, 0.0]}},
+        ({"blocks": [GRID | {"options": GRID["options"] | {"spacing_m": 0}}]}, "spacing_m"),
+        ({"blocks": [NEAR | {"options": {"count": "x"}}]}, "count"),
+        ({"blocks": [NEAR | {"options": {"counts": 3}}]}, "counts"),
+        ({"blocks": [NEAR | {"methods": [{"solver": "dls", "options": {"dampening": 0.1}}]}]}, "dampening"),
+        ({"line": SMALL["line"] | {"robot": "puma560", "start_deg": [0, 45, -180, 0, 45, 0]}}, "limits"),
+        ({"line": SMALL["line"] | {"move_m": [0.0, 0.0, 0.0]}}, "move_m"),
     ],
 )
-def test_nothing_is_written_where_a_set_or_the_line_cannot_be_made(changes: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput):
+def test_nothing_is_written_where_a_method_a_set_or_the_line_cannot_be_made(
+    changes: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InvalidInput, match=words):
         run_suite(small(**changes), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
@@ -185,18 +166,6 @@ def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"format": "optik-run/3"}')
     with pytest.raises(InvalidInput, match="run"):
         RunFolder(tmp_path).manifest()
-
-
-def test_a_wrong_option_of_a_set_is_named() -> None:
-    suite = small()
-    block = suite.of("budgets")[1]
-    block.options["counts"] = 3
-    with pytest.raises(InvalidInput, match="counts"):
-        problem_set(block, 0)
-
-
-def test_nothing_half_written_is_left(small_run: RunFolder) -> None:
-    assert not list(small_run.path.rglob("*.part"))
 
 
 @pytest.mark.parametrize("block", load_suite("paper").of("budgets"), ids=lambda b: b.id)
@@ -245,8 +214,3 @@ def test_a_damaged_part_is_named(small_run: RunFolder, tmp_path: Path) -> None:
     (copy / "rows/plans/line.json").write_text("[")
     with pytest.raises(InvalidInput, match="damaged"):
         RunFolder(copy).read_json("rows/plans/line.json")
-
-
-def test_a_folder_that_is_no_run_is_said(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="bench run"):
-        RunFolder(tmp_path).manifest()

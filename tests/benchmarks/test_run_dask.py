@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import distributed
 import pytest
@@ -22,7 +23,6 @@ from polars.testing import assert_frame_equal
 from benchmarks.run import run_suite
 from benchmarks.run.cluster import warn_of_plain_text
 from optik.errors import InvalidInput
-from tests.benchmarks.test_cli import optik_command
 from tests.benchmarks.test_run_folder import state, toy
 from tests.benchmarks.test_run_workers import until
 from tests.oracles import REPOSITORY
@@ -70,10 +70,13 @@ def test_a_cluster_gives_the_rows_of_one_process_and_a_part_that_raises_its_own(
     assert there.manifest()["failed"] == here.manifest()["failed"]
 
 
-def test_an_address_where_nobody_answers_is_one_line_within_seconds(tmp_path: Path) -> None:
+def test_an_address_where_nobody_answers_is_one_line_within_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
+    monkeypatch.setattr("benchmarks.run.cluster.CONNECT_SECONDS", 1.0)
     begin = time.monotonic()
     for wrong in (f"127.0.0.1:{port}", "tls://127.0.0.1:1", "nonsense://x", "host"):
         with pytest.raises(InvalidInput, match=re.escape(wrong)) as caught:
@@ -155,10 +158,13 @@ def test_two_workers_are_faster_than_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_the_command_says_a_wrong_address_in_one_line(tmp_path: Path) -> None:
-    done = optik_command("bench", "run", "paper", "--out", str(tmp_path / "run"), "--dask", "10.255.255.1:1")
-    assert done.returncode == 2
-    lines = done.stderr.strip().splitlines()
+def test_the_command_says_a_wrong_address_in_one_line(
+    tmp_path: Path, typed: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.run.cluster.CONNECT_SECONDS", 1.0)
+    status, _, said = typed("bench", "run", "paper", "--out", str(tmp_path / "run"), "--dask", "10.255.255.1:1")
+    assert status == 2
+    lines = said.strip().splitlines()
     assert len(lines) == 2
     assert lines[0].startswith("warning: 10.255.255.1:1: plain TCP")
     assert lines[1].startswith("error: --dask")
