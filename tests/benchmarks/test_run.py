@@ -94,18 +94,6 @@ def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tm
         assert_frame_equal(one, other, check_exact=True)
 
 
-def test_a_continued_run_names_every_session_that_worked(tmp_path: Path) -> None:
-    suite = small(blocks=[], line=SMALL["line"] | {"laws": ["ruckig"]})
-    folder = run_suite(suite, tmp_path / "run", workers=1)
-    first = folder.manifest()
-    assert run_suite(suite, tmp_path / "run", workers=2).manifest() == first
-    folder.write_json("run.json", first | {"complete": False})
-    (tmp_path / "run" / "rows/plans/line--0000.parquet").unlink()
-    again = run_suite(suite, tmp_path / "run", workers=2).manifest()
-    assert again["provenance"] == first["provenance"]
-    assert [p["workers"] for p in again["continued"]] == [2]
-
-
 def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(OutputError, match="something else"):

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,18 @@ def test_sessions_that_are_alike_are_counted(tmp_path: Path) -> None:
         run(tmp_path / "run")
     continued = folder.manifest()["continued"]
     assert [one["sessions"] for one in continued] == [5]
+
+
+def test_a_continued_run_names_every_session_that_worked(tmp_path: Path) -> None:
+    folder = run(tmp_path / "run")
+    first = folder.manifest()
+    with ThreadPoolExecutor(1) as one:
+        assert run_suite(toy(), folder.path, workers=3, executor=one).manifest() == first
+        folder.write_json("run.json", first | {"complete": False})
+        next((folder.path / "rows/toy").iterdir()).unlink()
+        again = run_suite(toy(), folder.path, workers=3, executor=one).manifest()
+    assert again["provenance"] == first["provenance"]
+    assert [session["workers"] for session in again["continued"]] == [3]
 
 
 def test_a_folder_that_was_only_just_made_is_used(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ STARTS = {
     "if __name__ == '__main__':\n"
     "    suite = suite_of('toy', {'answers': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'count': 10,\n"
     "                                          'part': 5, 'methods': [{'solver': 'lm'}]}]})\n"
-    "    assert run_suite(suite, sys.argv[1], workers=2).manifest()['complete']\n",
+    "    assert run_suite(suite, sys.argv[1], part_timeout=60.0).manifest()['complete']\n",
 }
 """Scripts, each in a folder of its own as that of an installed command, that start child processes."""
 
