@@ -23,7 +23,7 @@ def provenance(seed: int, workers: int) -> dict[str, Any]:
         "commit": commit,
         "dirty": dirty,
         "python": platform.python_version(),
-        "versions": {p: _version(p) for p in PACKAGES},
+        "versions": {p: version_here(p) for p in PACKAGES},
         "system": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
@@ -33,7 +33,8 @@ def provenance(seed: int, workers: int) -> dict[str, Any]:
     }
 
 
-def _version(package: str) -> str | None:
+def version_here(package: str) -> str | None:
+    """Return the installed version of a distribution; None if it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

@@ -8,13 +8,15 @@ import polars as pl
 from pydantic import model_validator
 
 from benchmarks.blocks.base import Block
-from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Options, RobotName, SetName, key, naming
+from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
+from optik.registry import build_method
 
 TRIAL_PROBLEMS = 5
 """Number of problems sampled to check the options of a set: enough to use every option, few enough to cost nothing."""
@@ -39,6 +41,11 @@ class ProblemBlock(Block):
                 data = data | {"options": options | {"path": path}}
         return data
 
+    def draw(self, seed: int) -> tuple[Robot, ProblemSet]:
+        """Return the robot, and sample the problems."""
+        robot = load(self.robot)
+        return robot, build_method(SETS, self.set, "problem set", robot, seed, **self.options)
+
 
 def check_set(block: ProblemBlock) -> None:
     """Raise InvalidInput for wrong options of a problem set, by sampling a few problems of it."""
@@ -52,7 +59,7 @@ def _draw_few(block: ProblemBlock) -> None:
         block = block.model_copy(
             update={"options": block.options | {"count": min(int(block.options["count"]), TRIAL_PROBLEMS)}}
         )
-    problem_set(block, 0)
+    block.draw(0)
 
 
 def about_file(block: Block) -> str:

@@ -26,7 +26,7 @@ from benchmarks.cli.command import Command, JsonCommand, argument, err_console, 
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import missing, version_of
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.provenance import provenance
+from benchmarks.provenance import provenance, version_here
 from optik.compiled import archive
 from optik.compiled.cache import KernelCache, read_code
 from optik.compiled.fingerprint import VERSIONS
@@ -91,16 +91,9 @@ def _check_machine() -> Iterator[Check]:
     yield Check("machine", "optik", "usable", f"{optik.__version__}{commit}, in {os.path.dirname(optik.__file__)}")
     yield Check("machine", "Python", "usable", f"{facts['python']}, {facts['system']}")
     yield Check("machine", "processor", "usable", f"{facts['cpu']}, {facts['cores']} cores for this process")
-    if _version(CLASHING):
+    if version_here(CLASHING):
         words = f"has the same import name as {OPTIK}: uninstall both, then install one"
         yield Check("machine", CLASHING, "problem", words)
-
-
-def _version(distribution: str) -> str | None:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _needed(extra: str | None) -> list[str]:
@@ -120,7 +113,7 @@ def _needed(extra: str | None) -> list[str]:
 
 def _check_requirements() -> Iterator[Check]:
     for name in _needed(None):
-        version = _version(name)
+        version = version_here(name)
         yield Check("packages", name, "usable" if version else "problem", version or f"required: pip install {name}")
 
 
@@ -147,9 +140,9 @@ def _check_extras() -> Iterator[Check]:
     except importlib.metadata.PackageNotFoundError:
         return
     for extra in sorted(set(extras) - {"dev", "docs", "peers"}):
-        missing = [name for name in _needed(extra) if not _version(name)]
+        missing = [name for name in _needed(extra) if not version_here(name)]
         words = f"pip install '{OPTIK}[{extra}]' (missing: {', '.join(missing)})"
-        versions = ", ".join(f"{name} {_version(name)}" for name in _needed(extra))
+        versions = ", ".join(f"{name} {version_here(name)}" for name in _needed(extra))
         yield Check("extras", extra, "absent" if missing else "usable", words if missing else versions)
 
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from optik import se3
-from optik.arm.library import load
 from optik.arm.model import unit_factors
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.registry import build_method
 from optik.types import Array
 
 SETS = "benchmarks.problems"
@@ -128,25 +125,6 @@ def _digest(targets: Array, starts: Array) -> str:
     for array in (targets, starts):
         content.update(np.ascontiguousarray(array, dtype="<f8").reshape(-1).data)  # no copy: sets may be large
     return content.hexdigest()
-
-
-class Draws(Protocol):
-    """A block of a suite that names a problem set."""
-
-    @property
-    def robot(self) -> str: ...  # noqa: D102
-
-    @property
-    def set(self) -> str: ...  # noqa: D102
-
-    @property
-    def options(self) -> dict[str, Any]: ...  # noqa: D102
-
-
-def problem_set(block: Draws, seed: int) -> tuple[Robot, ProblemSet]:
-    """Return the robot and the problems of a block."""
-    robot = load(block.robot)
-    return robot, build_method(SETS, block.set, "problem set", robot, seed, **block.options)
 
 
 def start_of(robot: Robot, start_deg: ArrayLike) -> Array:

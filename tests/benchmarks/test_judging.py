@@ -16,7 +16,6 @@ import optik
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
-from benchmarks.problems.base import problem_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.ik.calls import block_winners
@@ -327,7 +326,7 @@ def test_equal_time_tolerances_and_iterations_are_counted(
 
 
 def test_a_number_of_iterations_is_kept(run: RunFolder) -> None:
-    robot, problems = problem_set(Run(run).of("calls")[0].block, 5)
+    robot, problems = Run(run).of("calls")[0].block.draw(5)
     answers = pl.read_parquet(run.path / "rows/calls/block--*.parquet").filter(pl.col("budget").is_not_null())
     mine = answers.filter((pl.col("method") == "dls") & (pl.col("budget") == 3)).sort("problem")
     for row in mine.head(20).iter_rows(named=True):

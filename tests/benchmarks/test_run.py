@@ -15,7 +15,7 @@ from polars.testing import assert_frame_equal
 
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik.budgets import at_budgets
-from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
@@ -134,7 +134,7 @@ def test_nothing_is_written_where_a_method_a_set_or_the_line_cannot_be_made(
 
 @cache
 def graph_paper() -> tuple[Robot, ProblemSet]:
-    return problem_set(load_suite("paper").of("budgets")[0], 0)
+    return load_suite("paper").of("budgets")[0].draw(0)
 
 
 def test_no_target_lies_on_two_sheets_of_graph_paper() -> None:
@@ -157,10 +157,10 @@ def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", load_suite("paper").of("budgets"), ids=lambda b: b.id)
-def test_problem_sets_of_the_paper_suite_are_what_they_say(block: object) -> None:
-    robot, problems = problem_set(block, 2026)  # type: ignore[arg-type]
+def test_problem_sets_of_the_paper_suite_are_what_they_say(block: Any) -> None:
+    robot, problems = block.draw(2026)
     assert isinstance(problems, ProblemSet)
-    again = problem_set(block, 2026)[1]  # type: ignore[arg-type]
+    again = block.draw(2026)[1]
     np.testing.assert_array_equal(problems.targets, again.targets)
     np.testing.assert_array_equal(problems.starts, again.starts)
     assert robot.limits.contains(problems.starts).all()

@@ -24,7 +24,7 @@ from benchmarks.blocks.cell.trials import (
     lasers,
     trial_of,
 )
-from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder
 from benchmarks.settings import naming
 from optik import se3
@@ -157,7 +157,7 @@ def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
 def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
     """Check the options of every method and of the problem set, and sample the spots."""
     with naming(f"cell {block.id!r}: options"):
-        robot, problems = problem_set(block, seed)
+        robot, problems = block.draw(seed)
     for method in block.methods:
         make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
     if (problems.starts != problems.starts[0]).any():

@@ -17,7 +17,7 @@ from benchmarks.blocks._problems import ProblemBlock, need_problems, store_probl
 from benchmarks.blocks._seeds import reseed
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part, Work, chunks
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, within
-from benchmarks.problems.base import ProblemSet, problem_set
+from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Budgets, Entries, Flag, key, naming
 from benchmarks.statistics import quantiles
@@ -284,7 +284,7 @@ class _Budgets(Kind):
         for method in block.methods:
             make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
         with naming(f"block {block.id!r}: options"):
-            return (*problem_set(block, seed), seed)
+            return (*block.draw(seed), seed)
 
     def parts(self, block: BudgetBlock, prepared: tuple[Robot, ProblemSet, int], folder: RunFolder) -> Iterable[Part]:
         """Write the problems, and divide the work."""

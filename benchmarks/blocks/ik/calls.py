@@ -19,7 +19,6 @@ from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Tell, chunk
 from benchmarks.blocks.ik.callers import Caller, build_ours, callers_of
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
 from benchmarks.blocks.ik.rounds import Rounds, timed_part
-from benchmarks.problems.base import problem_set
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean
@@ -204,7 +203,7 @@ class _Calls(Kind):
         if names and all(folder.has(self.file(block, "parquet", name)) for name in names):
             return
         tell(f"{block.id}: problems")
-        robot, problems = problem_set(block, seed)
+        robot, problems = block.draw(seed)
         store_problems(folder, block, robot, problems, poses=False)
         for budget in budgets:
             lacking = [

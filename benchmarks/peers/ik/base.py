@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from benchmarks.peers.ik import PEERS
+from benchmarks.provenance import version_here
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method
@@ -226,10 +226,7 @@ def version_of(name: str, folder: str = PEERS) -> str | None:
     if hasattr(kind, "version"):
         found: str | None = kind.version()
         return found
-    try:
-        return importlib.metadata.version(kind.distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
+    return version_here(kind.distribution)
 
 
 def need_revolute(robot: Robot, least: int, most: int) -> None:
