@@ -1,7 +1,5 @@
 """Plug-ins under the contract tests: the examples, and those that ``pytest --plugin GROUP=PATH`` names."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 
@@ -9,15 +7,10 @@ from optik.registry import names
 from tests.oracles import REPOSITORY
 
 EXAMPLES = {
-    "optik.ik": "jt.py",
-    "planners.timing": "law.py",
-    "planners.paths": "spiral.py",
-    "planners.files": "tsv.py",
-    "planners.cell.drives": "lagging.py",
-    "benchmarks.problems": "beside.py",
-    "benchmarks.peers.ik": "scipy_least_squares.py",
-    "benchmarks.peers.laws": "scipy_spline.py",
-}
+    "optik.ik": "jt.py", "planners.timing": "law.py", "planners.paths": "spiral.py", "planners.files": "tsv.py",
+    "planners.cell.drives": "lagging.py", "benchmarks.problems": "beside.py",
+    "benchmarks.peers.ik": "scipy_least_squares.py", "benchmarks.peers.laws": "scipy_spline.py",
+}  # fmt: skip
 """Files in ``examples/``, by their group."""
 
 GIVEN: dict[str, list[str]] = defaultdict(list)

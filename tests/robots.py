@@ -1,7 +1,5 @@
 """Which of the robots that come with optik a test is run for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

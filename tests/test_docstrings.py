@@ -46,8 +46,6 @@ UNITS = {"rad", "m", "s", "deg", "°", "mm", "cm", "µm", "ms", "µs", "ns", "kg
 
 
 # ---------------------------------------------------------------- reading a docstring
-
-
 def is_unit(text):
     """Whether what stands in square brackets is a unit: not an interval, an index or a list."""
     if text.startswith("as ") or text == "1":
@@ -80,8 +78,6 @@ def lacks(entry, unit):
 
 
 # ---------------------------------------------------------------- reading code
-
-
 def kinds(annotation, names):
     """Kinds of array that an annotation names."""
     found = set()
@@ -159,8 +155,6 @@ def complaints(text, names, shown=None):
 
 
 # ---------------------------------------------------------------- what the site shows
-
-
 def pages_objects():
     """The objects that the pages of docs/api list."""
     for page in sorted((REPOSITORY / "docs" / "api").glob("*.md")):
@@ -219,8 +213,6 @@ def undocumented(file, shown):
 
 
 # ---------------------------------------------------------------- the packages keep the rules
-
-
 def test_what_the_site_shows_says_parameters_shapes_and_units():
     found = []
     for file, shown in shown_functions().items():
@@ -244,7 +236,6 @@ def test_the_site_shows_the_interfaces_and_not_what_is_inside():
 
 
 # ---------------------------------------------------------------- the reader sees what it should
-
 GOOD = '''
 class Arm:
     def fk(self, q: ArrayLike, *more: Rows, check: Bools | None = None, order: int = 0) -> tuple[Array, Bools]:
@@ -300,15 +291,11 @@ def test_what_is_missing_is_told(before, after, complaint):
 @pytest.mark.parametrize(
     "code",
     [
-        "def _f(q: Array): ...",
-        "class _A:\n    def f(self, q: Array): ...",
-        "def f() -> Array: ...",
-        "class A:\n    @property\n    def f(self) -> Array: ...",
-        "@overload\ndef f(q: Array) -> Array: ...",
-        "@app.command('x')\ndef f(q: Array) -> Array: ...",
-        "def f():\n    def g(q: Array): ...",
+        "def _f(q: Array): ...", "class _A:\n    def f(self, q: Array): ...", "def f() -> Array: ...",
+        "class A:\n    @property\n    def f(self) -> Array: ...", "@overload\ndef f(q: Array) -> Array: ...",
+        "@app.command('x')\ndef f(q: Array) -> Array: ...", "def f():\n    def g(q: Array): ...",
     ],
-)
+)  # fmt: skip
 def test_what_is_not_public_is_left_out(code):
     assert list(complaints(code, NAMES)) == []
 

@@ -11,15 +11,11 @@ from tests.oracles import REPOSITORY
 
 EXAMPLES = REPOSITORY / "examples"
 EXPECTED = {
-    "own_urdf": r"certificate valid: True",
-    "own_method": r"lm +100\.0 % solved",
-    "compare_laws": r"optimal +0\.\d+ .*True",
-    "batch": r"3,000 of 3,000 solved",
-    "reachability_map": r"\d+ of 1681 poses reached; proved out of reach: \d+",
-    "replan": r"certificate valid: True",
-    "report": r"report: .*report.html",
-    "seam_to_ros": r"certificate valid: True",
-}
+    "own_urdf": r"certificate valid: True", "own_method": r"lm +100\.0 % solved",
+    "compare_laws": r"optimal +0\.\d+ .*True", "batch": r"3,000 of 3,000 solved",
+    "reachability_map": r"\d+ of 1681 poses reached; proved out of reach: \d+", "replan": r"certificate valid: True",
+    "report": r"report: .*report.html", "seam_to_ros": r"certificate valid: True",
+}  # fmt: skip
 """What each prints, by its name."""
 ARGUMENTS = {"batch": ["3000"]}
 """What the tests give them, to be quick."""

@@ -1,7 +1,5 @@
 """What this distribution needs on each platform, and what works without the packages that have wheels on some only."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

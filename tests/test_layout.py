@@ -39,8 +39,6 @@ def parsed(path: Path) -> ast.Module:
 
 
 # ---------------------------------------------------------------- the graph of imports
-
-
 def only_for_types(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and any(
         isinstance(n, ast.Name | ast.Attribute) and getattr(n, "id", getattr(n, "attr", "")) == "TYPE_CHECKING"
@@ -140,8 +138,6 @@ def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tm
 
 
 # ---------------------------------------------------------------- sizes
-
-
 @pytest.mark.parametrize("package", PACKAGES)
 def test_few_files_and_folders_are_at_the_top_of_a_package(package: str) -> None:
     top = {f.name for f in (REPOSITORY / package).iterdir()} - {"__init__.py", "py.typed", "__pycache__"}
@@ -190,7 +186,6 @@ def test_kernels_take_few_parameters_or_say_why() -> None:
 
 
 # ---------------------------------------------------------------- constants
-
 SHARED = {"METHOD", "METHOD_BASE", "MEASURES", "REPORT", "SECTIONS"}
 """Names that mean the same in every file that has them: what a file of its kind brings."""
 

@@ -1,7 +1,5 @@
 """The oracles among themselves: what two of them say of one thing agrees, and the continuation ends where it must."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -44,8 +42,6 @@ def test_poses_and_jacobians_are_those_of_differences_and_of_many_at_once(name: 
 
 
 # ---------------------------------------------------------------- continuation
-
-
 @pytest.mark.parametrize("name", ["paper6r", "ur5e", "irb910sc"])
 def test_a_path_made_in_the_joints_is_followed_by_these_joints(name: str) -> None:
     robot, rng = optik.load(name), np.random.default_rng(5)

@@ -1,7 +1,5 @@
 """Plug-ins from outside: files by their paths and entry points of installed packages, in the API, commands and workers."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import hashlib
@@ -90,8 +88,6 @@ def command(*arguments: str, cwd: Path | None = None, path: tuple[Path, ...] = (
 
 
 # ---------------------------------------------------------------- files: what is one, and what is refused
-
-
 @pytest.mark.parametrize(
     "name", ["./jt", "jt.py", "a/b", "ARM.URDF", "arm.urdf#tip=tool", "x.toml", "x.json", Path("lm")]
 )
@@ -243,8 +239,6 @@ def test_errors_in_a_file_show_themselves_and_a_missing_package_is_named(tmp_pat
 
 
 # ---------------------------------------------------------------- processes, kernels
-
-
 def test_a_solver_from_a_file_answers_the_same_in_another_process_that_knows_nothing_of_it(tmp_path: Path) -> None:
     solver = optik.ik.make_solver(paper6r(), write(tmp_path / "stay_5.py", said="there"))
     data = pickle.dumps(solver)
@@ -390,8 +384,6 @@ def test_a_compiled_function_of_a_file_is_kept_beside_it_and_compiled_alone_agai
 
 
 # ---------------------------------------------------------------- entry points
-
-
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     site = tmp_path / "site"
@@ -479,8 +471,6 @@ def test_the_command_line_lists_what_is_installed_and_what_is_refused(installed:
 
 
 # ---------------------------------------------------------------- robots
-
-
 def test_the_example_arm_is_the_same_in_all_its_files(tmp_path: Path) -> None:
     arm = optik.load(EXAMPLES / "arm.toml")
     saved = write(tmp_path / "arm.json", json.dumps(arm.to_dict()))
@@ -576,8 +566,6 @@ def test_reports_tell_two_arms_of_one_urdf_apart(name: Any, short: str) -> None:
 
 
 # ---------------------------------------------------------------- paths, laws, formats, problem sets, peers
-
-
 def test_a_motion_of_plug_ins_is_saved_loaded_and_certified_but_reading_it_runs_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -681,8 +669,6 @@ def test_misuse_is_one_line(arguments: list[str], words: str) -> None:
 
 
 # ---------------------------------------------------------------- suites: what may run, and what is recorded
-
-
 def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_folder(tmp_path: Path) -> None:
     bomb = write(tmp_path / "methods" / "bomb.py", "raise SystemExit('run')")
     with usage.collect_plugins(tmp_path) as found:
@@ -754,8 +740,6 @@ def test_where_no_code_may_run_none_does(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- examples
-
-
 def test_every_example_says_what_it_is_and_how_to_try_it() -> None:
     found = [file for file in sorted(EXAMPLES.glob("*.py")) if "METHOD" in file.read_text(encoding="utf-8")]
     assert len(found) >= 7

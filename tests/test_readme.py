@@ -1,7 +1,5 @@
 """What the README shows runs, and its names exist."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -58,8 +58,6 @@ def run(code, *arguments, path=()):
 
 
 # ---------------------------------------------------------------- direction
-
-
 def test_imports_point_down_and_never_up():
     upward = []
     for path in MODULES:
@@ -93,8 +91,6 @@ def test_every_file_says_its_job_in_its_first_line():
 
 
 # ---------------------------------------------------------------- imports
-
-
 def test_the_import_name_optik_is_ours():
     assert Path(optik.__file__).resolve() == REPOSITORY / "optik" / "__init__.py"
     assert Path(run("import optik; print(optik.__file__)")[0]).resolve() == REPOSITORY / "optik" / "__init__.py"
@@ -106,19 +102,9 @@ def loaded(code, *packages):
 
 
 HEAVY = (
-    "casadi",
-    "plotly",
-    "polars",
-    "ruckig",
-    "toppra",
-    "typer",
-    "jinja2",
-    "scipy.interpolate",
-    "scipy.linalg",
-    "scipy.optimize",
-    "scipy.spatial",
-    "scipy.special",
-)
+    "casadi", "plotly", "polars", "ruckig", "toppra", "typer", "jinja2", "scipy.interpolate", "scipy.linalg",
+    "scipy.optimize", "scipy.spatial", "scipy.special",
+)  # fmt: skip
 
 
 def test_importing_optik_loads_numpy_and_numba_and_nothing_heavier():
@@ -140,7 +126,6 @@ def test_a_solve_by_dls_loads_no_casadi_and_by_ipopt_does():
 
 
 # ---------------------------------------------------------------- names
-
 FOLDERS = {
     "optik.ik": {"dls", "ipopt"},
     "optik.robots": {"paper6r", "puma560", "ur5e"},
@@ -268,7 +253,6 @@ def test_a_folder_with_an_init_is_a_name_and_another_is_none(folder):
 
 
 # ---------------------------------------------------------------- errors
-
 ERRORS = [
     InvalidInput("q0", "shape (5,)", "shape (6,)"),
     Unsupported("task", "position", '"pose"'),

@@ -3,8 +3,6 @@
 Nothing may be compiled there, and every kernel in it must load. Not a test of pytest, because it installs packages.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

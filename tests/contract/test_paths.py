@@ -1,7 +1,5 @@
 """What every path must keep, whatever its form: runs over all files in planners/paths."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import sys
@@ -122,8 +120,6 @@ def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
 
 
 # ---------------------------------------------------------------- the interface
-
-
 def test_every_file_has_examples_here_and_is_a_path() -> None:
     assert set(examples()) == set(map(short_name, everything("planners.paths")))
     for name, kinds in examples().items():
@@ -200,7 +196,7 @@ def test_data_that_describe_no_such_path_are_refused(name: str) -> None:
                     path_of(good | {field: "nothing of the kind"}, arm(path))
     for wrong in (None, [], good | {"path": "another"}):
         with pytest.raises(InvalidInput):
-            type(path).from_dict(wrong, arm(path))  # type: ignore[arg-type]
+            type(path).from_dict(wrong, arm(path))
 
 
 def test_a_name_that_no_path_has_lists_the_nearest() -> None:
@@ -208,12 +204,10 @@ def test_a_name_that_no_path_has_lists_the_nearest() -> None:
         path_of({"path": "polylines"})
     for wrong in ({}, None, "line", {"path": 3}):
         with pytest.raises(InvalidInput):
-            path_of(wrong)  # type: ignore[arg-type]
+            path_of(wrong)
 
 
 # ---------------------------------------------------------------- derivatives
-
-
 @every_path
 def test_each_order_is_the_derivative_of_the_one_before(name: str, kind: str) -> None:
     path = examples()[name][kind]
@@ -229,7 +223,7 @@ def test_each_order_is_the_derivative_of_the_one_before(name: str, kind: str) ->
     check(turned, oracles.difference(lambda x: path(x)[:, :3, :3], s, h), bounds[1, 0], 1.0)
     for order in (2, 3):
         for part, rows in enumerate((slice(0, 3), slice(3, 6))):
-            wanted = oracles.difference(lambda x, o=order, r=rows: path(x, o - 1)[:, r], s, h)  # type: ignore[misc]
+            wanted = oracles.difference(lambda x, o=order, r=rows: path(x, o - 1)[:, r], s, h)
             check(path(s, order)[:, rows], wanted, bounds[part, order - 1], bounds[part, order - 2])
 
 
@@ -324,8 +318,6 @@ def test_the_bounds_that_a_certificate_rests_on_are_not_far_above_the_truth(name
 
 
 # ---------------------------------------------------------------- nearest
-
-
 def cost(at: Array, poses: Array, turn: float) -> Array:
     """Distance, where a turn of 1 rad counts so much."""
     r = at[..., :3, 3] - poses[..., :3, 3]
@@ -368,13 +360,11 @@ def test_what_are_no_poses_is_refused(name: str, kind: str) -> None:
     bad = np.full((2, 4, 4), np.nan)
     for wrong in (np.eye(4), np.zeros((2, 3, 3)), bad, "poses", None):
         with pytest.raises(InvalidInput, match="poses"):
-            path.nearest(wrong)  # type: ignore[arg-type]
+            path.nearest(wrong)
     assert path.nearest(np.zeros((0, 4, 4))).shape == (0,)
 
 
 # ---------------------------------------------------------------- joints
-
-
 @every_path
 def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) -> None:
     path = examples()[name][kind]
@@ -384,7 +374,6 @@ def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) ->
     if name != "joint_line":
         assert q is None
     else:
-        assert q is not None
         assert q.shape == (5, robot.n)
         np.testing.assert_allclose(robot.fk(q), path(s), rtol=0.0, atol=1e-14)
 
@@ -414,10 +403,8 @@ def test_the_arm_follows_it(name: str, kind: str) -> None:
 
 
 # ---------------------------------------------------------------- a path from outside
-
-
 def test_the_path_in_the_documentation_keeps_the_contract() -> None:
-    code = inspect.getdoc(Path).split("::\n", 1)[1].split("\nAttributes\n")[0]  # type: ignore[union-attr]
+    code = inspect.getdoc(Path).split("::\n", 1)[1].split("\nAttributes\n")[0]
     module: dict[str, Any] = {}
     exec(dedent(code), module)
     path = module["METHOD"](paper6r().fk(START), 0.15, 0.02)

@@ -1,7 +1,5 @@
 """What every IK peer owes a comparison: our model of the robot, answers to judge, no exception; and its absence explained."""
 
-from __future__ import annotations
-
 import os
 from functools import cache
 
@@ -86,7 +84,6 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
 @pytest.mark.parametrize("name", names(PEERS))
 def test_an_unreachable_pose_raises_nothing_and_is_not_claimed(name: str) -> None:
     arm, peer = optik.load("paper6r"), usable(name, "paper6r")
-    assert peer is not None
     target = arm.fk(arm.limits.middle)
     target[:3, 3] = (9.0, 0.5, 0.5)
     raw = called(peer, target, np.full(arm.n, 0.1))

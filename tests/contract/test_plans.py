@@ -1,7 +1,5 @@
 """Random plans over robots, paths, laws and limits: no certificate is contradicted, and every failure's reason is true."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -41,8 +39,6 @@ def arm(name: str) -> Robot:
 
 
 # ---------------------------------------------------------------- draws
-
-
 def moved(robot: Robot, T: Array, q: Array, size: float, rng: np.random.Generator) -> Array:
     """A pose some way off; for arms of fewer joints mostly one that they can have."""
     step, turn = rng.normal(size=3), rng.normal(size=3)
@@ -133,12 +129,9 @@ def problem(seed: int) -> Problem:
 
 
 # ---------------------------------------------------------------- failures
-
-
 def untrue(one: Problem, result: Plan, seed: int) -> list[str]:
     """What of a failure's reason and advice is not so."""
     failure, robot, path = result.failure, one.robot, one.path
-    assert failure is not None
     words = []
     rng = np.random.default_rng([5, seed])
     if not (0.0 <= failure.s <= path.end and failure.reason and failure.advice):
@@ -187,7 +180,6 @@ def goes(result: Plan) -> bool:
 def bad_advice(one: Problem, result: Plan) -> list[str]:
     """Advice that can be followed, followed."""
     failure, path = result.failure, one.path
-    assert failure is not None
     words = []
     if "reaches the end of the path" in failure.advice and "no branch" not in failure.advice:
         again = one.planned(branch="best")
@@ -288,8 +280,6 @@ def test_the_oracle_sees_every_other_figure_that_is_not_so() -> None:
 
 
 # ---------------------------------------------------------------- replanning
-
-
 @pytest.mark.parametrize("seed", range(0, 60, 6))
 @pytest.mark.parametrize("stop", [False, True])
 def test_a_replanned_motion_starts_at_the_state_and_ends_at_rest_on_the_path(seed: int, stop: bool) -> None:

@@ -4,8 +4,6 @@ Interruptions of drawn plans, at any time: just after the start, at knots, just 
 coefficients by Horner's rule and the arm by its fixed transforms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -115,7 +113,6 @@ def wrong_with(running: Plan, t: float, again: Plan, stop: bool) -> list[str]:
         words.append(f"takes {again.trajectory.duration} s, and {running.trajectory.end - t} s were left")
     at = np.sort(np.random.default_rng(0).uniform(0.0, after.t[-1], 300))
     words += [*oracles.joint_extremes(again, after, at), *oracles.tool_speeds(again, after, at)]
-    assert again.span is not None
     if not 0.0 <= again.span[0] <= again.span[1] <= again.path.end * (1.0 + 1e-9):
         words.append(f"covers {again.span}")
     return words
@@ -153,8 +150,6 @@ def test_interruptions_have_an_answer_that_begins_exactly_there_at_length(stop: 
 
 
 # ---------------------------------------------------------------- chosen states
-
-
 @pytest.fixture(scope="module")
 def running() -> Plan:
     return plan(paper6r(), default_line(), START, limits=LIMITS)
@@ -170,9 +165,8 @@ def test_near_the_end_what_is_left_is_the_answer(running: Plan, before: float, s
 
 @pytest.mark.parametrize("before", [0.0, 1e-12])
 def test_at_its_end_a_motion_has_ended(running: Plan, before: float) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^state: "):
         replan(running, running.trajectory.end - before)
-    assert info.value.argument == "state"
 
 
 @pytest.mark.parametrize("t", [1e-8, 1e-6, 1e-4, 1e-2])
@@ -180,7 +174,6 @@ def test_a_stop_soon_after_the_start_takes_as_long_as_the_start_did(running: Pla
     again = replan(running, t, stop=True)
     assert again.certificate.is_valid
     assert again.trajectory.duration <= 3.3 * t  # at the jerk limit: t up, 2 t down and back
-    assert again.span is not None
     assert again.span[1] - again.span[0] <= LIMITS.jerk * t**3
 
 
@@ -216,7 +209,6 @@ def test_on_a_closed_path_the_place_is_that_of_the_running_motion(part: float, a
     again = replan(around, t if as_time else tuple(around.trajectory(t, order) for order in range(3)))
     assert again.certificate.is_valid
     assert again.trajectory.duration == pytest.approx(around.trajectory.end - t, rel=2e-3)
-    assert again.span is not None
     assert again.span[0] == pytest.approx({2e-3: 0.0, 0.4: 0.35}.get(part, 1.0) * circle.end, abs=0.1 * circle.end)
 
 
@@ -228,7 +220,6 @@ def test_a_measured_state_near_the_motion_is_replaced_by_its_own(running: Plan, 
     noise = [rng.normal(0.0, size, 6) for size in (1e-7, 1e-7, 1e-6)]
     again = replan(running, tuple(running.trajectory(t, order) + x for order, x in enumerate(noise)), stop=stop)
     assert again
-    assert again.start_error is not None
     for order, x in enumerate(noise):
         off = np.abs(again.trajectory(0.0, order) - running.trajectory(t, order)).max()
         assert off <= 20.0 * np.abs(x).max()
@@ -271,8 +262,6 @@ def test_an_exact_state_given_as_arrays_is_answered_like_its_time(running: Plan)
 
 
 # ---------------------------------------------------------------- other limits
-
-
 @pytest.mark.parametrize("part", [0.1, 0.35, 0.6, 0.9])
 @pytest.mark.parametrize(
     "limits", [MotionLimits(0.5, 10.0, 100.0), MotionLimits(2.0, 4.0, 40.0)], ids=["slow", "gentle"]
@@ -286,7 +275,7 @@ def test_lower_limits_hold_from_an_instant_on_and_the_old_ones_before(
     for begin, end, bound in ((0.0, since, LIMITS), (since, again.trajectory.end, limits)):
         t = np.linspace(begin, end, 2001)[1:-1] if end > begin else np.empty(0)
         for order, most in enumerate((bound.velocity, bound.acceleration, bound.jerk), start=1):
-            assert np.abs(motion(t, order)).max(initial=0.0) <= float(most) * (1.0 + 1e-9)  # type: ignore[arg-type]
+            assert np.abs(motion(t, order)).max(initial=0.0) <= float(most) * (1.0 + 1e-9)
     again.save(tmp_path / "slower.json")
     stored = load_motion(tmp_path / "slower.json")
     assert stored.before == again.before
@@ -341,9 +330,8 @@ def test_a_motion_that_meets_lower_limits_later_can_be_stopped_before_and_after(
 
 def test_limits_of_other_kinds_and_times_off_the_knots_are_refused(running: Plan) -> None:
     for before in ((LIMITS, -1.0), (LIMITS, 0.123456), LIMITS, ("x", 0.1), (LIMITS, float("nan"))):
-        with pytest.raises(InvalidInput) as info:
-            certify(running.robot, running.path, running.trajectory, LIMITS, before=before)  # type: ignore[arg-type]
-        assert info.value.argument == "before"
+        with pytest.raises(InvalidInput, match=r"^before: "):
+            certify(running.robot, running.path, running.trajectory, LIMITS, before=before)
 
 
 @pytest.mark.parametrize("law", ["optimal", "ruckig", "smooth", "toppra", "quintic"])
@@ -417,8 +405,6 @@ def test_a_law_that_starts_on_the_path_is_begun_at_the_state_too(running: Plan) 
 
 
 # ---------------------------------------------------------------- files
-
-
 @pytest.mark.parametrize("suffix", [".npz", ".json", ".csv"])
 def test_files_hold_the_part_of_the_path_and_the_speed_that_was_asked(
     running: Plan, suffix: str, tmp_path: Any
@@ -437,9 +423,8 @@ def test_files_hold_the_part_of_the_path_and_the_speed_that_was_asked(
 
 @pytest.mark.parametrize("flag", ["stop"])
 def test_flags_that_cannot_be_meant_are_refused(running: Plan, flag: str) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{flag}: "):
         replan(running, 0.2, **{flag: "no"})
-    assert info.value.argument == flag
 
 
 def test_the_tool_stays_on_the_path_after_an_interruption(running: Plan) -> None:

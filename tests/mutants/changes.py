@@ -90,8 +90,8 @@ class _Reader(ast.NodeVisitor):
 
     def _span(self, node: ast.AST) -> tuple[int, int]:
         return (
-            self._starts[node.lineno - 1] + node.col_offset,  # type: ignore[attr-defined]
-            self._starts[node.end_lineno - 1] + node.end_col_offset,  # type: ignore[attr-defined]
+            self._starts[node.lineno - 1] + node.col_offset,
+            self._starts[node.end_lineno - 1] + node.end_col_offset,
         )
 
     def _text(self, node: ast.AST) -> str:

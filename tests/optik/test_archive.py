@@ -108,8 +108,6 @@ def test_an_error_where_nothing_may_be_compiled(tmp_path):
 
 
 # ---------------------------------------------------------------- in this process
-
-
 def third(x):
     return 3.0 * x
 

@@ -21,20 +21,11 @@ def test_an_array_of_numbers_is_itself_as_float64_in_c_order(value):
 
 
 BAD_ARRAYS = {
-    "a word": "abc",
-    "words": ["1", "2"],
-    "bytes": b"12",
-    "complex": [1j, 2.0],
-    "complex without imaginary parts": np.ones(3, dtype=complex),
-    "ragged": [[1], [1, 2]],
-    "None": None,
-    "Nones": [None, 1.0],
-    "a dict": {"a": 1},
-    "a set": {1.0},
-    "truths": [True, False],
-    "dates": np.array(["2020-01-01"], dtype="datetime64[D]"),
-    "objects": np.array([1.0, "a"], dtype=object),
-}
+    "a word": "abc", "words": ["1", "2"], "bytes": b"12", "complex": [1j, 2.0],
+    "complex without imaginary parts": np.ones(3, dtype=complex), "ragged": [[1], [1, 2]], "None": None,
+    "Nones": [None, 1.0], "a dict": {"a": 1}, "a set": {1.0}, "truths": [True, False],
+    "dates": np.array(["2020-01-01"], dtype="datetime64[D]"), "objects": np.array([1.0, "a"], dtype=object),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("value", BAD_ARRAYS.values(), ids=BAD_ARRAYS.keys())

@@ -240,7 +240,7 @@ def test_what_is_no_robot_is_refused(other):
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, np.inf, "small", None, True])
 @pytest.mark.parametrize("name", ["position", "rotation"])
 def test_a_tolerance_is_a_number_above_zero(name, tolerance):
-    with pytest.raises(InvalidInput, match=f"^{name}: "):
+    with pytest.raises(InvalidInput, match=rf"^{name}: "):
         optik.load("ur5e").compare(optik.load("ur5e"), **{name: tolerance})
 
 

@@ -85,7 +85,6 @@ def test_processes_may_compile_at_once(tmp_path):
 
 
 # ---------------------------------------------------------------- what a kernel depends on
-
 FILES = {
     "far": """
 from enum import IntEnum
@@ -362,8 +361,6 @@ def test_what_nothing_stands_for_is_compiled_in_every_process():
 
 
 # ---------------------------------------------------------------- where it is kept
-
-
 @pytest.fixture(name="cache")
 def _cache(tmp_path, monkeypatch):
     monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
@@ -483,8 +480,6 @@ def test_division_by_zero_is_infinite_and_nan_stays_nan():
 
 
 # ---------------------------------------------------------------- what is left out of the compilation
-
-
 @inlined
 def tripled(x):
     return 3.0 * x

@@ -1,7 +1,5 @@
 """Torques, mass matrices and gravity: against Pinocchio, closed forms, published constants, and physics itself."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 
@@ -51,8 +49,6 @@ def states(robot: Robot, count: int, seed: int = 0) -> Any:
 
 
 # ---------------------------------------------------------------- against Pinocchio
-
-
 @pytest.mark.parametrize("payload", PAYLOADS.values(), ids=PAYLOADS.keys())
 @pytest.mark.parametrize("name", HEAVY)
 def test_torques_and_mass_matrices_are_pinocchios(name: str, payload: dict[str, Any]) -> None:
@@ -96,8 +92,6 @@ def test_the_recursion_with_rates_has_the_same_torques_and_their_derivatives() -
 
 
 # ---------------------------------------------------------------- closed forms and published constants
-
-
 def test_a_pendulum_on_a_slide_is_the_textbooks() -> None:
     limits = JointLimits([-1.0, -3.0], [1.0, 3.0])
     turn = oracles.rot_x(np.pi / 2)  # the pendulum turns in the x–z plane of the base, the cart slides along x
@@ -117,7 +111,6 @@ def test_friction_is_its_closed_form_and_none_at_rest(name: str) -> None:
     dq[::2, 1] = 0.0
     smooth = robot.with_inertia(viscous=0.0, coulomb=0.0)
     friction = robot.torques(q, dq, ddq) - smooth.torques(q, dq, ddq)
-    assert robot.inertia is not None
     expected = robot.inertia.viscous * dq + robot.inertia.coulomb * np.sign(dq)
     assert np.abs(friction - expected).max() < 1e-12
     assert (expected[::2, 1] == 0.0).all()
@@ -164,8 +157,6 @@ def test_the_puma_is_the_robotics_toolboxs_but_for_the_sign_of_one_centre_of_mas
 
 
 # ---------------------------------------------------------------- physics
-
-
 @given(seeds)
 def test_a_mass_matrix_is_symmetric_and_positive_definite_and_gives_the_torques(seed: int) -> None:
     robot = random_robot(seed % 20).with_payload(0.5)
@@ -186,13 +177,12 @@ def test_power_is_the_change_of_energy(seed: int) -> None:
     robot = random_robot(seed % 20)
     q, dq, ddq = (part[0] for part in states(robot, 1, seed))
     heaviness = robot.gravity_magnitude * robot.gravity
-    assert robot.inertia is not None
 
     def energy(t: float) -> float:
         at, v = q + t * (dq + t * ddq / 2), dq + t * ddq
         frames = robot.frames(at)[:-1]
-        places = frames[:, :3, 3] + np.einsum("irc,ic->ir", frames[:, :3, :3], robot.inertia.com)  # type: ignore[union-attr]
-        return float(v @ robot.mass_matrix(at) @ v / 2 - robot.inertia.mass @ places @ heaviness)  # type: ignore[union-attr]
+        places = frames[:, :3, 3] + np.einsum("irc,ic->ir", frames[:, :3, :3], robot.inertia.com)
+        return float(v @ robot.mass_matrix(at) @ v / 2 - robot.inertia.mass @ places @ heaviness)
 
     power = (8 * (energy(1e-3) - energy(-1e-3)) - (energy(2e-3) - energy(-2e-3))) / 12e-3
     torques = robot.torques(q, dq, ddq)
@@ -233,8 +223,6 @@ def test_torques_are_affine_in_the_payloads_mass_so_the_ends_of_an_interval_are_
 
 
 # ---------------------------------------------------------------- shapes, and what is refused
-
-
 def test_configurations_broadcast_as_everywhere() -> None:
     robot = optik.load("iiwa14")
     q, dq, ddq = states(robot, 6)

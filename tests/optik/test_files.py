@@ -67,8 +67,6 @@ def test_a_process_that_dies_while_writing_leaves_the_old_file(tmp_path):
 
 
 # ---------------------------------------------------------------- reading
-
-
 def test_a_file_is_read_up_to_a_size_and_no_further(tmp_path):
     file = tmp_path / "data"
     for size in (0, 5, 2**20 + 1):

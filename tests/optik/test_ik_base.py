@@ -63,8 +63,6 @@ def says(*answers, robot=PAPER, **options):
 
 
 # ---------------------------------------------------------------- the judgement
-
-
 def test_a_method_that_lies_is_rejected():
     result = says((START, IKStatus.SOLVED, 3, None, "done")).solve(TARGET, START)
     assert result.status is IKStatus.REJECTED
@@ -165,8 +163,6 @@ def test_a_tolerance_is_above_zero(field, value):
 
 
 # ---------------------------------------------------------------- restarts
-
-
 def test_without_restarts_there_is_one_attempt_from_the_start():
     solver = says((START, IKStatus.STALLED, 3))
     result = solver.solve(TARGET, START)
@@ -295,16 +291,9 @@ def test_restarts_solve_what_one_attempt_does_not():
     assert solved[0] < 40
     assert solved[1] > solved[0] + 10
     assert solved[2] >= 54
-    for T, q in pairs:
-        one, many = solvers[0].solve(T, q), solvers[5].solve(T, q)
-        if one:
-            assert (many.q == one.q).all()
-            assert many.restarts == 0
 
 
 # ---------------------------------------------------------------- time
-
-
 def test_the_time_limit_ends_the_restarts_with_its_own_status():
     solver = Dawdles(PAPER, max_restarts=10**9, time_limit=0.05)  # without a limit this would not end
     result = solver.solve(TARGET, START)
@@ -334,17 +323,6 @@ def test_dls_ends_at_its_time_limit():
 
 
 # ---------------------------------------------------------------- options
-
-
-def test_with_options_changes_what_it_is_given_and_nothing_else():
-    solver = DLS(PAPER, damping=0.3, max_restarts=2)
-    other = solver.with_options(max_iterations=7)
-    assert type(other) is DLS
-    assert other.robot is PAPER
-    assert other.options == solver.options | {"max_iterations": 7}
-    assert solver.max_iterations == 100
-
-
 def test_a_solver_pickles_as_its_robot_and_options():
     solver = says((START, IKStatus.STALLED, 1), max_restarts=3, time_limit=2.0, tolerance=Tolerance(1e-3, 1e-2))
     function, (kind, robot, options) = solver.__reduce__()
@@ -357,29 +335,18 @@ def test_a_solver_pickles_as_its_robot_and_options():
 
 
 BAD_OPTIONS = [
-    ("max_iterations", -1),
-    ("max_iterations", True),
-    ("max_iterations", 3.0),
-    ("max_iterations", np.nan),
-    ("max_iterations", 10**9 + 1),
-    ("max_iterations", 10**30),
-    ("max_restarts", -1),
-    ("max_restarts", 10**9 + 1),
-    ("max_restarts", 10**30),
-    ("max_restarts", False),
-    ("max_restarts", None),
-    ("time_limit", 0.0),
-    ("time_limit", -1.0),
-    ("time_limit", np.nan),
-]
+    ("max_iterations", -1), ("max_iterations", True), ("max_iterations", 3.0), ("max_iterations", np.nan),
+    ("max_iterations", 10**9 + 1), ("max_iterations", 10**30), ("max_restarts", -1), ("max_restarts", 10**9 + 1),
+    ("max_restarts", 10**30), ("max_restarts", False), ("max_restarts", None), ("time_limit", 0.0),
+    ("time_limit", -1.0), ("time_limit", np.nan),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("option", "value"), BAD_OPTIONS)
 def test_an_option_out_of_range_is_refused_by_name(option, value):
     for build in (lambda **o: says((START, IKStatus.STALLED, 1), **o), lambda **o: make_solver(PAPER, "dls", **o)):
-        with pytest.raises(InvalidInput) as caught:
+        with pytest.raises(InvalidInput, match=rf"^{option}: "):
             build(**{option: value})
-        assert caught.value.argument == option
 
 
 @pytest.mark.parametrize(
@@ -403,8 +370,6 @@ def test_a_robots_name_is_not_a_robot():
 
 
 # ---------------------------------------------------------------- the one call
-
-
 def test_an_unknown_solver_is_answered_with_the_nearest_names():
     with pytest.raises(UnknownName) as caught:
         optik.solve_ik(PAPER, TARGET, START, solver="ipot")
@@ -479,9 +444,8 @@ def test_a_methods_module_is_the_same_before_and_after_its_class():
 @pytest.mark.parametrize("value", ["no", "", None, np.nan, 1.0])
 def test_what_is_no_yes_or_no_is_refused_by_name(solver, option, value):
     for call in (make_solver(PAPER, solver).solve, lambda *a, **o: optik.solve_ik(PAPER, *a, solver, **o)):
-        with pytest.raises(InvalidInput) as caught:
+        with pytest.raises(InvalidInput, match=rf"^{option}: "):
             call(TARGET, START, **{option: value})
-        assert caught.value.argument == option
     with pytest.raises(InvalidInput, match="as_printed"):
         make_solver(PAPER, "dls", as_printed="no")
 

@@ -1,5 +1,6 @@
 """A batch is its single calls, to the last bit, whatever the number, the order and the threads; and it says what is wrong."""
 
+import re
 import subprocess
 import sys
 from functools import cache
@@ -133,8 +134,6 @@ def test_one_tolerance_for_all():
 
 
 # ---------------------------------------------------------------- how it is given
-
-
 def test_one_start_for_all():
     targets, _ = problems(20, 208)
     start = np.full(6, 0.3)
@@ -210,9 +209,8 @@ BAD = {
 @pytest.mark.parametrize("method", ["lm", "dls"])
 @pytest.mark.parametrize(("targets", "starts", "argument"), BAD.values(), ids=BAD.keys())
 def test_what_cannot_be_meant_is_refused_with_its_index(targets, starts, argument, method):
-    with pytest.raises(InvalidInput) as caught:
+    with pytest.raises(InvalidInput, match="^" + re.escape(argument) + ": "):
         optik.solve_ik_batch(PAPER, targets, starts, method)
-    assert caught.value.argument == argument
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, "2"])
@@ -222,7 +220,6 @@ def test_no_such_number_of_threads(threads):
 
 
 # ---------------------------------------------------------------- memory
-
 PEAK = """
 import resource, sys
 import numpy as np, optik

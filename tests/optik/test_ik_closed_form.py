@@ -69,8 +69,6 @@ def singular(arm, joint, value, count, seed):
 
 
 # ---------------------------------------------------------------- branches
-
-
 def test_the_configuration_that_made_a_target_is_among_its_branches(known):
     solver, arm = known
     for q in oracles.configurations(arm, 15, 1):
@@ -162,8 +160,6 @@ def test_a_base_and_a_tool_are_part_of_the_arm(backend):
 
 
 # ---------------------------------------------------------------- singularities and limits
-
-
 def hard(name):
     arm = oracles.table(name)
     yield "wrist straight", singular(arm, 4, 0.0, 12, 11)
@@ -261,8 +257,6 @@ def test_what_no_branch_meets_is_stalled_and_what_is_too_far_is_proved_so(backen
 
 
 # ---------------------------------------------------------------- joints of other kinds
-
-
 def test_a_joint_without_an_end_has_the_winding_nearest_to_the_start(backend):
     arm, robot = oracles.table("paper6r"), optik.load("paper6r")
     lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
@@ -360,8 +354,6 @@ def test_eaik_has_no_seven_joints():
 
 
 # ---------------------------------------------------------------- backends
-
-
 def hide(monkeypatch, *packages):
     for package in packages:
         for module in [m for m in sys.modules if m.partition(".")[0] == package]:
@@ -447,8 +439,6 @@ def test_importing_and_listing_load_neither_package():
 
 
 # ---------------------------------------------------------------- as a method
-
-
 def test_it_is_a_method_by_name():
     assert METHOD is ClosedForm
     assert optik.ik.ClosedForm is ClosedForm

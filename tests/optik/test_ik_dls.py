@@ -1,6 +1,5 @@
 """The paper's iteration against a plain one with SciPy's logarithm and a matrix inverse."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -32,8 +31,6 @@ def sizes(errors):
 
 
 # ---------------------------------------------------------------- against the oracle
-
-
 @each_robot
 @pytest.mark.parametrize(("damping", "step"), [(0.05, 1.0), (0.1, 0.5), (0.2, 1.5), (0.5, 1.0)])
 def test_every_iterate_is_the_plain_iterations(name, damping, step):
@@ -82,8 +79,6 @@ def test_arms_of_any_length_with_a_sliding_joint_iterate_as_the_plain_iteration_
 
 
 # ---------------------------------------------------------------- the trace
-
-
 @pytest.mark.parametrize("damping", [0.01, 0.2])
 def test_the_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(damping):
     solver = DLS(PAPER, damping=damping, max_iterations=30)
@@ -92,6 +87,9 @@ def test_the_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(damping):
     for target, start in zip(*problems("paper6r", 12, 43, spread=0.4), strict=True):
         whole = solver.solve(target, start, trace=True)
         assert whole.trace.shape == (whole.iterations + 1, 6)
+        bare = solver.solve(target, start)
+        assert (bare.q == whole.q).all()
+        assert bare[1:6] == whole[1:6]
         for k in range(whole.iterations + 1):
             stopped = after[k].solve(target, start, trace=True)
             assert stopped.iterations == k
@@ -120,17 +118,7 @@ def test_a_start_that_solves_needs_no_iteration():
     assert result.trace.shape == (1, 6)
 
 
-def test_a_trace_changes_nothing_else_and_is_kept_only_on_request():
-    for target, start in zip(*problems("paper6r", 5, 45), strict=True):
-        bare, traced = DLS(PAPER).solve(target, start), DLS(PAPER).solve(target, start, trace=True)
-        assert bare.trace is None
-        assert (bare.q == traced.q).all()
-        assert bare[1:6] == traced[1:6]
-
-
 # ---------------------------------------------------------------- the paper's misprint and the paper's claims
-
-
 def test_equation_9_as_printed_solves_none_and_corrected_solves_most():
     targets, starts = problems("paper6r", 1000, 46)
     printed, corrected = DLS(PAPER, as_printed=True), DLS(PAPER, damping=0.01)
@@ -174,19 +162,6 @@ def test_undamped_whole_steps_are_newtons_and_converge_quadratically():
 
 
 # ---------------------------------------------------------------- honesty in hard places
-
-
-@pytest.mark.parametrize("damping", [0.0, 0.01, 0.1])
-def test_the_singular_zero_pose_is_a_start_like_any_other(damping):
-    solver, arm = DLS(PAPER, damping=damping), oracles.table("paper6r")
-    for target in problems("paper6r", 20, 48)[0]:
-        result = solver.solve(target, np.zeros(6))
-        assert np.isfinite(result.q).all()
-        assert PAPER.limits.contains(result.q)
-        p, r = sizes(oracles.error(oracles.fk(arm, result.q), target))
-        assert bool(result) == (p <= 1e-6 and r <= 1e-6)
-
-
 def test_without_damping_a_singular_pose_stalls_and_the_message_says_what_would_help():
     sliders = Robot.from_mdh([DHRow(prismatic=True)] * 3, JointLimits([-1.0] * 3, [1.0] * 3))
     for robot, q in ((PAPER, np.zeros(6)), (sliders, np.zeros(3))):
@@ -234,38 +209,20 @@ def test_a_target_out_of_reach_is_a_failure_with_the_best_iterate():
 
 
 # ---------------------------------------------------------------- options
-
 BAD_OPTIONS = [
-    ("damping", -1e-9),
-    ("damping", np.nan),
-    ("damping", np.inf),
-    ("step", 0.0),
-    ("step", -1.0),
-    ("step", np.nan),
-    ("step", np.inf),
-    ("max_iterations", -1),
-    ("max_iterations", True),
-    ("max_iterations", 10.0),
-    ("max_iterations", "10"),
-    ("max_iterations", None),
-]
+    ("damping", -1e-9), ("damping", np.nan), ("damping", np.inf), ("step", 0.0), ("step", -1.0), ("step", np.nan),
+    ("step", np.inf), ("damping", "x"), ("damping", None), ("step", np.ones(2)), ("max_iterations", "10"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("option", "value"), BAD_OPTIONS)
 def test_an_option_out_of_range_is_refused_by_name(option, value):
-    with pytest.raises(InvalidInput) as caught:
+    with pytest.raises(InvalidInput, match=rf"^{option}: "):
         DLS(PAPER, **{option: value})
-    assert caught.value.argument == option
     with pytest.raises(InvalidInput):
         make_solver(PAPER, "dls", **{option: value})
     with pytest.raises(InvalidInput):
         DLS(PAPER).with_options(**{option: value})
-
-
-@pytest.mark.parametrize(("option", "value"), [("damping", "x"), ("damping", None), ("step", np.ones(2))])
-def test_an_option_that_is_no_number_is_refused_by_name(option, value):
-    with pytest.raises(InvalidInput):
-        DLS(PAPER, **{option: value})
 
 
 def test_numpys_whole_numbers_count():
@@ -274,8 +231,4 @@ def test_numpys_whole_numbers_count():
 
 def test_options_are_those_that_were_given():
     given = {"damping": 0.3, "step": 0.5, "as_printed": True, "max_iterations": 7}
-    solver = DLS(PAPER, **given)
-    assert given.items() <= solver.options.items()
-    back = pickle.loads(pickle.dumps(solver))
-    assert back.options == solver.options
-    assert back.robot == solver.robot
+    assert given.items() <= DLS(PAPER, **given).options.items()

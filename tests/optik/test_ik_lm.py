@@ -75,8 +75,6 @@ def check(arm, result, target, tolerance=USUAL):
 
 
 # ---------------------------------------------------------------- any arm
-
-
 @settings(max_examples=20)
 @given(
     seeds, st.sampled_from(SIZES), st.booleans(), st.sampled_from(["mdh", "dh"]), st.sampled_from([1e-3, 1e-6, 1e-10])
@@ -125,8 +123,6 @@ def test_a_locked_joint_stays_and_the_others_solve(seed, k, convention):
 
 
 # ---------------------------------------------------------------- the chain model
-
-
 def chain_pose(robot, q):
     """Forward kinematics of the chain's numbers, by plain products."""
     T = robot.fixed[0]
@@ -169,8 +165,6 @@ def test_the_chain_is_the_arm_of_every_robot(name):
 
 
 # ---------------------------------------------------------------- sine, cosine, angle
-
-
 @numba.njit
 def sines_cosines(x, out):
     for i in range(x.size):
@@ -208,8 +202,6 @@ def test_the_angle_is_that_of_the_library_from_none_to_half_a_turn():
 
 
 # ---------------------------------------------------------------- half a turn
-
-
 @pytest.mark.parametrize("off", [0.0, 1e-16, 1e-12, 1e-9, 1e-6, 1e-5, 1e-4])
 def test_a_start_flipped_by_half_a_turn_is_solved_or_honestly_failed(off):
     rng, solved = np.random.default_rng(104), 0
@@ -243,8 +235,6 @@ def test_a_wrist_half_a_turn_off_gets_on_without_a_restart():
 
 
 # ---------------------------------------------------------------- windings
-
-
 def nearest_winding(q, start, lower, upper):
     """Of all whole turns of q inside the limits the one nearest to the start, by trying them."""
     turns = [q + 2.0 * pi * k for k in range(-12, 13)]
@@ -253,17 +243,11 @@ def nearest_winding(q, start, lower, upper):
 
 
 BOUNDS = {
-    "three turns": (-6.0 * pi, 6.0 * pi),
-    "a turn each way": (-2.0 * pi, 2.0 * pi),
-    "no end": (-inf, inf),
-    "no upper end": (-1.0, inf),
-    "no lower end": (-inf, 2.0),
-    "from zero to a turn": (0.0, 2.0 * pi),
-    "half a turn each way": (-pi, pi),
-    "around half a turn": (np.radians(170.0), np.radians(190.0)),
-    "off zero": (7.0, 15.0),
-    "locked": (1.3, 1.3),
-}
+    "three turns": (-6.0 * pi, 6.0 * pi), "a turn each way": (-2.0 * pi, 2.0 * pi), "no end": (-inf, inf),
+    "no upper end": (-1.0, inf), "no lower end": (-inf, 2.0), "from zero to a turn": (0.0, 2.0 * pi),
+    "half a turn each way": (-pi, pi), "around half a turn": (np.radians(170.0), np.radians(190.0)),
+    "off zero": (7.0, 15.0), "locked": (1.3, 1.3),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("bounds", BOUNDS.values(), ids=BOUNDS.keys())
@@ -342,8 +326,6 @@ def test_a_free_joint_may_start_many_turns_away(far):
 
 
 # ---------------------------------------------------------------- limits and singular poses
-
-
 def hard(rng, count):
     """Solutions where joints stand on their limits, the elbow is straight, the wrist is, or many joints are zero."""
     q = rng.uniform(ARM.lower, ARM.upper, (count, 6))
@@ -386,8 +368,6 @@ def test_a_start_a_hair_outside_counts_as_on_its_limit():
 
 
 # ---------------------------------------------------------------- frames
-
-
 def test_where_the_base_stands_changes_nothing():
     """What is promised: the same status, and the same q but for rounding, unless a tie is broken the other way."""
     rng, same = np.random.default_rng(107), 0
@@ -430,8 +410,6 @@ def test_how_the_numbers_are_kept_changes_nothing():
 
 
 # ---------------------------------------------------------------- iterations, restarts, time, options
-
-
 @pytest.mark.parametrize("k", [0, 1, 5])
 def test_an_attempt_has_so_many_iterations_and_there_are_so_many(k):
     rng = np.random.default_rng(108)
@@ -520,8 +498,6 @@ def test_thirteen_joints_are_refused_and_the_message_names_another_method():
 
 
 # ---------------------------------------------------------------- joints at their limits
-
-
 def at_limits(arm, count, seed, share=0.7):
     """Targets of configurations with this share of the joints at a limit; starts 0.1 rad from them, and all at 0.1 rad."""
     rng = np.random.default_rng(seed)
@@ -682,17 +658,11 @@ def test_a_bounded_step_is_inside_and_mostly_the_least_squares_of_scipy():
 
 
 # ---------------------------------------------------------------- tasks
-
 TASKS = [
-    *map(as_task, ("position", "rotation", "axis_x", "axis_y", "axis_z")),
-    Task((1, 1, 1, 1, 0, 1), "base"),
-    Task((1, 1, 1, 0, 1, 1), "base"),
-    Task((1, 1, 0, 1, 1, 1)),
-    Task((0, 1, 0, 0, 1, 0)),
-    Task((0, 0, 1, 1, 1, 0), "base"),
-    Task((1, 0, 0, 0, 0, 0), "base"),
-    Task((1, 0, 1, 0, 0, 1), "base"),
-]
+    *map(as_task, ("position", "rotation", "axis_x", "axis_y", "axis_z")), Task((1, 1, 1, 1, 0, 1), "base"),
+    Task((1, 1, 1, 0, 1, 1), "base"), Task((1, 1, 0, 1, 1, 1)), Task((0, 1, 0, 0, 1, 0)),
+    Task((0, 0, 1, 1, 1, 0), "base"), Task((1, 0, 0, 0, 0, 0), "base"), Task((1, 0, 1, 0, 0, 1), "base"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["lm", "dls"])
@@ -746,8 +716,6 @@ def test_what_is_free_is_not_held(task):
 
 
 # ---------------------------------------------------------------- pickles and threads
-
-
 @pytest.mark.parametrize(
     "options", [{}, {"task": "axis_z", "prefer": "limits"}, {"gain": 0.2, "max_restarts": 3}], ids=str
 )
@@ -778,7 +746,6 @@ def test_one_solver_in_eight_threads_answers_as_in_one(options):
 
 
 # ---------------------------------------------------------------- where the compiled code is kept
-
 SOLVE = """
 import numpy as np, optik
 robot = optik.load("paper6r")

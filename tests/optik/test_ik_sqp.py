@@ -72,8 +72,6 @@ def honest(result, robot, task, target):
 
 
 # ---------------------------------------------------------------- the symbolic model
-
-
 def numbers(robot, task):
     """Numeric functions (q, target) of the model: p, R, J, components, E, its gradient, the Hessian, AD's gradient."""
     m = symbolic.build_model(robot)
@@ -132,8 +130,6 @@ def test_half_a_turn_is_the_farthest_and_finite():
 
 
 # ---------------------------------------------------------------- every arm, every task
-
-
 @each_kind
 @each_arm
 @pytest.mark.parametrize("task", [Task(), *map(as_task, ("position", "axis_z")), *TASKS[8:12]], ids=str)
@@ -177,8 +173,6 @@ def test_sqp_says_how_it_ended():
 
 
 # ---------------------------------------------------------------- what is preferred
-
-
 def penalty(name, q, robot, task, posture):
     """The definitions, in NumPy."""
     lim = robot.limits
@@ -268,8 +262,6 @@ def test_a_preference_never_costs_a_pose_where_nothing_is_free(kind, name):
 
 
 # ---------------------------------------------------------------- a distance from the limits
-
-
 @each_kind
 def test_every_joint_keeps_its_distance_from_the_limits(kind):
     solver, solved = kind(PAPER, limit_distance=0.2, max_restarts=5), 0
@@ -296,24 +288,18 @@ def test_a_locked_joint_keeps_no_distance_and_an_endless_one_needs_none(kind):
 
 
 # ---------------------------------------------------------------- options
-
-
 @each_kind
 @pytest.mark.parametrize(
     ("options", "argument"),
     [
-        ({"prefer": "elbow"}, "prefer"),
-        ({"prefer": {"limits": -1.0}}, r"prefer\['limits'\]"),
-        ({"prefer": ["limits"]}, "prefer"),
-        ({"posture": np.zeros(6)}, "posture"),
-        ({"prefer": "posture", "posture": np.zeros(5)}, "posture"),
-        ({"limit_distance": -0.1}, "limit_distance"),
-        ({"limit_distance": np.inf}, "limit_distance"),
-        ({"limit_distance": 2.0}, "limit_distance"),
+        ({"prefer": "elbow"}, "prefer"), ({"prefer": {"limits": -1.0}}, r"prefer\['limits'\]"),
+        ({"prefer": ["limits"]}, "prefer"), ({"posture": np.zeros(6)}, "posture"),
+        ({"prefer": "posture", "posture": np.zeros(5)}, "posture"), ({"limit_distance": -0.1}, "limit_distance"),
+        ({"limit_distance": np.inf}, "limit_distance"), ({"limit_distance": 2.0}, "limit_distance"),
     ],
-)
+)  # fmt: skip
 def test_an_option_that_cannot_be_meant_is_refused_by_name(kind, options, argument):
-    with pytest.raises(InvalidInput, match=f"^{argument}: "):
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         kind(PAPER, **options)
 
 
@@ -357,8 +343,6 @@ def test_threads_that_share_a_solver_get_their_own_answers(kind):
 
 
 # ---------------------------------------------------------------- the usual call
-
-
 @each_kind
 @pytest.mark.parametrize("options", [{}, {"max_restarts": 3}, {"task": "position"}, {"max_iterations": 3}], ids=str)
 def test_the_usual_call_answers_as_the_way_round_does(kind, options):

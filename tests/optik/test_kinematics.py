@@ -59,8 +59,6 @@ def size(e):
 
 
 # ---------------------------------------------------------------- other libraries
-
-
 def are_pinocchios(robot, arm, q):
     """Compare with Pinocchio's model of the rows; the base turns its Jacobian, and a tool would move its point."""
     theirs = oracles.Pinocchio(arm)
@@ -124,8 +122,6 @@ def test_jacobian_is_the_central_difference_of_forward_kinematics(name):
 
 
 # ---------------------------------------------------------------- motion of the tool
-
-
 @given(random_arms, st.integers(0, 10**6))
 def test_tool_motion_is_the_power_series_of_the_link_matrices(arm, seed):
     rng = np.random.default_rng(seed)
@@ -234,8 +230,6 @@ def test_derivatives_of_a_line_are_the_differences_of_its_joint_path():
 
 
 # ---------------------------------------------------------------- polishing
-
-
 @pytest.mark.parametrize("name", six_or_more)
 def test_polish_reaches_rounding_from_a_solvers_tolerance(name):
     robot, q = optik.load(name), regular(name, 200, 28)
@@ -275,8 +269,6 @@ def test_polish_converges_quadratically():
 
 
 # ---------------------------------------------------------------- the judge
-
-
 @given(random_arms, st.integers(0, 10**6))
 def test_the_judge_sees_what_errors_sees_and_the_limits(arm, seed):
     robot, rng = built(arm), np.random.default_rng(seed)

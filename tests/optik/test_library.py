@@ -25,17 +25,13 @@ ARM = {
     "tool": {"xyz_mm": [0.0, 0.0, 120.0]},
     "joints": [
         {
-            "a_mm": 100.0,
-            "alpha_deg": -90.0,
-            "d_mm": 290.0,
-            "theta_deg": 30.0,
-            "range_deg": [-165.0, 165.0],
+            "a_mm": 100.0, "alpha_deg": -90.0, "d_mm": 290.0, "theta_deg": 30.0, "range_deg": [-165.0, 165.0],
             "speed_deg": 250.0,
         },
         {"type": "prismatic", "a_mm": 250.0, "range_mm": [0.0, 180.0], "speed_mm": 1020.0},
     ],
     "dynamic_limits": {"acceleration": [10.0, 20.0], "jerk": 100.0},
-}
+}  # fmt: skip
 
 
 def toml(value):
@@ -185,8 +181,6 @@ def test_the_robots_that_come_with_optik_are_such_files(name):
 
 
 # ---------------------------------------------------------------- the robots that come with optik
-
-
 def test_the_papers_arm_at_zero_has_its_tool_where_the_paper_puts_it():
     T = optik.load("paper6r").fk(np.zeros(6))
     assert np.abs(T[:3, 3] - (0.527, 0.731, 0.0)).max() < 1e-12
@@ -266,12 +260,8 @@ def test_a_robots_table_is_ssiks(name):
 def test_the_wx200_is_its_urdf():
     # interbotix_xsarm_descriptions/urdf/wx200.urdf.xacro: where each joint stands in the one before, and its axis
     steps = [
-        ((0, 0, 0.072), "z"),
-        ((0, 0, 0.03865), "y"),
-        ((0.05, 0, 0.2), "y"),
-        ((0.2, 0, 0), "y"),
-        ((0.065, 0, 0), "x"),
-    ]
+        ((0, 0, 0.072), "z"), ((0, 0, 0.03865), "y"), ((0.05, 0, 0.2), "y"), ((0.2, 0, 0), "y"), ((0.065, 0, 0), "x"),
+    ]  # fmt: skip
     robot = optik.load("wx200")
     for q in oracles.configurations(oracles.table("wx200"), 20, 16):
         T = np.eye(4)

@@ -56,16 +56,12 @@ BAD_LIMITS = {
         f"{name} {label}": (([0, 0], [1, 1]), {name: value}, name, word)
         for name in ("velocity", "acceleration", "jerk")
         for label, value, word in (
-            ("zero", 0.0, "above 0"),
-            ("negative", [1, -1], "above 0"),
-            ("NaN", [1, np.nan], "above 0"),
-            ("minus infinity", -np.inf, "above 0"),
-            ("too long", [1, 1, 1], "2 of them"),
-            ("a table", [[1, 1]], "2 of them"),
-            ("a word", "fast", "2 of them"),
+            ("zero", 0.0, "above 0"), ("negative", [1, -1], "above 0"), ("NaN", [1, np.nan], "above 0"),
+            ("minus infinity", -np.inf, "above 0"), ("too long", [1, 1, 1], "2 of them"),
+            ("a table", [[1, 1]], "2 of them"), ("a word", "fast", "2 of them"),
         )
     },
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("limits", "options", "argument", "word"), BAD_LIMITS.values(), ids=BAD_LIMITS.keys())
@@ -101,7 +97,6 @@ def test_limits_that_no_finite_configuration_meets_are_refused(bound):
 
 
 # ---------------------------------------------------------------- middle, half, draws
-
 ends = st.floats(-1e3, 1e3) | st.sampled_from([-np.inf, np.inf, 0.0])
 
 

@@ -68,8 +68,6 @@ def test_the_excess_of_a_capsule_is_the_farthest_of_its_surface_from_points_anyw
 
 
 # ---------------------------------------------------------------- files
-
-
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj"])
 def test_meshes_are_read_as_trimesh_reads_them(tmp_path, kind):
     mesh = bent()
@@ -167,8 +165,6 @@ def test_meshes_are_found_below_their_folders_only(tmp_path):
 
 
 # ---------------------------------------------------------------- enclosure
-
-
 SOLIDS = {
     "bent": bars(),
     "ball": [trimesh.creation.icosphere(1, 0.1)],
@@ -232,7 +228,6 @@ def test_a_cylinder_is_inside_its_capsule(radius, length):
 
 
 # ---------------------------------------------------------------- URDF
-
 URDF = """<robot name="r">
 <link name="foot"><collision><geometry><box size=".1 .04 .04"/></geometry></collision></link>
 <link name="arm"><collision><origin xyz="0 0 .2"/>

@@ -1,7 +1,5 @@
 """Robots as plain data: through JSON and back to the last bit, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from typing import Any

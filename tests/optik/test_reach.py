@@ -36,8 +36,6 @@ def proved(robot, target, task="pose", tolerance=(0.0, 0.0)):
 
 
 # ---------------------------------------------------------------- never a false proof
-
-
 @given(
     seeds,
     st.integers(1, 12),
@@ -99,8 +97,6 @@ def test_what_a_solver_was_asked_and_can_be_met_is_never_called_unreachable(seed
 
 
 # ---------------------------------------------------------------- sharp
-
-
 @pytest.mark.parametrize("lengths", [(1.0, 0.7), (0.3, 0.9), (1.0, 0.5, 0.4), (0.2, 0.3, 0.9)], ids=str)
 @pytest.mark.parametrize("task", ["pose", "position"])
 def test_a_planar_arm_is_proved_out_just_beyond_its_closed_form(lengths, task):
@@ -146,8 +142,6 @@ def test_the_bound_is_within_a_quarter_of_what_is_found(name):
 
 
 # ---------------------------------------------------------------- what the solvers say
-
-
 @pytest.mark.parametrize("method", [LM, DLS])
 @pytest.mark.parametrize("task", ["pose", "position", "axis_z"])
 def test_a_far_target_is_proved_out_and_the_message_has_the_bound(method, task):

@@ -53,8 +53,6 @@ def arms_and_configurations(draw):
 
 
 # ---------------------------------------------------------------- conventions
-
-
 @given(arms_and_configurations())
 def test_forward_kinematics_is_the_product_of_the_link_matrices(case):
     arm, q = case
@@ -151,8 +149,6 @@ def test_errors_of_many_targets_are_those_of_each():
 
 
 # ---------------------------------------------------------------- identity
-
-
 def test_equal_content_is_an_equal_robot():
     a, b = optik.load("paper6r"), optik.load("paper6r")
     assert a is not b
@@ -275,7 +271,6 @@ def test_joints_are_named_from_one_unless_named():
 
 
 # ---------------------------------------------------------------- what is refused
-
 ONE = JointLimits([-1.0], [1.0])
 REFLECTION = np.diag([1.0, 1.0, -1.0, 1.0])
 BAD_ROBOTS = {

@@ -104,8 +104,6 @@ def test_what_makes_no_copy_is_refused_by_name(use, word):
 
 
 # ---------------------------------------------------------------- singular values
-
-
 @given(robots, seeds)
 def test_singular_values_are_the_roots_of_the_eigenvalues_of_the_smaller_gram_matrix(robot, seed):
     q = drawn(robot, seed)

@@ -31,8 +31,6 @@ def pose_of(rotvec=(0, 0, 0), position=(0, 0, 0)):
 
 
 # ---------------------------------------------------------------- exponential and logarithm
-
-
 @given(rotvecs)
 def test_exponential_is_scipys(w):
     assert np.abs(se3.exp_so3(w) - Rotation.from_rotvec(w).as_matrix()).max() < 8e-15
@@ -108,8 +106,6 @@ def test_slices_and_transposes_are_read_as_what_they_are():
 
 
 # ---------------------------------------------------------------- error, inverse, interpolation
-
-
 @given(poses, poses)
 def test_error_is_the_way_from_the_pose_to_the_target_in_the_base_frame(T, target):
     e = se3.error(T, target)
@@ -192,7 +188,6 @@ def test_roll_pitch_yaw_turn_about_fixed_axes_as_in_urdf(rpy):
 
 
 # ---------------------------------------------------------------- the check
-
 NOT_A_NUMBER = pose_of()
 NOT_A_NUMBER[1, 3] = np.nan
 NAN_ROTATION = pose_of()
@@ -207,30 +202,19 @@ SHEARED = pose_of()
 SHEARED[0, 1] = 1e-4
 
 BAD_POSES = {
-    "NaN in the position": (NOT_A_NUMBER, "finite"),
-    "NaN in the rotation": (NAN_ROTATION, "finite"),
-    "infinite position": (INFINITE, "finite"),
-    "all NaN": (np.full((4, 4), np.nan), "finite"),
-    "a rotation alone": (np.eye(3), "optik.se3.pose"),
-    "three rows": (np.eye(4)[:3], "(4, 4)"),
-    "three columns": (np.eye(4)[:, :3], "(4, 4)"),
-    "a batch": (np.eye(4)[None], "(4, 4)"),
-    "flat": (np.eye(4).ravel(), "(4, 4)"),
-    "a number": (1.0, "(4, 4)"),
-    "None": (None, "(4, 4)"),
-    "ragged": ([[1, 2], [3]], "(4, 4)"),
-    "a word": ("tool0", "(4, 4)"),
-    "words": ([["a"] * 4] * 4, "(4, 4)"),
-    "a dict": ({"p": 1}, "(4, 4)"),
-    "sheared": (SHEARED, "rotation"),
+    "NaN in the position": (NOT_A_NUMBER, "finite"), "NaN in the rotation": (NAN_ROTATION, "finite"),
+    "infinite position": (INFINITE, "finite"), "all NaN": (np.full((4, 4), np.nan), "finite"),
+    "a rotation alone": (np.eye(3), "optik.se3.pose"), "three rows": (np.eye(4)[:3], "(4, 4)"),
+    "three columns": (np.eye(4)[:, :3], "(4, 4)"), "a batch": (np.eye(4)[None], "(4, 4)"),
+    "flat": (np.eye(4).ravel(), "(4, 4)"), "a number": (1.0, "(4, 4)"), "None": (None, "(4, 4)"),
+    "ragged": ([[1, 2], [3]], "(4, 4)"), "a word": ("tool0", "(4, 4)"), "words": ([["a"] * 4] * 4, "(4, 4)"),
+    "a dict": ({"p": 1}, "(4, 4)"), "sheared": (SHEARED, "rotation"),
     "scaled": (np.diag([2.0, 2.0, 2.0, 1.0]), "rotation"),
     "no rotation at all": (np.diag([0.0, 0.0, 0.0, 1.0]), "rotation"),
     "a reflection": (np.diag([1.0, 1.0, -1.0, 1.0]), "reflection"),
-    "point reflection": (np.diag([-1.0, -1.0, -1.0, 1.0]), "reflection"),
-    "last row": (LAST_ROW, "last row"),
-    "last corner": (LAST_CORNER, "last row"),
-    "transposed": (pose_of(position=(1, 2, 3)).T, "last row"),
-}
+    "point reflection": (np.diag([-1.0, -1.0, -1.0, 1.0]), "reflection"), "last row": (LAST_ROW, "last row"),
+    "last corner": (LAST_CORNER, "last row"), "transposed": (pose_of(position=(1, 2, 3)).T, "last row"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("T", "word"), BAD_POSES.values(), ids=BAD_POSES.keys())
@@ -298,6 +282,6 @@ def test_the_pose_error_writes_nothing_beyond_its_arrays() -> None:
     T = se3.pose(se3.exp_so3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3]))
     target = se3.pose(se3.exp_so3(np.array([-0.4, 0.1, 0.2])), np.array([0.3, -0.1, 0.2]))
     plain, fast = np.empty(6), np.empty(6)
-    se3.pose_error.py_func(T, target, plain)  # type: ignore[attr-defined]
+    se3.pose_error.py_func(T, target, plain)
     se3.pose_error(T, target, fast)
     np.testing.assert_allclose(plain, fast, rtol=0.0, atol=1e-15)

@@ -51,23 +51,16 @@ def test_all_pairs_are_examined_but_neighbours_and_those_with_a_reason():
 @pytest.mark.parametrize(
     ("rows", "options", "words"),
     [
-        ([], {}, "1 to 4096"),
-        (3, {}, "a list of"),
-        ([(0, (0, 0, 0))], {}, r"\(link, a, b, radius\)"),
-        ([(0, (0, 0, 0), 300.0)], {}, "millimetres"),
-        ([(0, (0, 0, 400.0), 0.1)], {}, "millimetres"),
-        ([(0, (0, 0, np.nan), 0.1)], {}, "finite"),
-        ([(0, (0, 0, 0), 0.0)], {}, "above 0"),
-        ([(-1, (0, 0, 0), 0.1)], {}, "link"),
-        ([(0.5, (0, 0, 0), 0.1)], {}, "link"),
+        ([], {}, "1 to 4096"), (3, {}, "a list of"), ([(0, (0, 0, 0))], {}, r"\(link, a, b, radius\)"),
+        ([(0, (0, 0, 0), 300.0)], {}, "millimetres"), ([(0, (0, 0, 400.0), 0.1)], {}, "millimetres"),
+        ([(0, (0, 0, np.nan), 0.1)], {}, "finite"), ([(0, (0, 0, 0), 0.0)], {}, "above 0"),
+        ([(-1, (0, 0, 0), 0.1)], {}, "link"), ([(0.5, (0, 0, 0), 0.1)], {}, "link"),
         (ROWS, {"names": ("a",)}, "one for each"),
         (ROWS, {"names": tuple("abcd"), "apart": [("a", "x", "r")]}, "a name of capsules"),
-        (ROWS, {"apart": [(0, 1)]}, "apart"),
-        (ROWS, {"excess": -0.1}, "excess"),
-        (ROWS, {"excess": [0.1, 0.2]}, "excess"),
-        (ROWS, {"source": 3}, "source"),
+        (ROWS, {"apart": [(0, 1)]}, "apart"), (ROWS, {"excess": -0.1}, "excess"),
+        (ROWS, {"excess": [0.1, 0.2]}, "excess"), (ROWS, {"source": 3}, "source"),
     ],
-)
+)  # fmt: skip
 def test_bad_shapes_are_one_clear_line(rows, options, words):
     with pytest.raises(InvalidInput, match=words) as caught:
         optik.Shapes(rows, **options)
@@ -127,8 +120,6 @@ def test_a_payload_has_a_shape_in_the_tools_frame_that_goes_with_it():
 
 
 # ---------------------------------------------------------------- the robots that come with optik
-
-
 def gaps(robot, q):
     """Distances between all capsules of an arm (m, m), by 40 points on each segment: a few millimetres too large."""
     link, a, b, radius = robot.shapes.capsules
@@ -195,16 +186,12 @@ def test_a_capsule_is_stated_in_the_tables_frame(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('link = "base"', 'link = "elbow"', "elbow"),
-        ("link = 1", "link = 3", "link"),
-        ("b_mm", "c_mm", "c_mm unknown"),
-        ("b_mm = [0.0, 0.0, 10.0], ", "", "a_mm and b_mm"),
-        ("[0.0, 0.0, 10.0]", "[0.0, 10.0]", "b_mm"),
-        ("radius_mm = 50.0", "radius_mm = 0.0", "radius"),
-        ('["base", "joint2"]', '["base", "joint9"]', "joint9"),
-        ("capsules =", "balls =", "capsules missing"),
+        ('link = "base"', 'link = "elbow"', "elbow"), ("link = 1", "link = 3", "link"),
+        ("b_mm", "c_mm", "c_mm unknown"), ("b_mm = [0.0, 0.0, 10.0], ", "", "a_mm and b_mm"),
+        ("[0.0, 0.0, 10.0]", "[0.0, 10.0]", "b_mm"), ("radius_mm = 50.0", "radius_mm = 0.0", "radius"),
+        ('["base", "joint2"]', '["base", "joint9"]', "joint9"), ("capsules =", "balls =", "capsules missing"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_table_of_shapes_is_named(tmp_path, old, new, words):
     file = tmp_path / "arm.toml"
     file.write_text(TABLE.format(convention="dh").replace(old, new, 1), encoding="utf-8")

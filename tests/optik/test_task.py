@@ -14,17 +14,10 @@ from tests import oracles
 ARM = optik.load("paper6r")
 BOX = (0.05, 0.0, 0.2, 0.3, 0.1, 0.0)
 TASKS = [
-    Task(),
-    Task(frame="base"),
-    *map(as_task, ("position", "rotation", "axis_x", "axis_y", "axis_z")),
-    Task((1, 1, 1, 1, 0, 1), "base"),
-    Task((0, 1, 0, 0, 1, 0)),
-    Task((1, 0, 1, 0, 0, 1), "base"),
-    Task(box=BOX),
-    Task(box=BOX, frame="base"),
-    Task((1, 1, 1, 1, 1, 0), box=BOX),
-    Task((1, 0, 1, 0, 1, 0), "base", BOX),
-]
+    Task(), Task(frame="base"), *map(as_task, ("position", "rotation", "axis_x", "axis_y", "axis_z")),
+    Task((1, 1, 1, 1, 0, 1), "base"), Task((0, 1, 0, 0, 1, 0)), Task((1, 0, 1, 0, 0, 1), "base"), Task(box=BOX),
+    Task(box=BOX, frame="base"), Task((1, 1, 1, 1, 1, 0), box=BOX), Task((1, 0, 1, 0, 1, 0), "base", BOX),
+]  # fmt: skip
 each_task = pytest.mark.parametrize("task", TASKS, ids=str)
 
 

@@ -49,7 +49,6 @@ def one(inside, kind="revolute", name="j0"):
 
 
 # ---------------------------------------------------------------- the chain
-
 numbers = st.floats(-2, 2) | st.sampled_from([0.0, 1.0, -1.0])
 angles = st.floats(-4, 4) | st.sampled_from([0.0, pi / 2, -pi / 2, pi])
 triples = st.tuples(numbers, numbers, numbers)
@@ -209,7 +208,6 @@ def test_reading_loads_xml_and_importing_optik_does_not():
 
 
 # ---------------------------------------------------------------- back again
-
 positions = st.floats(-1, 1)
 turns = st.floats(-7, 7) | st.integers(-4, 4).map(lambda k: k * pi / 2)
 rows = st.builds(DHRow, a=positions, alpha=turns, d=positions, theta=turns, prismatic=st.booleans())
@@ -314,7 +312,6 @@ def test_what_urdf_cannot_say_is_not_written(robot, word):
 
 
 # ---------------------------------------------------------------- what is refused
-
 BOMB = '<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>'
 XACRO = '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="x"/></robot>'
 BAD_SOURCES = {

@@ -1,7 +1,5 @@
 """Arms: tables as they were published, and drawn ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import pi

@@ -6,8 +6,6 @@ not come to 0 in it: none goes over to another branch. Where σ all but vanishes
 smoothly: what the nodes before extrapolate to must be what Newton finds behind.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where the repository is, and its robots' tables by a reader of their own."""
 
-from __future__ import annotations
-
 import tomllib
 from math import pi
 from pathlib import Path

@@ -3,8 +3,6 @@
 An arm is an `Arm` (its table) or a robot of the package (only its fixed transforms are read).
 """
 
-from __future__ import annotations
-
 from math import factorial
 from typing import Any
 
@@ -25,8 +23,6 @@ def chain(arm: Any) -> tuple[Array, Links, Array]:
 
 
 # ---------------------------------------------------------------- power series: coefficients of t⁰, t¹ … first
-
-
 def times(A: Array, B: Array) -> Array:
     """Cauchy product of two series of matrices (terms, ..., i, j), higher powers dropped."""
     if min(len(A), len(B)) == 1:
@@ -68,8 +64,6 @@ def fk_series(arm: Any, q: Array) -> Array:
 
 
 # ---------------------------------------------------------------- poses, rates
-
-
 def link(arm: Any, i: int, q: float) -> Array:
     """Link matrix i."""
     one = Links(*(of_all[i : i + 1] for of_all in chain(arm)[1]))
@@ -131,8 +125,6 @@ def turning_series(arm: Any, q: Array) -> Array:
 
 
 # ---------------------------------------------------------------- configurations that meet a pose
-
-
 def newton(arm: Any, target: Array, guess: Array, steps: int = 60) -> tuple[Array, float]:
     """Configuration near a guess (n,) that meets a pose, limits aside, by damped Newton steps; and how far off it stays.
 

@@ -1,7 +1,5 @@
 """Motions: polynomials in pieces by Horner's rule, their extrema by brute force, and what uniform bounds allow at best."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The paper's iteration, a plain matrix inverse where the paper has one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

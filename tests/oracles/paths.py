@@ -1,7 +1,5 @@
 """Paths: a line's poses and the joints' derivatives along it, any path's rotation, and the place nearest to a pose."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Another library's kinematics of the same tables, which it reads as URDF, and its dynamics of the same bodies."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

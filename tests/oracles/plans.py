@@ -1,7 +1,5 @@
 """Oracle of whole plans: slow, plain NumPy over a motion's coefficients and a robot's tables; says what is contradicted."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

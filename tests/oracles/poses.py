@@ -1,7 +1,5 @@
 """Poses: elementary ones from sines and cosines, all that needs a logarithm of a rotation by SciPy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from math import cos, sin
 from typing import Any

@@ -1,7 +1,5 @@
 """The jerk- and torque-limited time optimum by a plain programme for IPOPT: no wit, and another library's dynamics."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

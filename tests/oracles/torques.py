@@ -1,7 +1,5 @@
 """Another library's torques of an arm with masses, and their rates."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

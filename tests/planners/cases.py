@@ -1,7 +1,5 @@
 """What the planners' tests plan for: the paper's arm, its line, and motions drawn at random, made by the package itself."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An arm with capsules, scenes around it, motions between them, and distances by coal: what the proof of contact is held to."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -19,18 +17,13 @@ from planners.curve import quintic_through
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 AXIS = 0.05 * np.sqrt(0.5)
 CAPSULES = (
-    (0, (-0.09, 0, 0.06), (-0.06, 0, 0.06), 0.06),
-    (1, (0, 0, -0.333), (0, 0, -0.05), 0.06),
-    (2, (0, 0, -0.06), (0, 0, 0.06), 0.06),
-    (3, (0, 0, -0.22), (0, 0, -0.07), 0.06),
-    (4, (0, 0, -0.06), (0, 0, 0.06), 0.06),
-    (5, (0, 0, -0.31), (0, 0, -0.21), 0.06),
-    (5, (0, 0.08, -0.2), (0, 0.08, -0.06), 0.025),
-    (6, (0, 0, -0.07), (0, 0, 0.01), 0.05),
-    (7, (-0.06, 0, 0.01), (0.08, 0, 0.01), 0.04),
-    (7, (-AXIS, -AXIS, 0.147), (AXIS, AXIS, 0.147), 0.04),
+    (0, (-0.09, 0, 0.06), (-0.06, 0, 0.06), 0.06), (1, (0, 0, -0.333), (0, 0, -0.05), 0.06),
+    (2, (0, 0, -0.06), (0, 0, 0.06), 0.06), (3, (0, 0, -0.22), (0, 0, -0.07), 0.06),
+    (4, (0, 0, -0.06), (0, 0, 0.06), 0.06), (5, (0, 0, -0.31), (0, 0, -0.21), 0.06),
+    (5, (0, 0.08, -0.2), (0, 0.08, -0.06), 0.025), (6, (0, 0, -0.07), (0, 0, 0.01), 0.05),
+    (7, (-0.06, 0, 0.01), (0.08, 0, 0.01), 0.04), (7, (-AXIS, -AXIS, 0.147), (AXIS, AXIS, 0.147), 0.04),
     (7, (0.0, 0.0, 0.207), 0.03),
-)
+)  # fmt: skip
 """Eleven capsules of the Panda, the hand included, after the coarse ones of franka_description."""
 COAL_ERROR = 2e-6
 """What an iterative distance by coal may be off, in metres."""
@@ -90,8 +83,6 @@ def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
 
 
 # ---------------------------------------------------------------- the oracle
-
-
 class Near(NamedTuple):
     """Least distance [m] of each instant to the scene, and between the links."""
 
@@ -107,7 +98,6 @@ class Oracle:
 
         self._coal, self.robot = coal, robot
         shapes = robot.shapes
-        assert shapes is not None
         self.link, self.a, self.b, self.radius = shapes.capsules
         self.half = 0.5 * np.linalg.norm(self.b - self.a, axis=1)
         self.parts = [coal.Capsule(float(r), float(2.0 * h)) for r, h in zip(self.radius, self.half, strict=True)]

@@ -1,7 +1,5 @@
 """Random motions that violate one thing, confirmed by dense sampling: what must not be written or executed by itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -52,12 +50,9 @@ def instants(plan: Plan) -> Array:
 
 
 # ---------------------------------------------------------------- contact
-
-
 @cache
 def capsules() -> tuple[Array, Array, Array, Array]:
     shapes = panda().shapes
-    assert shapes is not None
     return shapes.capsules
 
 
@@ -112,8 +107,6 @@ def interpolated_contact(rng: np.random.Generator, rate: float = 20.0) -> Plan |
 
 
 # ---------------------------------------------------------------- path, limits, coverage
-
-
 def off_path(rng: np.random.Generator) -> Invalid:
     """A motion straight in joint space, beside the straight line of the tool that it should follow."""
     plan = planned(rng)
@@ -124,7 +117,6 @@ def off_path(rng: np.random.Generator) -> Invalid:
     along = along / np.linalg.norm(along)
     off = poses[:, :3, 3] - line.start[:3, 3]
     away = float(np.linalg.norm(off - np.outer(off @ along, along), axis=1).max())
-    assert plan.certificate.tolerance is not None
     return Invalid(replace(plan, path=line), "path", away / plan.certificate.tolerance.position)
 
 

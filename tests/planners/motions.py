@@ -1,7 +1,5 @@
 """Motions for the tests of files, and whether two of them are equal to the last bit."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Polylines drawn by seed: tiny and repeated segments among long ones, near-reversals, sharp and wide corners, eight arms."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A stand-in for rclpy and ROS's messages, with a controller that is where it was sent at once."""
 
-from __future__ import annotations
-
 import sys
 import time
 from types import ModuleType, SimpleNamespace

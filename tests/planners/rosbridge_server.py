@@ -7,8 +7,6 @@ rosbridge_suite (send_action_goal.py, actions.py), behaviour that of ros2_contro
 trajectory.cpp).
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import random
@@ -26,16 +24,8 @@ STATES_RATE, FEEDBACK_RATE = 50.0, 20.0
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 CLOCK = 1_000_000.0  # the robot's clock is that far behind the host's [s]
 ODD = [
-    "}{",
-    "[1, 2]",
-    '"word"',
-    "null",
-    '{"op": "publish"}',
-    '{"op": 7}',
-    '{"op": "action_result"}',
-    "\x00",
-    '{"a": NaN}',
-]
+    "}{", "[1, 2]", '"word"', "null", '{"op": "publish"}', '{"op": 7}', '{"op": "action_result"}', "\x00", '{"a": NaN}',
+]  # fmt: skip
 
 
 def ros_now() -> float:

@@ -1,7 +1,5 @@
 """Stops of simulated drives at random moments of drawn plans, judged apart from the package's own certificates."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -86,7 +84,6 @@ class Stopped(NamedTuple):
 def ratios_of(plan: Plan, execution: Execution) -> dict[str, float]:
     """Largest values over limits and tolerances, densely sampled: both sides of every knot included."""
     motion = execution.motion
-    assert motion is not None
     joints, robot, tolerance = oracles.Joints(motion), plan.robot, plan.certificate.tolerance
     assert tolerance is not None
     rng = np.random.default_rng(1)
@@ -122,7 +119,6 @@ def contradictions(plan: Plan, execution: Execution, ratios: dict[str, float]) -
     if execution.stop_plan is None:
         yield f"no stop: {execution.notes}"
         return
-    assert execution.stop_plan.span is not None
     proof = certify(
         plan.robot, plan.path, motion, plan.limits, enforced=plan.certificate.enforced,
         tolerance=plan.certificate.tolerance, span=(0.0, min(execution.stop_plan.span[1], end)),

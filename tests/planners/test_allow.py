@@ -1,7 +1,5 @@
 """Invalid motions: which word permits which violation, and that files, messages and drives refuse all others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -49,8 +47,6 @@ def line(**options: Any) -> Plan:
 
 
 # ---------------------------------------------------------------- files, messages, drives
-
-
 def others(one: Invalid) -> list[str]:
     return [word for word in ALLOWANCES if word != one.word]
 
@@ -63,10 +59,10 @@ def test_only_its_word_lets_an_invalid_motion_into_a_file(kind: str, case: int, 
     for name, write in (("motion.npz", save), ("motion.json", to_ros)):
         for allow in ((), others(one)):
             with pytest.raises(InvalidMotion, match=r"allow=\(.*\) permits it") as caught:
-                write(one.plan, tmp_path / name, allow=allow)  # type: ignore[operator]
+                write(one.plan, tmp_path / name, allow=allow)
             assert set(caught.value.allow) == {one.word, *allow}
             assert list(tmp_path.iterdir()) == []
-        write(one.plan, tmp_path / name, allow=one.word)  # type: ignore[operator]
+        write(one.plan, tmp_path / name, allow=one.word)
         (tmp_path / name).rename(tmp_path / "written")
         (tmp_path / "written").unlink()
 
@@ -122,7 +118,7 @@ def test_all_words_permit_everything_and_unknown_ones_are_named(tmp_path: Path) 
     for wrong in ("contacts", ("path", "jrk"), 3, (3,)):
         for use in (save, to_ros):
             with pytest.raises(InvalidInput, match="allow: expected some of: contact, path"):
-                use(one.plan, tmp_path / "other.json", allow=wrong)  # type: ignore[operator]
+                use(one.plan, tmp_path / "other.json", allow=wrong)
         with pytest.raises(InvalidInput, match="allow"):
             line(allow=wrong)
     with pytest.raises(InvalidInput, match="expected some of: limits, jerk; got 'contact'"):
@@ -143,8 +139,6 @@ def test_a_motion_from_a_file_needs_the_word_again(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- limits that were given
-
-
 def test_which_limits_were_given() -> None:
     assert OWN.given_names == ()
     assert GIVEN.given_names == ("velocity", "acceleration", "jerk"), "also where the numbers are those of the robot"
@@ -195,8 +189,6 @@ def test_what_a_plan_was_given_holds_for_its_stop() -> None:
 
 
 # ---------------------------------------------------------------- the words
-
-
 @pytest.mark.parametrize(
     ("found", "bound", "word"), [(0.9, 0.99, None), (0.9, 1.01, "not_proved"), (1.01, 1.02, "path")]
 )
@@ -217,8 +209,6 @@ def test_a_distance_that_is_not_proved_is_no_contact(found: float, value: float,
 
 
 # ---------------------------------------------------------------- the command line
-
-
 def run(*words: str) -> Any:
     return CliRunner().invoke(app, [str(word) for word in words])
 
@@ -254,7 +244,7 @@ def test_the_refusal_says_what_by_how_much_and_where() -> None:
     with pytest.raises(InvalidMotion) as caught:
         drawn("path", 0).plan.motion.check_valid()
     assert "off its path at t = " in caught.value.reason and "the tolerance is 1e-05 m" in caught.value.reason
-    assert isinstance(drawn("path", 0).plan.path, Line) and 0.0 < caught.value.s < drawn("path", 0).plan.path.end  # type: ignore[operator]
+    assert isinstance(drawn("path", 0).plan.path, Line) and 0.0 < caught.value.s < drawn("path", 0).plan.path.end
 
 
 @pytest.mark.parametrize("order", [0, 1])

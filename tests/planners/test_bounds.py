@@ -4,8 +4,6 @@ Each is compared with what it bounds, from below and from above: a bound that is
 are too large is found by cases in which it is an equality.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from math import comb, factorial
 from typing import Any
@@ -36,8 +34,6 @@ def spread(rng: np.random.Generator, *shape: int, decades: float = 2.0) -> Array
 
 
 # ---------------------------------------------------------------- a curve between its ends
-
-
 def norms(curves: list[Polynomial], t: Array) -> Array:
     return np.linalg.norm([c(t) for c in curves], axis=0)
 
@@ -69,8 +65,6 @@ def test_no_polynomial_passes_the_bound_from_its_ends(seed: int) -> None:
 
 
 # ---------------------------------------------------------------- joints
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_no_derivative_of_a_quintic_passes_its_taylor_sum(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -88,8 +82,6 @@ def test_no_derivative_of_a_quintic_passes_its_taylor_sum(seed: int) -> None:
 
 
 # ---------------------------------------------------------------- the tool, from the joints
-
-
 def test_the_bell_polynomials_are_those_of_the_textbook() -> None:
     rng = np.random.default_rng(0)
     for S in spread(rng, 300, 6):
@@ -97,13 +89,9 @@ def test_the_bell_polynomials_are_those_of_the_textbook() -> None:
         bell(S, B)
         x1, x2, x3, x4, x5 = S[1:]
         wanted = [
-            1.0,
-            x1,
-            x1**2 + x2,
-            x1**3 + 3 * x1 * x2 + x3,
-            x1**4 + 6 * x1**2 * x2 + 4 * x1 * x3 + 3 * x2**2 + x4,
+            1.0, x1, x1**2 + x2, x1**3 + 3 * x1 * x2 + x3, x1**4 + 6 * x1**2 * x2 + 4 * x1 * x3 + 3 * x2**2 + x4,
             x1**5 + 10 * x1**3 * x2 + 15 * x1 * x2**2 + 10 * x1**2 * x3 + 10 * x2 * x3 + 5 * x1 * x4 + x5,
-        ]
+        ]  # fmt: skip
         np.testing.assert_allclose(B, wanted, rtol=1e-13)
 
 
@@ -188,8 +176,6 @@ def test_for_the_simplest_arms_the_bounds_are_nearly_reached(name: str) -> None:
 
 
 # ---------------------------------------------------------------- the path, run through by a cubic s(t)
-
-
 def cubic(s0: float, v0: float, s1: float, v1: float, h: float) -> Polynomial:
     """s(t) with these values and rates at 0 and h."""
     slope = (s1 - s0) / h
@@ -290,8 +276,6 @@ def test_the_places_that_a_cubic_may_come_to_are_those_of_its_bezier_points_to_a
 
 
 # ---------------------------------------------------------------- the rotation between tool and path
-
-
 def test_the_turn_between_two_rotations_about_one_axis_is_the_binomial_theorem() -> None:
     for a, b in ((1.0, 1.0), (0.3, 2.0), (5.0, 0.1), (0.0, 1.0), (1.0, 0.0)):
         A, B = np.power(a, np.arange(5.0)), np.power(b, np.arange(5.0))
@@ -320,8 +304,6 @@ def test_the_turn_between_a_tool_and_its_path_changes_no_faster_than_the_bound_s
 
 
 # ---------------------------------------------------------------- the whole, with no interval halved
-
-
 @pytest.fixture
 def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every piece of a motion is one interval, whose bound stands as it is.

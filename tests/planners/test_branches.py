@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from functools import cache
 from itertools import product
 from typing import Any, ClassVar
@@ -61,8 +59,6 @@ def off(joint_path: JointPath, s: Array) -> tuple[float, float]:
 
 
 # ---------------------------------------------------------------- the bound between nodes
-
-
 @pytest.mark.parametrize("name", [*ROBOTS, "irb910sc", marked("wx200", "wx200")])
 def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: str) -> None:
     robot = load(name)
@@ -73,7 +69,6 @@ def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: s
         paths = [(p.path, p.q[0]) for p in followed_lines(name, 2)]
     for path, q in paths:
         joint_path = follow(solver, path, q, samples=4).joint_path
-        assert joint_path is not None
         s = np.linspace(0.0, joint_path.end, 40 * len(joint_path.nodes) + 1)
         distance, angle = off(joint_path, s)
         assert distance <= joint_path.bound[0] + 1e-14
@@ -88,7 +83,6 @@ def test_a_sliding_joint_counts_in_the_bound() -> None:
     q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.2, 0.16, -0.12]), np.array([0.2, -0.1, 0.3])))
     joint_path = follow(make_solver(robot, "lm"), line, q, samples=3).joint_path
-    assert joint_path is not None
     distance, angle = off(joint_path, np.linspace(0.0, line.end, 500))
     assert 0.0 < distance <= joint_path.bound[0] <= 1e-5
     assert 0.0 < angle <= joint_path.bound[1] <= 1e-5
@@ -98,7 +92,6 @@ def test_equal_samples_on_a_short_path_are_knots_but_not_all_nodes() -> None:
     start = paper6r().fk(START)
     line = Line(start, oracles.moved(start, np.array([0.001, 0.0, 0.0])))
     joint_path = follow(make_solver(paper6r(), "lm"), line, START).joint_path
-    assert joint_path is not None
     assert len(joint_path.knots) == 151
     assert np.diff(joint_path.nodes).min() >= LEAST_SPACING - 1e-12
     for i in (0, 1, 77, 150):
@@ -116,7 +109,6 @@ class Broken(Line):
 def test_the_breaks_of_a_path_are_nodes() -> None:
     path = Broken(default_line().start, default_line().goal)
     joint_path = follow(make_solver(paper6r(), "lm"), path, START).joint_path
-    assert joint_path is not None
     assert 0.1234567 in joint_path.nodes
     assert len(joint_path.knots) == 152
     assert len(joint_path.ik.iterations) == 151
@@ -168,8 +160,6 @@ def test_the_first_exit_of_a_quintic_is_that_of_a_fine_grid(points: list[float],
 
 
 # ---------------------------------------------------------------- branches and windings
-
-
 @pytest.mark.parametrize("name", ["paper6r", "ur5e", "puma560"])
 def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_goes_all_the_way(name: str) -> None:
     robot, path = load(name), followed_lines(name)[0].path
@@ -215,7 +205,6 @@ def test_the_winding_is_one_that_lets_the_whole_path_fit(turn: float) -> None:
     q = q + np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.sign(turn) * np.deg2rad(210.0)])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.zeros(3), turn * robot.fk(q)[:3, 2]))
     kept = follow(make_solver(robot, "lm"), line, q)
-    assert kept.failure is not None
     assert (kept.failure.status, kept.failure.joint) == (FollowStatus.OUTSIDE_LIMITS, "joint6")
     assert "best" in kept.failure.advice
     best = follow(make_solver(robot, "lm"), line, q, branch="best").joint_path
@@ -250,7 +239,6 @@ def test_a_start_anywhere_asks_for_the_nearest_branch() -> None:
     assert len(whole) > 2
     near = whole[-1].q + 0.05
     found = follow(make_solver(robot, "lm"), path, near, branch="best").joint_path
-    assert found is not None
     assert np.linalg.norm(found.q[0] - near) <= min(np.linalg.norm(branch.q - near) for branch in whole) + 1e-6
 
 
@@ -278,13 +266,10 @@ def test_no_branch_at_the_start_is_said_so() -> None:
     far = np.eye(4)
     far[0, 3] = 3.0
     failure = follow(make_solver(robot, "lm"), Line(far, oracles.moved(far, np.array([0.1, 0.0, 0.0])))).failure
-    assert failure is not None
     assert (failure.status, failure.s) == (FollowStatus.UNREACHABLE, 0.0)
 
 
 # ---------------------------------------------------------------- fewer joints than six
-
-
 def line_of_few(name: str) -> tuple[Line, Array]:
     robot = load(name)
     if name == "wx200":  # in the vertical plane of its arm
@@ -334,8 +319,6 @@ def test_a_sliding_joint_at_its_end_is_said_in_metres() -> None:
 
 
 # ---------------------------------------------------------------- more joints than six
-
-
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
 @pytest.mark.parametrize("branch", ["start", "best"])
 def test_a_redundant_arm_follows_with_exact_derivatives_inside_its_limits(name: str, branch: str) -> None:
@@ -356,10 +339,8 @@ def test_a_redundant_arm_starts_where_it_is_told_or_where_it_is_best() -> None:
     (joint_path,) = followed_lines("panda", 1)
     robot, line = joint_path.robot, joint_path.path
     again = follow(make_solver(robot, "lm"), line, joint_path.q[0])
-    assert again.joint_path is not None
     np.testing.assert_allclose(again.joint_path.q[0], joint_path.q[0], atol=1e-9)
     best = follow(make_solver(robot, "lm"), line).joint_path
-    assert best is not None
     assert np.abs(best.q[0] - joint_path.q[0]).max() > 0.05
 
     def cost(p: JointPath) -> float:
@@ -383,8 +364,6 @@ def test_a_redundant_arm_stops_where_its_reach_ends() -> None:
 
 
 # ---------------------------------------------------------------- paths given in the joints
-
-
 class Given(Line):
     """The way of the tool of joints that move evenly, straight or not: for the joints alone."""
 

@@ -1,7 +1,5 @@
 """The cell: every step of a task and how it fails, frames, error split, corrections, the gripper, and a spot that moves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -59,8 +57,6 @@ def sides(seed: int):
 
 
 # ---------------------------------------------------------------- the way of a task
-
-
 def test_a_task_goes_through_the_steps_of_the_paper_and_arrives() -> None:
     cell = cell_of(drive=ideal(encoder=np.inf))
     outcome = cell.move_to_spot(cell.read(SPOT))
@@ -253,8 +249,6 @@ def test_misuse_is_refused_by_name() -> None:
 
 
 # ---------------------------------------------------------------- frames
-
-
 def test_a_platform_that_stands_elsewhere_changes_nothing_in_the_base_frame() -> None:
     T = se3.pose(se3.exp_so3([0.0, 0.0, 0.7]), [3.0, -2.0, 0.4])
     here, there = cell_of(), cell_of(base=T)
@@ -268,8 +262,6 @@ def test_a_platform_that_stands_elsewhere_changes_nothing_in_the_base_frame() ->
 
 
 # ---------------------------------------------------------------- where the error comes from
-
-
 def test_the_split_adds_up_exactly_and_has_its_definition() -> None:
     rng = np.random.default_rng(3)
     points = rng.normal(size=(5, 200, 3))
@@ -311,8 +303,6 @@ def test_the_split_along_the_path_names_each_part() -> None:
 
 
 # ---------------------------------------------------------------- corrections
-
-
 def test_corrections_remove_a_wrong_laser_pose_round_by_round() -> None:
     """Without noise the rest shrinks by the calibration's turn each time, 2 mrad, until rounding."""
     v, w = sides(2)
@@ -412,8 +402,6 @@ def test_corrections_remove_what_an_unknown_load_leaves() -> None:
 
 
 # ---------------------------------------------------------------- the gripper
-
-
 FINGERS = Gripper(se3.pose(se3.exp_so3([0.1, 0.2, 0.3]), [0.01, 0.02, 0.12]), 0.08, mass=1.1, com=[0.0, 0.01, 0.05])
 
 
@@ -480,8 +468,6 @@ def test_a_gripper_refuses_what_it_cannot_do_and_nothing_changes() -> None:
 
 
 # ---------------------------------------------------------------- a spot that moves
-
-
 def test_a_spot_that_moves_is_followed() -> None:
     new = SPOT + np.array([0.05, -0.02, 0.01])
     cell = cell_of(drive=ideal(encoder=np.inf))

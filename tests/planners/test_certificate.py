@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -70,8 +68,6 @@ def moving(joint: int, t: Array, v: Array, a: Array) -> Trajectory:
 
 
 # ---------------------------------------------------------------- exact worst values
-
-
 @pytest.mark.parametrize("smooth", [0, 1, 2, 3])
 def test_worst_values_equal_dense_brute_force(smooth: int) -> None:
     trajectory = around_start(np.random.default_rng(11), smooth)
@@ -168,14 +164,11 @@ def test_where_there_is_no_limit_there_is_no_ratio() -> None:
     assert np.isnan(certificate.jerk.ratio).all()
     assert np.isfinite(certificate.jerk.value).all()
     assert np.isnan(certificate.worst("jerk")[0])
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^field: "):
         certificate.worst("speed")
-    assert info.value.argument == "field"
 
 
 # ---------------------------------------------------------------- position limits
-
-
 @settings(max_examples=20)
 @given(st.integers(0, 5), st.floats(-0.1, 0.1), st.booleans())
 def test_the_position_margin_is_the_room_at_the_nearest_approach(joint: int, beyond: float, upward: bool) -> None:
@@ -206,8 +199,6 @@ def test_a_position_limit_passed_between_the_samples_is_found() -> None:
 
 
 # ---------------------------------------------------------------- continuity
-
-
 def _smooth(rng: np.random.Generator, jump_in: int | None) -> Trajectory:
     """Two pieces of every joint that meet to the third derivative, but for one derivative of one joint; no rest."""
     c = np.zeros((6, 2, 6))
@@ -308,8 +299,6 @@ def test_a_jump_of_position_breaks_the_certificate() -> None:
 
 
 # ---------------------------------------------------------------- jerk as a controller sees it
-
-
 @pytest.mark.parametrize("rate", [100.0, 400.0])
 def test_sampled_jerk_is_the_largest_difference_of_accelerations_over_a_period(rate: float) -> None:
     trajectory = around_start(np.random.default_rng(3), smooth=2)
@@ -335,8 +324,6 @@ def test_sampled_jerk_looks_at_the_last_whole_period_too() -> None:
 
 
 # ---------------------------------------------------------------- the tool
-
-
 def paper_motion() -> Trajectory:
     return make_law("quintic").run(default_joint_path(), ROOMY)
 
@@ -501,8 +488,6 @@ def test_the_smallest_singular_value_and_when() -> None:
 
 
 # ---------------------------------------------------------------- plain data
-
-
 @pytest.mark.parametrize("limits", [MotionLimits(), MotionLimits(2.0, 10.0, 100.0), MotionLimits(velocity=2.0)])
 @pytest.mark.parametrize("kind", ["smooth", "jumps", "still"])
 def test_plain_data_are_strict_json_and_say_what_the_certificate_says(limits: MotionLimits, kind: str) -> None:
@@ -528,18 +513,15 @@ def test_what_it_is_a_certificate_of() -> None:
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan])
 def test_a_rate_that_is_not_above_zero_is_refused(rate: float) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^rate: "):
         certified(paper_motion(), rate=rate)
-    assert info.value.argument == "rate"
 
 
 def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^trajectory: "):
         certified(cases.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
-    assert info.value.argument == "trajectory"
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^enforced: "):
         certified(paper_motion(), enforced=("velocty",))
-    assert info.value.argument == "enforced"
 
 
 def test_a_rate_that_tells_nothing_is_refused() -> None:
@@ -556,9 +538,8 @@ def test_a_rate_that_tells_nothing_is_refused() -> None:
 )
 def test_things_of_another_kind_are_refused_by_name(argument: str, wrong: Any) -> None:
     things = {"robot": ROBOT, "path": default_line(), "trajectory": paper_motion(), "limits": ROOMY}
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         certify(**(things | {argument: wrong}))
-    assert info.value.argument == argument
 
 
 def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:
@@ -574,7 +555,7 @@ def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:
     )
     for option in ({"tolerance": (1e-5, 1e-5)}, {"span": (0.0, 0.1)}):
         with pytest.raises(InvalidInput, match="path"):
-            certify(ROBOT, None, motion, ROOMY, **option)  # type: ignore[arg-type]
+            certify(ROBOT, None, motion, ROOMY, **option)
 
 
 def test_certificates_can_be_compared_and_kept_in_sets() -> None:

@@ -1,7 +1,5 @@
 """The proof of contact against coal: between its instants, at spheres that are grazed once, and where it is cut short."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache
@@ -59,7 +57,6 @@ def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Or
 def with_sphere(rng: np.random.Generator, motion: Trajectory) -> Scene:
     """A sphere of 1 mm at the surface of a capsule at one instant, which it overlaps by 0.1 mm."""
     shapes, t = panda().shapes, rng.uniform(0.0, motion.end)
-    assert shapes is not None
     link, a, b, radius = shapes.capsules
     k = int(rng.integers(1, len(radius)))
     T = panda().frames(motion(t))[link[k] - 1]
@@ -104,7 +101,6 @@ def test_five_thousand_proofs_hold_against_coal(seed: int) -> None:
 def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot | None = None) -> Array:
     """Bounds (2,) of the whole motion as one interval, which is not divided and whose ends are not looked at."""
     robot, least, pieces = robot or panda(), np.full((2, 4), np.inf), motion.knots.size - 1
-    assert robot.shapes is not None
     pairs = find_pairs(robot, scene).bodies
     count = len(pairs)
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
@@ -188,8 +184,6 @@ def quarter(motion: Trajectory) -> Trajectory:
 
 
 # ---------------------------------------------------------------- what is examined
-
-
 def test_an_empty_scene_is_for_the_links_alone() -> None:
     folded = REST.copy()
     folded[3] = -3.05
@@ -211,7 +205,7 @@ def test_pairs_that_are_left_out_are_named() -> None:
     assert clearance(panda(), line(REST, REACHED), open_).touches
     allowed = clearance(panda(), line(REST, REST + 1e-3), scene)
     assert ("joint7", "box1", "allowed by the scene") in allowed.left_out
-    assert "joint7" not in allowed.scene.pair  # type: ignore[union-attr]
+    assert "joint7" not in allowed.scene.pair
     assert ("base", "scene", "neither moves") in allowed.left_out
     assert any(why == "neighbours" for *_, why in allowed.left_out)
 
@@ -219,7 +213,6 @@ def test_pairs_that_are_left_out_are_named() -> None:
 def test_the_margin_must_be_exceeded() -> None:
     motion = line(REST, REACHED)
     free = clearance(panda(), motion, table()).scene
-    assert free is not None
     wide = clearance(panda(), motion, replace(table(), margin=free.found + 1e-3))
     assert wide.touches and not wide.proved
     assert "margin" in wide.find_violations()[0].words and "box" in wide.find_violations()[0].words
@@ -229,8 +222,6 @@ def test_the_margin_must_be_exceeded() -> None:
 
 
 # ---------------------------------------------------------------- certificates, plans, files
-
-
 @cache
 def solved() -> planners.Plan:
     return planners.plan(panda(), REACHED, REST, scene=replace(table(), margin=0.002))
@@ -265,9 +256,9 @@ def test_a_plan_that_touches_names_the_place_and_the_pair() -> None:
     through = REST + np.array([0.4, 0.9, 0.0, 0.3, 0.0, 0.0, 0.0])
     refused = planners.plan(panda(), through, REST, scene=table())
     assert refused.status is PlanStatus.CONTACT and refused.failure is not None
-    q = refused.prefix(refused.failure.s)  # type: ignore[misc]
+    q = refused.prefix(refused.failure.s)
     assert find_contact(panda(), table(), q).distance <= 0.0
-    assert find_contact(panda(), table(), refused.prefix(0.9 * refused.failure.s)).distance > 0.0  # type: ignore[misc]
+    assert find_contact(panda(), table(), refused.prefix(0.9 * refused.failure.s)).distance > 0.0
     assert "joint7 and box" in refused.failure.reason
     start = planners.plan(panda(), REST, through, scene=table())
     assert start.status is PlanStatus.CONTACT and start.failure is not None
@@ -309,7 +300,6 @@ def test_a_plan_that_touches_later_says_which_start_is_free() -> None:
     goal[:3, 3] += [0.02, 0.2, 0.0]
     path = planners.Line(arm.fk(q), goal)
     followed = planners.follow(optik.ik.make_solver(arm), path, q)
-    assert followed.joint_path is not None
     end = followed.joint_path(followed.joint_path.end)
     stopped = planners.plan(arm, path, q, scene=Scene(spheres=[(arm.frames(end)[2, :3, 3], 0.005)]), limits=LIMITS)
     assert stopped.status is PlanStatus.CONTACT and stopped.failure is not None
@@ -345,7 +335,7 @@ def test_bad_input_is_one_line(bad: str) -> None:
     bare = optik.load("panda").with_shapes(None)
     arm, scene = {"scene": (panda(), "shelf"), "robot": (bare, table())}[bad]
     with pytest.raises(InvalidInput) as error:
-        planners.plan(arm, REACHED, REST, scene=scene)  # type: ignore[arg-type]
+        planners.plan(arm, REACHED, REST, scene=scene)
     assert "\n" not in str(error.value)
 
 
@@ -361,8 +351,6 @@ def test_a_new_scene_of_a_replan_brings_its_own_margin() -> None:
 
 
 # ---------------------------------------------------------------- motions of others
-
-
 def test_setpoints_of_others_are_certified_without_a_path(tmp_path: Any) -> None:
     made, robot = solved(), panda()
     motion = made.trajectory

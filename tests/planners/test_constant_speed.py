@@ -1,7 +1,5 @@
 """Constant speed along seams as CAM and scanners write them: straight runs, near breaks, noise, corners that nearly return."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

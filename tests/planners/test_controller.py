@@ -1,7 +1,5 @@
 """What a controller makes of points: against a plain interpolation, piece by piece, by solving for its coefficients."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

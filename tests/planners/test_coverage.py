@@ -1,7 +1,5 @@
 """A certificate that holds has run through its path: to its end, forwards, at rest there, every joint on its own scale."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 
@@ -109,7 +107,7 @@ def test_what_may_be_missing_is_the_tolerance_and_no_more(
         missing = np.zeros((3, 2))
         missing[way, part] = share * (tolerance or COVERED)[part]
         within = tolerance and Tolerance(*tolerance)
-        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).find_violations(within, 2.0)  # type: ignore[arg-type]
+        found = Coverage(0.1, 0.9, (0.0, 1.0), 0.4, 0.7, tuple(map(tuple, missing))).find_violations(within, 2.0)
         assert [(words in x.words, x.t) for x in found] == ([(True, (0.0, 2.0, 0.7)[way])] if share > 1.0 else [])
 
 
@@ -179,8 +177,6 @@ def test_the_length_of_a_stretch_is_its_arc_and_its_turn() -> None:
 
 
 # ---------------------------------------------------------------- every joint on its own scale
-
-
 def two_paces(jump: float, fast: float = 1e3) -> Trajectory:
     """Joint 1 from rest to rest, fast; joint 2 begins to move in the middle, with a jump of its velocity."""
     h = 1e-3
@@ -231,13 +227,10 @@ def test_rounding_of_a_joint_that_stands_is_no_jump() -> None:
 
 
 # ---------------------------------------------------------------- what a plan says of it
-
-
 def test_a_plan_whose_certificate_does_not_hold_is_not_proved_but_can_be_looked_at() -> None:
     made = plan(ROBOT, LINE, START, limits=LIMITS, timing="quintic", tolerance=(1e-8, 1e-8))
     assert not made
     assert made.status == "not_proved"
-    assert made.failure is not None
     assert "certificate is not valid" in made.failure.reason
     assert made.trajectory.end > 0.0
     assert not made.certificate.is_valid

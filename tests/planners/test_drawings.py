@@ -1,7 +1,5 @@
 """Drawings of the cell: the committed ones are up to date, everything is inside the sheet, and they show what is there."""
 
-from __future__ import annotations
-
 import re
 from xml.etree import ElementTree
 
@@ -96,20 +94,14 @@ def test_words_can_be_read_on_the_ground_and_on_boxes(colours: dict[str, str]) -
 
 
 # ---------------------------------------------------------------- layers and workflow
-
-
 def test_the_layers_hold_what_this_cell_has() -> None:
     limits = MotionLimits(velocity=[1.0, 2.0, 2.0, 2.0, 2.0, 2.5], tool_speed=0.25)
     laser = PanTiltLaser(np.eye(4), angle_noise=3e-4, range_noise=7e-3, pan_limits=(-0.5, 1.0))
     other = Cell(page.ROBOT, laser, make_drive("ideal", page.ROBOT, period=0.002), limits)
     text = " ".join(words_of(draw_layers(other)))
     shown = (
-        "velocity 1 to 2.5 rad/s",
-        "tool speed 0.25 m/s",
-        "servo period 2 ms",
-        "0.3 mrad, 7 mm",
-        "pan −28.65 … 57.3°",
-    )
+        "velocity 1 to 2.5 rad/s", "tool speed 0.25 m/s", "servo period 2 ms", "0.3 mrad, 7 mm", "pan −28.65 … 57.3°",
+    )  # fmt: skip
     for words in (*shown, "range 0 … ∞ m", "set-points, every 2 ms", "paper6r, 6 joints"):
         assert words in text, words
     assert "gripper" not in text
@@ -139,8 +131,6 @@ def test_the_loops_of_the_workflow_are_drawn(drawings: dict[str, str]) -> None:
 
 
 # ---------------------------------------------------------------- frames and setting
-
-
 @given(st.floats(-3.1, 3.1), st.floats(-1, 1), st.floats(-3.1, 3.1), st.floats(-1, 1))
 def test_the_parameters_of_a_link_are_those_of_the_table(alpha: float, a: float, theta: float, d: float) -> None:
     link = dh_link(oracles.rot_x(alpha) @ oracles.trans(x=a) @ oracles.rot_z(theta) @ oracles.trans(z=d))

@@ -1,7 +1,5 @@
 """Set-points, and what a simulated drive does with them: encoders, stops, faults, late hosts, refusals."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from functools import cache
@@ -80,8 +78,6 @@ def at_rest_within_limits(execution: Execution, but: int | None = None) -> None:
 
 
 # ---------------------------------------------------------------- set-points
-
-
 @pytest.mark.parametrize("period", [0.004, 0.001, 1.0 / 125.0, 0.3])
 def test_a_plan_is_slowed_to_whole_periods_and_certified_again(period: float) -> None:
     slower = fit_periods(line(), period)
@@ -120,9 +116,8 @@ def test_setpoints_are_the_states_at_the_ticks() -> None:
 @pytest.mark.parametrize("period", [0.0, -0.004, np.nan, np.inf, 10.0, "fast", None])
 def test_periods_that_cannot_be_meant_are_refused(period: Any) -> None:
     for call in (fit_periods, make_setpoints):
-        with pytest.raises(InvalidInput) as info:
+        with pytest.raises(InvalidInput, match=r"^period: "):
             call(line(), period)
-        assert info.value.argument == "period"
 
 
 @pytest.mark.parametrize("period", [0.02, 0.004])
@@ -166,8 +161,6 @@ def test_a_failed_plan_has_no_setpoints() -> None:
 
 
 # ---------------------------------------------------------------- the ideal arm
-
-
 @pytest.mark.parametrize("encoder", [2.0**20, 2.0**13])
 @pytest.mark.parametrize("motion", [line, sliding])
 def test_the_measured_tool_is_as_near_as_the_encoders_resolution_allows(motion: Any, encoder: float) -> None:
@@ -208,8 +201,6 @@ def test_noise_of_the_encoders_is_drawn_from_the_seed() -> None:
 
 
 # ---------------------------------------------------------------- stop and resume
-
-
 def wrong_of(seed: int, plans: int, each: int, first: int = 0) -> list[str]:
     """All that is wrong with random stops; how far they went to the limits is printed."""
     found = list(stops(seed, plans, each, first))
@@ -236,7 +227,6 @@ def test_a_stop_takes_effect_once_the_setpoints_that_were_sent_are_used_up() -> 
     for ahead in (1, 10):
         execution = IdealDrive(paper6r(), ahead=ahead).execute(line(), stop=0.1)
         assert execution.status is ExecutionStatus.STOPPED and execution.stop_plan is not None
-        assert execution.motion is not None
         assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(
             0.1 + ahead * PERIOD, abs=1e-9
         )
@@ -312,19 +302,16 @@ def test_an_arm_that_was_moved_since_its_stop_is_not_resumed() -> None:
 
 
 # ---------------------------------------------------------------- faults
-
-
 @pytest.mark.parametrize(("by", "what"), [(0.1, "velocity limit"), (10.0, "position limits"), (np.nan, "not a number")])
 def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: float, what: str) -> None:
     drive, execution = run(WrongSetpoint(0.15, "joint4", by))
     assert execution.status is ExecutionStatus.FAULT and execution.fault is not None
     assert execution.fault.kind is FaultKind.SETPOINT and execution.fault.joint == "joint4"
     assert execution.fault.t == pytest.approx(0.152) and what in execution.reason and execution.advice
-    assert execution.motion is not None
     at_rest_within_limits(execution)
     beside = execution.q - execution.motion(np.minimum(execution.t, execution.motion.end))
     assert np.abs(beside).max() < 2e-6
-    assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.148)  # type: ignore[union-attr]
+    assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.148)
     again = drive.resume(execution)
     assert again and again.before is None
     np.testing.assert_allclose(again.q[-1], goal(), rtol=0.0, atol=1e-9)
@@ -333,7 +320,7 @@ def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: flo
 def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
     _, execution = run(WrongSetpoint(0.15, 0, 1e-4))
     assert execution and "1e-04" in execution.notes[0].replace("0.0001", "1e-04")
-    beside = execution.q - execution.motion(execution.t)  # type: ignore[misc]
+    beside = execution.q - execution.motion(execution.t)
     assert 0.9e-4 < np.abs(beside).max() < 1.1e-4
 
 
@@ -481,8 +468,6 @@ def test_a_watcher_that_takes_long_makes_ticks_late_where_the_pace_is_real() -> 
 
 
 # ---------------------------------------------------------------- refusals
-
-
 def test_a_plan_whose_certificate_does_not_hold_is_refused() -> None:
     why = PlanFailure(
         PlanStatus.NOT_PROVED, 0.1, "joint1", "the certificate does not hold: jerk of joint1", "another law"
@@ -513,22 +498,19 @@ def test_a_plan_that_begins_in_motion_or_is_too_fast_for_the_arm_is_refused() ->
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_meant_are_refused(argument: str, options: dict[str, Any]) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         IdealDrive(paper6r(), **options)
-    assert info.value.argument == argument
 
 
 def test_what_is_no_plan_of_this_arm_is_refused() -> None:
     for wrong in (line().motion, sliding(), None):
-        with pytest.raises(InvalidInput) as info:
-            IdealDrive(paper6r()).execute(wrong)  # type: ignore[arg-type]
-        assert info.value.argument == "plan"
+        with pytest.raises(InvalidInput, match=r"^plan: "):
+            IdealDrive(paper6r()).execute(wrong)
     with pytest.raises(InvalidInput):
-        IdealDrive(paper6r()).execute(line(), stop="now")  # type: ignore[arg-type]
+        IdealDrive(paper6r()).execute(line(), stop="now")
     with pytest.raises(InvalidInput):
         IdealDrive(paper6r()).measure()
     done = IdealDrive(paper6r()).execute(line())
     for wrong in (done, None):
-        with pytest.raises(InvalidInput) as info:
-            IdealDrive(paper6r()).resume(wrong)  # type: ignore[arg-type]
-        assert info.value.argument == "execution"
+        with pytest.raises(InvalidInput, match=r"^execution: "):
+            IdealDrive(paper6r()).resume(wrong)

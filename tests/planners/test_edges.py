@@ -1,7 +1,5 @@
 """Inputs at the edge of what can be meant: each has a named error or a status, and nothing calls a network."""
 
-from __future__ import annotations
-
 import socket
 from typing import Any
 
@@ -54,17 +52,14 @@ def refused(argument: str, path: Any, q_start: Any = START, **options: Any) -> s
 
 
 # ---------------------------------------------------------------- paths
-
-
 @pytest.mark.parametrize("path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START], ids=kind_of)
 def test_a_path_of_length_0_is_refused(path: Any) -> None:
     assert "length of 0" in refused("path", path)
 
 
 def test_waypoints_that_are_all_one_are_refused() -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^waypoints: "):
         Polyline([HERE] * 3)
-    assert info.value.argument == "waypoints"
 
 
 @pytest.mark.parametrize("law", laws())
@@ -106,7 +101,6 @@ def test_a_turn_of_nearly_180_degrees_ends_in_a_status() -> None:
 def test_a_path_that_leaves_the_workspace_says_where() -> None:
     result = planned(Line(HERE, at(3.0, 0.0, 0.0)))
     assert result.status in (PlanStatus.UNREACHABLE, PlanStatus.OUTSIDE_LIMITS)
-    assert result.failure is not None
     assert 0.0 < result.failure.s < 3.0
     assert result.failure.advice
     assert result.prefix is not None
@@ -117,13 +111,10 @@ def test_a_path_that_leaves_the_workspace_says_where() -> None:
 def test_a_path_that_begins_beyond_reach_is_unreachable_at_0() -> None:
     result = planned(Line(at(5.0, 0.0, 0.0), at(5.1, 0.0, 0.0)), None)
     assert result.status is PlanStatus.UNREACHABLE
-    assert result.failure is not None
     assert result.failure.s == 0.0
 
 
 # ---------------------------------------------------------------- starts
-
-
 def test_a_start_off_the_path_is_refused() -> None:
     assert "mm" in refused("q_start", Line(at(0.001, 0.0, 0.0), at(0.1, 0.0, 0.0)))
     assert "rad" in refused("q_start", JointLine(ROBOT, START + 0.01, START + 0.1))
@@ -144,14 +135,11 @@ def test_a_goal_that_is_no_pose_and_no_joints_is_refused(bad: float) -> None:
 
 
 # ---------------------------------------------------------------- numbers
-
-
 @NUMBERS
 @pytest.mark.parametrize("field", ALL_LIMITS)
 def test_limits_that_are_none_are_refused(field: str, bad: float) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{field}: "):
         MotionLimits(**{field: bad})
-    assert info.value.argument == field
 
 
 @pytest.mark.parametrize("law", laws())
@@ -174,9 +162,8 @@ def test_tolerances_durations_and_rates_that_are_none_are_refused(bad: float) ->
 
 @NUMBERS
 def test_blends_that_are_none_are_refused(bad: float) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^blend: "):
         Polyline([HERE, at(0.05, 0.0, 0.0), at(0.05, 0.05, 0.0)], blend=bad)
-    assert info.value.argument == "blend"
 
 
 @pytest.mark.parametrize("samples", [0, 1, -3, 2.5, float("nan"), True])

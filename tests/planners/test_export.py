@@ -1,7 +1,5 @@
 """Motions in files: written and read back to the last bit, certified the same, and every damage named."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -30,8 +28,6 @@ each_format = pytest.mark.parametrize("suffix", SUFFIXES)
 
 
 # ---------------------------------------------------------------- there and back
-
-
 def test_a_csv_is_a_table_for_other_programs(tmp_path: Path) -> None:
     motion = get_motion(planned())
     save(motion, tmp_path / "motion.csv")
@@ -58,8 +54,6 @@ def test_a_json_is_strict_json_and_an_npz_holds_plain_arrays(tmp_path: Path) -> 
 
 
 # ---------------------------------------------------------------- damage
-
-
 def content(file: Path) -> dict[str, Any]:
     """Keys and values of a file, without the digest, so that a change is seen for itself."""
     if file.suffix == ".json":
@@ -236,7 +230,7 @@ def test_nothing_is_ever_unpickled(tmp_path: Path) -> None:
         arrays = dict(archive)
     bomb = np.array([Bomb()], dtype=object)
     for name in arrays:
-        np.savez(file, **(arrays | {name: bomb}))  # type: ignore[arg-type]
+        np.savez(file, **(arrays | {name: bomb}))
         with pytest.raises(InvalidInput, match=r"motion\.npz"):
             load_motion(file)
     file.write_bytes(pickle.dumps(Bomb()))
@@ -270,7 +264,7 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path:
     with np.load(file) as archive:
         arrays: dict[str, Any] = dict(archive)
     header = {"descr": "<f8", "fortran_order": False, "shape": (held // 8,)}
-    np.lib.format.write_array_header_1_0(whole, header)  # type: ignore[no-untyped-call]
+    np.lib.format.write_array_header_1_0(whole, header)
     np.savez(file, header=arrays["header"], coefficients=arrays["coefficients"])
     with zipfile.ZipFile(file, "a") as archive:
         archive.writestr("knots.npy", whole.getvalue() + np.zeros(2).tobytes())
@@ -299,8 +293,6 @@ def test_arrays_of_the_other_byte_order_are_read(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- files that are none, plans that failed
-
-
 @pytest.mark.parametrize("file", ["motion", "motion.txt", "motion.json.gz", "", 3, None, b"motion.json"])
 def test_a_name_of_no_format_is_refused(file: Any) -> None:
     for use in (lambda: write(small(), file), lambda: load_motion(file)):
@@ -321,7 +313,7 @@ def test_what_cannot_be_read_or_written_is_named(tmp_path: Path) -> None:
 def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
     for thing in (None, planned().trajectory, {}, 3):
         with pytest.raises(InvalidInput, match="a Motion or a Plan"):
-            save(thing, tmp_path / "motion.json")  # type: ignore[arg-type]
+            save(thing, tmp_path / "motion.json")
     motion = small()
     for field, wrong in (
         ("robot", "paper6r"),

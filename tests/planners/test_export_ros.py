@@ -1,7 +1,5 @@
 """ROS messages: their fields, their times, and that the certificate is of what the controller makes of what was written."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -118,8 +116,6 @@ def interpolated(message: Any, t: float, order: int) -> Array:
 
 
 # ---------------------------------------------------------------- what is written
-
-
 @each_suffix
 @pytest.mark.parametrize("rate", [None, 125.0, 300.0])
 @pytest.mark.parametrize("interpolation", ["quintic", "cubic", "linear"])
@@ -218,8 +214,6 @@ def test_jumps_of_acceleration_are_stated_and_a_point_carries_the_mean_of_both_s
 
 
 # ---------------------------------------------------------------- limits
-
-
 @pytest.mark.parametrize(("kind", "rate"), [("acceleration", None), ("acceleration", 100.0), ("jerk", 97.0)])
 def test_what_the_controller_would_exceed_is_slowed_and_said_or_refused(
     kind: str, rate: float | None, tmp_path: Path
@@ -303,7 +297,7 @@ def test_a_tool_speed_that_nobody_asked_or_that_need_not_be_kept_is_slowed(tmp_p
         assert sent.factor > 1.01
         assert sent.certificate.is_valid
     with pytest.raises(InvalidInput, match="keep_speed"):
-        to_ros(weld(), tmp_path / "motion.json", keep_speed="no")  # type: ignore[arg-type]
+        to_ros(weld(), tmp_path / "motion.json", keep_speed="no")
 
 
 def test_a_tool_speed_that_cannot_be_kept_is_refused_with_what_it_would_be(tmp_path: Path) -> None:
@@ -368,8 +362,6 @@ def test_a_motion_that_does_not_end_at_rest_is_refused(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- names, order, start
-
-
 @each_suffix
 def test_another_order_and_other_names_are_written_and_read_back(suffix: str, tmp_path: Path) -> None:
     file, motion = tmp_path / f"motion{suffix}", planned()
@@ -435,20 +427,14 @@ def test_an_arm_that_stands_elsewhere_is_refused_with_the_joint(tmp_path: Path) 
 
 
 # ---------------------------------------------------------------- misuse of writing
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"rate": 0.0}, "rate"),
-        ({"rate": np.nan}, "rate"),
-        ({"rate": 1e8}, "at most 1000000 points"),
-        ({"rate": 2e9}, "rate"),
-        ({"interpolation": "septic"}, "interpolation"),
-        ({"frame_id": 3}, "frame_id"),
+        ({"rate": 0.0}, "rate"), ({"rate": np.nan}, "rate"), ({"rate": 1e8}, "at most 1000000 points"),
+        ({"rate": 2e9}, "rate"), ({"interpolation": "septic"}, "interpolation"), ({"frame_id": 3}, "frame_id"),
         ({"frame_id": "a\nb"}, "frame_id"),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_meant_is_refused(options: Any, named: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=named):
         to_ros(hop(), tmp_path / "motion.json", **options)
@@ -469,9 +455,9 @@ def test_times_that_would_not_increase_in_nanoseconds_are_refused(tmp_path: Path
 def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
     for file in ("motion.txt", "motion", 3):
         with pytest.raises(InvalidInput, match=r"\.yaml, \.yml, \.json"):
-            to_ros(hop(), file)  # type: ignore[arg-type]
+            to_ros(hop(), file)
         with pytest.raises(InvalidInput, match=r"\.csv, \.json, \.yaml, \.yml"):
-            load_trajectory(file, paper6r())  # type: ignore[arg-type]
+            load_trajectory(file, paper6r())
     with pytest.raises(OutputError):
         to_ros(hop(), tmp_path / "none" / "motion.json")
     with pytest.raises(InvalidInput, match="readable file"):
@@ -483,8 +469,6 @@ def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- YAML
-
-
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1), st.text(st.characters(codec="utf-8")))
 def test_what_is_written_as_yaml_is_read_back_to_the_last_bit(values: list[float], name: str) -> None:
     name = "".join(c for c in name if c.isprintable())
@@ -503,8 +487,6 @@ def test_yaml_without_pyyaml_says_how_to_get_it(tmp_path: Path, monkeypatch: pyt
 
 
 # ---------------------------------------------------------------- reading what others wrote
-
-
 def test_a_message_as_ros_prints_it_is_read(tmp_path: Path) -> None:
     file = tmp_path / "motion.yaml"
     point = "- positions: [0, 0.1, 0.2, 0.3, 0.4, {}]\n  time_from_start: {{sec: {}, nanosec: 0}}\n"

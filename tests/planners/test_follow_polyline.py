@@ -1,7 +1,5 @@
 """Following polylines: tiny pieces cost what they bend, bounds hold across breaks, work grows with the length only."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

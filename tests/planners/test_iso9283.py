@@ -1,7 +1,5 @@
 """Accuracy and repeatability in the manner of ISO 9283: against plain sums, closed forms and Gaussian clouds."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -163,4 +161,4 @@ def test_the_five_configurations_keep_the_margin_on_both_sides_of_every_range(jo
 )  # fmt: skip
 def test_wrong_values_are_named(call: object, names: str) -> None:
     with pytest.raises(InvalidInput, match=names):
-        call()  # type: ignore[operator]
+        call()

@@ -1,7 +1,5 @@
 """The pan-tilt laser: its points against chains of SciPy's rotations, its covariances against drawn noise."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from math import inf, pi
@@ -47,8 +45,6 @@ def covariance(seed: int, scale: float = 1e-3) -> Array:
 
 
 # ---------------------------------------------------------------- geometry
-
-
 @given(poses, pans, tilts, ranges)
 def test_a_point_is_where_the_chain_of_frames_ends(T: Array, pan: float, tilt: float, distance: float) -> None:
     unit = PanTiltLaser(T)
@@ -130,8 +126,6 @@ def test_arrays_broadcast_and_agree_with_one_at_a_time() -> None:
 
 
 # ---------------------------------------------------------------- statuses of a point
-
-
 def status_of(sighting: Sighting) -> SightStatus:
     """The status of a failure that says why and what to do, and holds nothing that could be taken for a point."""
     assert not sighting
@@ -171,8 +165,6 @@ def test_a_point_at_a_limit_is_inside(spot: tuple[float, float, float]) -> None:
 
 
 # ---------------------------------------------------------------- planes
-
-
 @given(poses, st.floats(-1.5, 1.5), st.floats(-1.0, 1.0), triples, triples)
 def test_a_beam_meets_a_plane_where_both_equations_hold(T: Array, pan: float, tilt: float, a: Array, n: Array) -> None:
     if np.linalg.norm(n) < 1e-3:
@@ -247,8 +239,6 @@ def test_a_moved_plane_holds_the_moved_points(T: Array, a: Array, n: Array) -> N
 
 
 # ---------------------------------------------------------------- noise
-
-
 @given(poses, pans, tilts, st.floats(0.1, 10.0))
 @settings(max_examples=20)
 def test_the_jacobians_are_those_of_differences(T: Array, pan: float, tilt: float, distance: float) -> None:
@@ -321,35 +311,20 @@ def test_a_range_is_read_as_no_less_than_zero() -> None:
 
 
 # ---------------------------------------------------------------- input
-
-
 @pytest.mark.parametrize(
     ("argument", "value"),
     [
-        ("pose", np.full((4, 4), np.nan)),
-        ("pose", np.eye(3)),
-        ("angle_noise", float("nan")),
-        ("angle_noise", -1e-3),
-        ("angle_noise", None),
-        ("range_noise", inf),
-        ("range_noise", -1.0),
-        ("pan_limits", (1.0, -1.0)),
-        ("pan_limits", (float("nan"), 1.0)),
-        ("pan_limits", (-7.0, 0.0)),
-        ("tilt_limits", (-1.6, 0.0)),
-        ("tilt_limits", (0.0,)),
-        ("range_limits", (-0.1, 1.0)),
-        ("range_limits", (2.0, 1.0)),
-        ("pose_covariance", np.eye(3)),
-        ("pose_covariance", np.full((6, 6), np.nan)),
-        ("pose_covariance", -np.eye(6)),
+        ("pose", np.full((4, 4), np.nan)), ("pose", np.eye(3)), ("angle_noise", float("nan")), ("angle_noise", -1e-3),
+        ("angle_noise", None), ("range_noise", inf), ("range_noise", -1.0), ("pan_limits", (1.0, -1.0)),
+        ("pan_limits", (float("nan"), 1.0)), ("pan_limits", (-7.0, 0.0)), ("tilt_limits", (-1.6, 0.0)),
+        ("tilt_limits", (0.0,)), ("range_limits", (-0.1, 1.0)), ("range_limits", (2.0, 1.0)),
+        ("pose_covariance", np.eye(3)), ("pose_covariance", np.full((6, 6), np.nan)), ("pose_covariance", -np.eye(6)),
         ("pose_covariance", np.triu(np.ones((6, 6)))),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_argument_is_named(argument: str, value: object) -> None:
-    with pytest.raises(InvalidInput) as caught:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         PanTiltLaser(**{"pose": np.eye(4), argument: value})
-    assert caught.value.argument == argument
 
 
 @pytest.mark.parametrize(
@@ -374,9 +349,8 @@ def test_a_wrong_argument_is_named(argument: str, value: object) -> None:
     ],
 )
 def test_a_wrong_value_is_named(argument: str, call: object) -> None:
-    with pytest.raises(InvalidInput) as caught:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         call()
-    assert caught.value.argument == argument
 
 
 def test_a_unit_at_another_pose_keeps_limits_and_noise_but_not_the_covariance_of_its_old_pose() -> None:

@@ -1,7 +1,5 @@
 """What holds for one law only; what holds for every law stands in tests/contract/test_time_laws.py."""
 
-from __future__ import annotations
-
 import socket
 from typing import Any
 
@@ -47,8 +45,6 @@ def joint_path(request: pytest.FixtureRequest) -> JointPath:
 
 
 # ---------------------------------------------------------------- the paper's quintic
-
-
 @lines
 def test_the_papers_law_is_exactly_the_papers(joint_path: JointPath) -> None:
     trajectory = make_law("quintic").run(joint_path, LIMITS)
@@ -65,11 +61,6 @@ def test_the_papers_law_is_exactly_the_papers(joint_path: JointPath) -> None:
         np.testing.assert_allclose(trajectory(t, 2), np.zeros(6), rtol=0.0, atol=1e-9)
     first, last = trajectory.ends(2)
     np.testing.assert_allclose(np.concatenate([first, last]), 0.0, rtol=0.0, atol=1e-9)
-
-
-def test_the_papers_velocity_is_the_chord_over_the_time_without_rotation() -> None:
-    V = default_line()(0.0, 1) * default_line().end / 3.0
-    np.testing.assert_allclose(V, [*(cases.MOVE / 3.0), 0.0, 0.0, 0.0], rtol=0.0, atol=1e-15)
 
 
 def test_another_duration_and_step_are_kept() -> None:
@@ -93,20 +84,14 @@ def test_the_papers_law_reaches_full_speed_within_one_step() -> None:
 @pytest.mark.parametrize(
     ("argument", "options"),
     [
-        ("duration", {"duration": 0.0}),
-        ("duration", {"duration": -3.0}),
-        ("duration", {"duration": np.nan}),
-        ("duration", {"duration": np.inf}),
-        ("step", {"step": 0.0}),
-        ("step", {"step": 2.0}),
-        ("step", {"step": np.nan}),
-        ("options", {"speed": 1.0}),
+        ("duration", {"duration": 0.0}), ("duration", {"duration": -3.0}), ("duration", {"duration": np.nan}),
+        ("duration", {"duration": np.inf}), ("step", {"step": 0.0}), ("step", {"step": 2.0}),
+        ("step", {"step": np.nan}), ("options", {"speed": 1.0}),
     ],
-)
+)  # fmt: skip
 def test_times_that_cannot_be_meant_are_refused(argument: str, options: dict[str, float]) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         make_law("quintic", **options)
-    assert info.value.argument == argument
 
 
 @lines
@@ -136,8 +121,6 @@ def test_the_papers_law_never_breaks_limits_that_nobody_gave() -> None:
 
 
 # ---------------------------------------------------------------- smooth
-
-
 def quintic_states(end: float, duration: float, count: int) -> Array:
     """s, ṡ, s̈, s⃛ (4, count) of one quintic from rest to rest, written out."""
     u = np.linspace(0.0, 1.0, count)
@@ -176,8 +159,6 @@ def test_smooth_is_the_shortest_single_quintic_that_holds(joint_path: JointPath,
 
 
 # ---------------------------------------------------------------- ramps
-
-
 @given(st.floats(0.0, 2.0), st.floats(0.1, 2.0), st.floats(1e-3, 1.0), st.floats(0.05, 0.6), st.floats(0.05, 0.38))
 def test_a_ramp_goes_from_speed_to_speed_over_its_length(
     v0: float, v1: float, length: float, rise: float, fall: float
@@ -205,8 +186,6 @@ def test_the_ratio_of_a_ramp_is_what_the_chain_rule_says(joint_path: JointPath) 
 
 
 # ---------------------------------------------------------------- ruckig
-
-
 def optimum(joint_path: JointPath, limits: MotionLimits, intervals: int = 60) -> float:
     """Least jerk-limited duration, by a nonlinear programme over fixed places: limits at its nodes only."""
     duration = make_law("smooth").run(joint_path, limits).duration
@@ -269,25 +248,6 @@ def test_one_bad_point_does_not_pace_the_whole_line() -> None:
     assert duration <= 0.6 * oracles.best_uniform(joint_path, 2.0, 10.0, 100.0)
 
 
-@lines
-@limit_sets
-def test_ruckig_on_s_keeps_velocity_acceleration_and_jerk_exactly(joint_path: JointPath, limits: MotionLimits) -> None:
-    trajectory = make_law("ruckig").run(joint_path, limits)
-    for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
-        assert trajectory.extrema(order).worst.max() <= bound
-        for k in range(len(trajectory.knots) - 1):
-            t = np.linspace(trajectory.knots[k], trajectory.knots[k + 1], 7)
-            values = [oracles.value(trajectory, w, order, k) for w in t]
-            assert np.abs(values).max() <= bound * (1.0 + 1e-12)
-
-
-def test_ruckig_on_s_has_no_jump_of_acceleration() -> None:
-    trajectory = make_law("ruckig").run(default_joint_path(), LIMITS)
-    assert np.abs(trajectory.jumps(2)).max() <= 1e-6 * trajectory.extrema(2).worst.max()
-    first, last = trajectory.ends(2)
-    np.testing.assert_allclose(np.stack([first[0], last[-1]]), 0.0, rtol=0.0, atol=1e-6)
-
-
 def test_ruckig_is_never_given_waypoints_and_no_socket_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*args: Any, **kwargs: Any) -> None:
         raise AssertionError("a socket was opened")
@@ -342,21 +302,6 @@ def test_where_jerk_alone_limits_the_time_goes_with_its_cube_root() -> None:
         np.testing.assert_allclose(durations, durations[0], rtol=0.01)
 
 
-@pytest.mark.parametrize("length", [1e-5, 1e-6])
-def test_a_very_short_line_has_a_motion_too(length: float) -> None:
-    line = default_line()
-    goal = oracles.moved(line.start, cases.MOVE / line.end * length)
-    joint_path = cases.followed_line(line.start, goal)
-    trajectory = make_law("ruckig").run(joint_path, LIMITS)
-    assert trajectory.extrema(3).worst.max() <= 100.0
-
-
-@pytest.mark.parametrize("limits", [(1e3, 1e3, 1e-3), (100.0, 1000.0, 1.0)])
-def test_a_jerk_limit_far_below_the_others_has_a_motion_too(limits: tuple[float, float, float]) -> None:
-    trajectory = make_law("ruckig").run(default_joint_path(), MotionLimits(*limits))
-    assert trajectory.extrema(3).worst.max() <= limits[2]
-
-
 def test_a_jerk_limit_far_above_the_others_is_kept_exactly_too() -> None:
     for path, limits in (
         (default_joint_path(), (2.0, 1e-2, 1e4)),
@@ -384,8 +329,6 @@ def test_samples_close_together_do_not_slow_the_motion() -> None:
 
 
 # ---------------------------------------------------------------- toppra
-
-
 @lines
 @limit_sets
 def test_toppra_is_as_fast_as_toppra_itself_on_another_interpolator(
@@ -443,9 +386,8 @@ def test_more_grid_points_are_as_fast_and_a_wrong_grid_is_refused() -> None:
     coarse, fine = (make_law("toppra", grid=g).run(default_joint_path(), LIMITS) for g in (100, 800))
     assert coarse.duration == pytest.approx(fine.duration, rel=5e-3)
     for wrong in (0, -3, 9, 10.5, None):
-        with pytest.raises(InvalidInput) as info:
+        with pytest.raises(InvalidInput, match=r"^grid: "):
             make_law("toppra", grid=wrong)
-        assert info.value.argument == "grid"
 
 
 def test_constant_acceleration_between_speeds() -> None:
@@ -488,8 +430,6 @@ def test_toppra_tries_other_grids_and_counts_them(monkeypatch: pytest.MonkeyPatc
 
 
 # ---------------------------------------------------------------- constant speed of the tool
-
-
 class Uneven(Path):
     """A line on which s is no distance: |v| goes up and down along s."""
 
@@ -516,7 +456,7 @@ class Uneven(Path):
     def to_dict(self) -> Any:
         raise NotImplementedError
 
-    from_dict = to_dict  # type: ignore[assignment]
+    from_dict = to_dict
 
 
 def speed_of_tool(trajectory: Trajectory, t: Array, part: slice = slice(0, 3)) -> Array:
@@ -637,14 +577,11 @@ def test_the_speed_is_the_tools_also_where_s_is_no_distance() -> None:
      ("ramp", {"ramp": 0.0}), ("ramp", {"ramp": 0.6}), ("ramp", {"ramp": np.nan})],
 )  # fmt: skip
 def test_speeds_that_cannot_be_meant_are_refused(argument: str, options: dict[str, Any]) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         make_law("constant_speed", **options)
-    assert info.value.argument == argument
 
 
 # ---------------------------------------------------------------- the refit of a law on s
-
-
 def chain(joint_path: JointPath, law: PPoly, t: float, k: int) -> tuple[Array, Array, Array, Array]:
     """q, q̇, q̈ and jerk of q(s(t)) by the chain rule, s on the law's piece k."""
     u = t - law.x[k]

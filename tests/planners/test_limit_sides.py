@@ -1,7 +1,5 @@
 """Limits with two sides: what a pair is, what laws and certificates make of it, against dense samples."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What short and near-repeated segments cost, and long paths: by whole plans, from waypoints to a certificate that holds."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

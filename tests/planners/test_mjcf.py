@@ -191,8 +191,6 @@ def test_without_mujoco_the_extra_is_named(monkeypatch):
 
 
 # ---------------------------------------------------------------- masses that are assumed
-
-
 def test_an_arm_with_masses_is_left_alone():
     robot = optik.load("panda")
     assert assume_masses(robot) == (robot, "")

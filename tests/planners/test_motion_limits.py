@@ -1,7 +1,5 @@
 """A limit is one object: kinds made up here, outside the package, are judged, kept, filed and scaled like ours."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from pathlib import Path
@@ -193,7 +191,7 @@ def test_what_cannot_be_a_limit_is_refused() -> None:
 
     for kind_of_limit in (Jerk(), Other(), Weighted):
         with pytest.raises(InvalidInput, match="kind"):
-            register(kind_of_limit)  # type: ignore[arg-type]
+            register(kind_of_limit)
     register(Weighted())  # again: the same kind
 
 

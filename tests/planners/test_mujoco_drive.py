@@ -46,8 +46,6 @@ def torque_ratios(execution):
 
 
 # ---------------------------------------------------------------- the default line
-
-
 def test_interpolated_set_points_with_feed_forward_keep_the_plan_and_the_certificates_torque(usual):
     drive = make_drive("mujoco", usual.robot)
     done = drive.execute(usual)
@@ -108,8 +106,6 @@ def test_another_plant_costs_accuracy_and_not_the_motion(usual):
 
 
 # ---------------------------------------------------------------- closed forms
-
-
 def pendulum(**inertia):
     """A point mass of 2 kg, half a metre from a horizontal axis, and a motor's inertia."""
     limits = optik.JointLimits([-3.0], [3.0], velocity=[3.0], acceleration=[20.0], jerk=[200.0])
@@ -155,8 +151,6 @@ def test_with_feed_forward_the_arm_does_not_sag_and_friction_does_not_shake_it()
 
 
 # ---------------------------------------------------------------- encoders and faults
-
-
 def test_coarse_encoders_cost_accuracy(usual):
     found = [MujocoDrive(usual.robot, encoder=counts).execute(usual) for counts in (np.inf, 2.0**14)]
     fine, coarse = (np.abs(errors(x)).max() for x in found)
@@ -260,8 +254,6 @@ def test_motors_that_are_too_weak_are_said(usual):
 
 
 # ---------------------------------------------------------------- arms
-
-
 def test_an_arm_without_masses_gets_stated_ones():
     robot = optik.load("irb120").with_limits(acceleration=5.0, jerk=100.0)
     found = plan(robot, [0.3, 0.2, -0.1, 0.2, 0.4, 0.1], np.zeros(6))
@@ -325,8 +317,6 @@ def test_without_mujoco_the_extra_is_named(monkeypatch, usual):
 
 
 # ---------------------------------------------------------------- all arms
-
-
 def limited(name):
     robot = optik.load(name)
     asked = {"velocity": 1.5, "acceleration": 10.0, "jerk": 200.0}

@@ -1,7 +1,5 @@
 """The optimum under torque and torque rate: proved, close to finer programmes, and to an independent one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

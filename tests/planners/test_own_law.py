@@ -1,7 +1,5 @@
 """Laws that users write in a notebook or in a file: names by default, and errors that name what is wrong in the law."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

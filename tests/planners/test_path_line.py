@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -37,8 +35,6 @@ def curve(kind: str) -> Curve:
 
 
 # ---------------------------------------------------------------- every curve
-
-
 @pytest.mark.parametrize("kind", CURVES)
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 def test_a_scalar_gives_one_value_and_an_array_gives_them_stacked(kind: str, order: int) -> None:
@@ -77,9 +73,8 @@ def test_the_value_that_lies_outside_is_the_one_reported(kind: str) -> None:
 @pytest.mark.parametrize("kind", CURVES)
 @pytest.mark.parametrize("order", [-1, 4, 1.5, None, "1"])
 def test_an_order_that_does_not_exist_is_refused(kind: str, order: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^order: "):
         curve(kind)(0.0, order)
-    assert info.value.argument == "order"
 
 
 @pytest.mark.parametrize("kind", CURVES)
@@ -96,8 +91,6 @@ def test_what_is_no_number_is_refused_by_name(wrong: Any) -> None:
 
 
 # ---------------------------------------------------------------- the line
-
-
 @given(poses, poses, parts, parts)
 def test_s_is_the_distance_travelled_in_metres(start: Any, goal: Any, u: float, w: float) -> None:
     chord = np.linalg.norm(goal[:3, 3] - start[:3, 3])
@@ -210,8 +203,6 @@ def test_a_half_turn_is_refused_with_what_would_work(short: float, move: float) 
 
 
 # ---------------------------------------------------------------- nearest
-
-
 @given(poses, poses, poses)
 def test_no_place_on_the_line_is_nearer_than_the_nearest(start: Any, goal: Any, tool: Any) -> None:
     assume(np.linalg.norm(goal[:3, 3] - start[:3, 3]) > 1e-3)
@@ -242,8 +233,6 @@ def test_the_nearest_place_to_the_goal_of_almost_a_half_turn_is_its_end() -> Non
 
 
 # ---------------------------------------------------------------- edges and misuse
-
-
 @given(poses)
 def test_equal_poses_make_a_line_without_length(start: Any) -> None:
     line = Line(start, start)
@@ -281,9 +270,8 @@ def bad_poses() -> dict[str, Any]:
 def test_what_is_no_pose_is_refused_and_the_argument_named(kind: str) -> None:
     good = np.eye(4)
     for argument, pair in (("start", (bad_poses()[kind], good)), ("goal", (good, bad_poses()[kind]))):
-        with pytest.raises(InvalidInput) as info:
+        with pytest.raises(InvalidInput, match=rf"^{argument}: "):
             Line(*pair)
-        assert info.value.argument == argument
 
 
 def test_a_measured_rotation_is_taken_to_the_nearest_exact_one() -> None:

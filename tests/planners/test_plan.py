@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import pickle
 from pathlib import Path
@@ -57,8 +55,6 @@ class Refusing(TimeLaw):
 
 
 # ---------------------------------------------------------------- success
-
-
 @pytest.mark.parametrize("law", laws())
 def test_a_plan_has_its_joint_path_its_motion_and_its_certificate(law: str) -> None:
     result = planned(timing=law, samples=151, limits=LIMITS, allow=("limits", "jerk"))
@@ -104,14 +100,11 @@ def test_a_plan_survives_pickling() -> None:
 
 
 # ---------------------------------------------------------------- failure
-
-
 def test_a_plan_that_fails_says_where_and_why_wherever_its_motion_is_asked_for() -> None:
     result = too_far()
     assert not result
     assert result.status is PlanStatus.OUTSIDE_LIMITS
     failure = result.failure
-    assert failure is not None
     for ask in ("trajectory", "certificate", "joint_path"):
         with pytest.raises(NoSolution) as info:
             getattr(result, ask)
@@ -131,8 +124,6 @@ def test_a_plan_that_fails_says_where_and_why_wherever_its_motion_is_asked_for()
 
 def test_the_good_part_of_a_plan_that_fails_is_kept() -> None:
     result = too_far()
-    assert result.prefix is not None
-    assert result.failure is not None
     assert result.prefix.end <= result.failure.s
     for s, q in zip(result.prefix.knots, result.prefix.q, strict=True):
         assert max(oracles.off_by(oracles.fk(PAPER, q), result.path.pose(s))) <= 1e-12
@@ -165,7 +156,6 @@ def test_a_law_that_finds_no_motion_is_a_status_with_the_joint_path_kept() -> No
     result = planned(timing=Refusing())
     assert not result
     assert result.status is PlanStatus.TIMING_INFEASIBLE
-    assert result.prefix is not None
     assert result.prefix.end == result.path.end
     with pytest.raises(NoSolution) as info:
         result.trajectory  # noqa: B018
@@ -176,15 +166,12 @@ def test_a_law_that_finds_no_motion_is_a_status_with_the_joint_path_kept() -> No
 def test_what_never_can_be_meant_is_an_error_and_not_a_status() -> None:
     start = default_line().start
     for wrong in (START + 1e-2, START * np.nan, START[:4], START + 9.0):
-        with pytest.raises(InvalidInput) as info:
+        with pytest.raises(InvalidInput, match=r"^q_start: "):
             plan(ROBOT, default_line(), wrong, timing="quintic")
-        assert info.value.argument == "q_start"
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^path: "):
         plan(ROBOT, Line(start, start), START, timing="quintic")
-    assert info.value.argument == "path"
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^samples: "):
         planned(samples=1)
-    assert info.value.argument == "samples"
 
 
 def test_a_solver_built_for_another_arm_is_refused() -> None:
@@ -202,8 +189,6 @@ def test_arguments_of_another_kind_are_refused_by_name(argument: str) -> None:
 
 
 # ---------------------------------------------------------------- names
-
-
 @pytest.mark.parametrize(
     ("argument", "name", "nearest"),
     [
@@ -244,16 +229,13 @@ def test_an_option_that_a_law_does_not_have_is_refused(law: str) -> None:
 
 
 # ---------------------------------------------------------------- limits
-
-
 @pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk"])
 @pytest.mark.parametrize(
     "wrong", [0.0, -1.0, np.nan, -np.inf, [1, 1, 1, 1, 1, 0], [1, 2, np.nan, 1, 1, 1], "fast", [[1.0]]]
 )
 def test_limits_that_are_not_above_zero_are_refused_by_name(field: str, wrong: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{field}: "):
         MotionLimits(**{field: wrong})
-    assert info.value.argument == field
 
 
 @pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk"])
@@ -283,8 +265,6 @@ def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -
 
 
 # ---------------------------------------------------------------- files
-
-
 @pytest.mark.parametrize("law", laws())
 def test_plain_data_of_a_plan_are_strict_json_from_which_the_motion_can_be_rebuilt(law: str) -> None:
     result = planned(timing=law, limits=LIMITS, allow=("limits", "jerk"))
@@ -316,7 +296,6 @@ def test_a_saved_plan_is_the_motion_that_is_read(tmp_path: Path) -> None:
 def test_a_plan_that_fails_says_its_reason_and_saves_nothing(tmp_path: Path) -> None:
     result = too_far()
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    assert result.failure is not None
     assert data["status"] == "outside_limits"
     assert (data["s"], data["joint"]) == (result.failure.s, "joint5")
     assert (data["reason"], data["advice"]) == (result.failure.reason, result.failure.advice)
@@ -327,8 +306,6 @@ def test_a_plan_that_fails_says_its_reason_and_saves_nothing(tmp_path: Path) -> 
 
 
 # ---------------------------------------------------------------- limits, durations, goals
-
-
 def test_what_a_law_promises_and_passes_is_slowed_or_refused() -> None:
     slowed = planned(timing="toppra", samples=151)
     assert slowed.slowed > 1.0
@@ -336,7 +313,6 @@ def test_what_a_law_promises_and_passes_is_slowed_or_refused() -> None:
     assert max(slowed.certificate.worst(f)[0] for f in ("velocity", "acceleration")) <= 1.0
     strict = planned(timing="toppra", samples=151, strict=True)
     assert strict.status is PlanStatus.LIMITS_EXCEEDED
-    assert strict.failure is not None
     assert strict.failure.joint in ROBOT.joint_names
     assert "of its limit" in strict.failure.reason
     assert planned(timing="optimal", strict=True)
@@ -349,7 +325,6 @@ def test_a_duration_is_met_exactly_or_refused_with_the_least() -> None:
     assert longer.certificate.is_valid
     refused = planned(timing="optimal", duration=0.9 * free.trajectory.duration)
     assert refused.status is PlanStatus.TIMING_INFEASIBLE
-    assert refused.failure is not None
     least = float(refused.failure.reason.split()[-2])
     assert 0.0 <= least - free.trajectory.duration <= 1.01e-4
     assert planned(timing="optimal", duration=least), "the printed duration can be typed"
@@ -382,9 +357,8 @@ def test_a_goal_that_is_none_is_refused(goal: Any) -> None:
 
 
 def test_a_goal_needs_a_start() -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^q_start: "):
         plan(ROBOT, default_line().goal)
-    assert info.value.argument == "q_start"
 
 
 def test_without_a_start_the_branch_is_chosen_for_the_whole_path() -> None:
@@ -398,7 +372,6 @@ def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> N
     free = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS)
     twice = plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=2.0 * free.trajectory.duration)
     assert twice.status is PlanStatus.TIMING_INFEASIBLE
-    assert twice.failure is not None
     assert all(speed in twice.failure.reason for speed in ("0.025", "0.05"))
     assert "without a speed" in twice.failure.advice
     assert plan(ROBOT, default_line(), START, timing=law, limits=LIMITS, duration=free.trajectory.duration)
@@ -408,21 +381,17 @@ def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> N
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "long", 1e10, 10**400])
 def test_durations_that_cannot_be_meant_are_refused(wrong: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^duration: "):
         planned(duration=wrong)
-    assert info.value.argument == "duration"
 
 
 @pytest.mark.parametrize("argument", ["strict", "tolerance", "rate", "branch"])
 def test_other_arguments_that_cannot_be_meant_are_refused_by_name(argument: str) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
         planned(**{argument: {"strict": 1, "tolerance": 0.0, "rate": 0.0, "branch": "left"}[argument]})
-    assert info.value.argument == argument
 
 
 # ---------------------------------------------------------------- replanning
-
-
 @pytest.mark.parametrize("stop", [False, True])
 def test_replan_goes_on_from_the_very_state(stop: bool) -> None:
     first = plan(ROBOT, default_line(), START, limits=LIMITS)
@@ -466,18 +435,16 @@ def test_a_state_off_the_path_is_refused_by_name(part: int) -> None:
 @pytest.mark.parametrize("wrong", [-0.1, 99.0, np.nan, "now", (1, 2), (np.zeros(6), np.zeros(5), np.zeros(6))])
 def test_a_state_that_cannot_be_meant_is_refused(wrong: Any) -> None:
     first = plan(ROBOT, default_line(), START, limits=LIMITS)
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^state: "):
         replan(first, wrong)
-    assert info.value.argument == "state"
 
 
 def test_a_state_at_rest_starts_again_but_does_not_stop() -> None:
     first = plan(ROBOT, default_line(), START, limits=LIMITS)
     assert replan(first, 0.0).trajectory.duration == pytest.approx(first.trajectory.duration, rel=2e-3)
     for state, stop in ((0.0, True), (first.trajectory.end, False)):
-        with pytest.raises(InvalidInput) as info:
+        with pytest.raises(InvalidInput, match=r"^state: "):
             replan(first, state, stop=stop)
-        assert info.value.argument == "state"
 
 
 def test_limits_of_the_tool_are_kept_from_a_moving_state() -> None:
@@ -489,14 +456,11 @@ def test_limits_of_the_tool_are_kept_from_a_moving_state() -> None:
 
 
 def test_a_plan_that_failed_cannot_be_replanned() -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^plan: "):
         replan(too_far(), 0.1)
-    assert info.value.argument == "plan"
 
 
 # ---------------------------------------------------------------- files
-
-
 def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "plan.json"
     target.write_text("the old plan")

@@ -1,7 +1,5 @@
 """Polylines drawn by seed, by every law that keeps all limits: what a dense continuation follows is planned, and proved."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -54,7 +52,6 @@ def test_a_path_that_no_continuous_motion_follows_is_refused(seed: int) -> None:
     assert not follows
     for result in made.values():
         assert result.status not in (PlanStatus.SOLVED, PlanStatus.NOT_PROVED, PlanStatus.TIMING_INFEASIBLE)
-        assert result.failure is not None
         assert result.failure.reason
 
 

@@ -1,7 +1,5 @@
 """Where on its path a motion is: right for any polyline, whatever lies close together, crosses or returns."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Verdicts of a certificate at their very edges: what is exactly a limit, what jumps, which end of a piece counts."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -78,7 +76,7 @@ def test_the_tools_limit_binds_by_the_faster_end_of_each_piece() -> None:
     twist = np.einsum("kij,kj->ki", oracles.jacobian(PAPER, trajectory(t)), trajectory(t, 1))
     for field, part in (("tool_speed", slice(0, 3)), ("rotation_speed", slice(3, 6))):
         speed = np.linalg.norm(twist[:, part], axis=1)
-        binding = certified(trajectory, MotionLimits(**{field: 0.7})).binding  # type: ignore[arg-type]
+        binding = certified(trajectory, MotionLimits(**{field: 0.7})).binding
         np.testing.assert_allclose(binding.ratio, np.maximum(speed[:-1], speed[1:]) / 0.7, rtol=1e-9)
         assert set(zip(binding.limit, binding.joint, strict=True)) == {(field, "tool")}
 

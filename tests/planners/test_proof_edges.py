@@ -1,7 +1,5 @@
 """Proofs at their edges: closed forms with equality, shapes without symmetry, and cases just beyond each threshold."""
 
-from __future__ import annotations
-
 from functools import partial
 from importlib import import_module
 from math import factorial
@@ -50,15 +48,13 @@ def polynomial(*pieces: tuple[float, Any]) -> Trajectory:
 
 
 # ---------------------------------------------------------------- clearance
-
-
 def bound_of(robot: Robot, motion: Trajectory, scene: Scene) -> float:
     """The bound of a whole motion as one interval, whose ends are not looked at."""
     pairs = find_pairs(robot, scene).bodies
     count, least, pieces = len(pairs), np.full((2, 4), np.inf), motion.knots.size - 1
     polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
     nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
-    rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)  # type: ignore[union-attr]
+    rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)
     first = (np.arange(count), np.full(count, -np.inf))
     left = _judge_level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
     return float(min(least[0, 2], *rest[1][: left[0, 1]], np.inf))
@@ -140,7 +136,7 @@ def test_the_sphere_around_an_axis_is_as_far_as_the_exact_formulas_say() -> None
             ROUND: np.linalg.norm(middle - 0.5 * (c + d)) - half - 0.5 * np.linalg.norm(d - c),
         }
         for kind, distance in expected.items():
-            found = _sphere_distance(near, half, kind, 0, scene, spheres)  # type: ignore[arg-type]
+            found = _sphere_distance(near, half, kind, 0, scene, spheres)
             assert found == pytest.approx(distance, abs=1e-13), kind
 
 
@@ -181,8 +177,6 @@ def test_a_normal_of_any_length_is_made_one(normal: tuple[float, float, float]) 
 
 
 # ---------------------------------------------------------------- torque
-
-
 def slider(mass: float, viscous: float) -> Robot:
     """One joint that slides without weight."""
     bare = Robot.from_mdh([DHRow(0.0, 0.0, 0.0, 0.0, True)], JointLimits([-9.0], [9.0]))
@@ -308,8 +302,6 @@ def test_ratios_at_the_ends_of_pieces_are_of_the_side_of_the_torque(seed: int) -
 
 
 # ---------------------------------------------------------------- limits of some joints
-
-
 @pytest.mark.parametrize("name", [*DERIVATIVES, *LOADED])
 def test_a_joint_without_a_limit_frees_no_other_joint(name: str) -> None:
     """A free joint is as good as one with a limit that nothing reaches."""
@@ -331,15 +323,13 @@ def test_a_joint_without_a_limit_frees_no_other_joint(name: str) -> None:
     np.testing.assert_allclose(one[:, limited], other[:, limited], rtol=1e-9)
     assert one[:, limited].max() > 0.0
     q = rng.normal(size=(4, 5, 3))
-    points = [PathPoints(SimpleNamespace(robot=robot, end=4.0), np.arange(5.0), tuple(q)) for _ in range(2)]  # type: ignore[arg-type]
+    points = [PathPoints(SimpleNamespace(robot=robot, end=4.0), np.arange(5.0), tuple(q)) for _ in range(2)]
     rows, others = (kind.rows(at, x) for at, x in zip(points, (free, far), strict=True))
     assert rows.shape == others.shape and np.abs(rows).max() > 0.0
     np.testing.assert_allclose(rows, others, rtol=1e-9, atol=1e-9 * np.abs(rows).max())
 
 
 # ---------------------------------------------------------------- energy
-
-
 @SEEDS
 def test_the_work_of_a_piece_that_begins_and_ends_moving_is_its_kinetic_energy(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -366,14 +356,9 @@ def proved_energy(robot: Robot, motion: Trajectory) -> float:
 
 
 # ---------------------------------------------------------------- thresholds
-
 STATED = {
     "planners.certificate.checks": {
-        "JUMP": 1e-5,
-        "STEP_ROUNDING": 1e-14,
-        "AT_REST": 1e-9,
-        "COVERED": (1e-5, 1e-5),
-        "LIMIT_TOLERANCE": 1e-9,
+        "JUMP": 1e-5, "STEP_ROUNDING": 1e-14, "AT_REST": 1e-9, "COVERED": (1e-5, 1e-5), "LIMIT_TOLERANCE": 1e-9,
     },
     "planners.certificate.clearance": {"POSITION_STEP": 1e-11, "VELOCITY_STEP": 1e-10},
     "planners.certificate.certificate": {"RATIO_ROUNDING": 1e-12},
@@ -384,7 +369,7 @@ STATED = {
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
     "optik.distance": {"DISTANCE_ROUNDING": 1e-9},
     "optik.scene.model": {"UNIT_NORMAL": 1e-14},
-}
+}  # fmt: skip
 """What docstrings, documentation and formats promise; tests of behaviour take the code's own constants."""
 
 

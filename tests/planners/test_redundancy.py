@@ -1,7 +1,5 @@
 """The free motion of arms with more than six joints: its kernels against dense algebra, and paths that it must follow."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -85,8 +83,6 @@ def test_the_smooth_free_motion_is_a_minimum_of_its_cost(held: bool) -> None:
 
 
 # ---------------------------------------------------------------- arcs that a continuous motion follows
-
-
 def keeps_on(robot: Robot, path: Arc, q: Array) -> bool:
     """Whether steps of least joint motion follow a path inside the limits."""
     x = q.copy()
@@ -136,15 +132,10 @@ def test_a_station_that_needs_a_nearer_one_before_it_does_not_end_the_way() -> N
     robot = load("iiwa14")  # the elbow is nearly straight: the first station is too far for one step
     q = np.array(
         [
-            1.2185039422,
-            0.421206905659,
-            -1.3460362172736,
-            0.038769288011781,
-            -0.3394059302775,
-            0.57660290789375,
+            1.2185039422, 0.421206905659, -1.3460362172736, 0.038769288011781, -0.3394059302775, 0.57660290789375,
             0.20626421936,
         ]
-    )
+    )  # fmt: skip
     start = robot.fk(q)
     goal = oracles.moved(start, np.array([0.11718277, 0.08913643, -0.23533859]), np.array([-0.06, -0.15, -0.09]))
     path = Arc.through(start, start[:3, 3] + np.array([0.1291949, 0.00960465, -0.09201861]), goal)
@@ -155,8 +146,6 @@ def test_a_station_that_needs_a_nearer_one_before_it_does_not_end_the_way() -> N
 
 
 # ---------------------------------------------------------------- arms of lower rank
-
-
 @pytest.mark.parametrize("joints", [6, 7])
 @pytest.mark.parametrize("branch", ["start", "best"])
 def test_an_arm_of_lower_rank_is_told_its_rank(joints: int, branch: str) -> None:

@@ -1,7 +1,5 @@
 """RosDrive and its transports, against a stand-in for rosbridge and the controller in another process."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess
@@ -40,7 +38,6 @@ PATIENT = {"execute": True, "patience": 20.0, "grace": 60.0, "latency": 0.6, "st
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
     with subprocess.Popen([sys.executable, str(SERVER)], stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
         yield int(server.stdout.readline())
         server.kill()
 
@@ -232,16 +229,12 @@ def test_messages_in_parts_are_put_together(port):
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
-        ("silent", "no joint states"),
-        ("nonsense", "within 0.3 s; the latest message that could not be read"),
-        ("wrong", "position: expected 6 numbers; got '0.1, 0.2'"),
-        ("stale", "stale"),
-        ("nan", "the position of joint2"),
-        ("null", "the position of joint2"),
-        ("missing", "they have gripper"),
+        ("silent", "no joint states"), ("nonsense", "within 0.3 s; the latest message that could not be read"),
+        ("wrong", "position: expected 6 numbers; got '0.1, 0.2'"), ("stale", "stale"),
+        ("nan", "the position of joint2"), ("null", "the position of joint2"), ("missing", "they have gripper"),
         ("novelocity", "no velocity of"),
     ],
-)
+)  # fmt: skip
 def test_nothing_is_sent_to_an_arm_whose_joints_are_not_known(port, plan, mode, why, capfd):
     drive = drive_on(address(port, mode, plan), plan, execute=True, patience=0.3)
     with drive.transport:
@@ -367,11 +360,11 @@ def test_a_server_that_never_answers_or_is_not_there(plan, capfd):
 def test_wrong_arguments(plan):
     for url in ("127.0.0.1:9090", "http://x:1", "ws://", "ws://x:99999", 7):
         with pytest.raises(InvalidInput, match=r"url.*ws://127\.0\.0\.1:9090"):
-            RosbridgeTransport(url)  # type: ignore[arg-type]
+            RosbridgeTransport(url)
     with pytest.raises(InvalidInput, match="action"):
         RosbridgeTransport(action="no name")
     with pytest.raises(InvalidInput, match="a Transport"):
-        RosDrive(plan.robot, "ws://127.0.0.1:9090")  # type: ignore[arg-type]
+        RosDrive(plan.robot, "ws://127.0.0.1:9090")
 
 
 def test_a_missing_package_is_named_with_the_way_to_install_it(monkeypatch):
@@ -414,8 +407,6 @@ def test_a_goal_through_rclpy(monkeypatch):
 
 
 # ---------------------------------------------------------------- stored motions, and the command line
-
-
 def test_the_plan_of_a_stored_motion_can_be_stopped(tmp_path):
     robot = optik.load("paper6r")
     q = robot.limits.middle

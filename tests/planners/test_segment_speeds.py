@@ -1,7 +1,5 @@
 """Speed limits of a polyline's segments: which one holds where, and what laws and certificates make of them."""
 
-from __future__ import annotations
-
 import pickle
 from functools import cache
 from itertools import pairwise
@@ -246,7 +244,7 @@ def test_a_wrong_count_is_named_with_both_numbers() -> None:
         stretch_factor(MotionAnalysis(paper6r(), motion.trajectory), limits())
     for bad in ((0.1, -0.3, 0.2), (), (0.1, float("nan")), [[0.1, 0.2]], (0.1, "x")):
         with pytest.raises(InvalidInput, match="tool_speed"):
-            MotionLimits(tool_speed=bad)  # type: ignore[arg-type]
+            MotionLimits(tool_speed=bad)
 
 
 def test_limits_of_segments_are_values(tmp_path: Path) -> None:

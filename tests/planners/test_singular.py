@@ -1,7 +1,5 @@
 """Singular configurations on the way: what the joints can do smoothly is followed and proved, what they cannot is refused."""
 
-from __future__ import annotations
-
 from itertools import count
 
 import numpy as np
@@ -46,8 +44,6 @@ def check_proved(followed: FollowResult, tolerance: float = 1e-5) -> JointPath:
 
 
 # ---------------------------------------------------------------- through a straight wrist in the arm's plane
-
-
 def planar_end(robot: Robot, line: Line, q: Array, steps: int = 150) -> Array | None:
     """Where joints 2, 3 and 5 alone follow the line to, in so many steps; None where they do not."""
     x, lower, upper = q.copy(), robot.limits.lower, robot.limits.upper
@@ -129,8 +125,6 @@ def test_a_passage_is_as_smooth_as_the_joints_alone_would_be() -> None:
 
 
 # ---------------------------------------------------------------- from a singular start, and beside
-
-
 def in_plane(robot: Robot, q: Array, rng: np.random.Generator) -> Array:
     """A direction in the plane in which the joints 2, 3 and 5 move the tool."""
     u, normal = rng.normal(size=3), robot.jacobian(q)[3:, 1]
@@ -244,15 +238,12 @@ def test_lines_from_a_tenth_of_a_metre_to_a_micrometre_beside_a_straight_wrist_a
 
 
 # ---------------------------------------------------------------- the proof of nodes that are off the path
-
-
 @pytest.mark.parametrize("off", [0.0, 1e-7, 1e-5, 1e-3])
 def test_the_bound_counts_what_nodes_are_off_in_pose_and_twist(off: float) -> None:
     robot, rng = load("ur5e"), np.random.default_rng(1)
     q = np.deg2rad([15.0, -80.0, 95.0, -60.0, -70.0, 20.0])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.1, -0.05, 0.08]), np.array([0.2, 0.1, -0.3])))
     exact = follow(make_solver(robot, "lm"), line, q, samples=5).joint_path
-    assert exact is not None
     nodes = np.isin(exact.knots, exact.nodes)
     x = exact.q[nodes] + off * rng.normal(size=exact.q[nodes].shape)
     d = exact.derivatives[nodes] + 30.0 * off * rng.normal(size=exact.derivatives[nodes].shape)
@@ -279,7 +270,6 @@ def test_derivatives_of_samples_that_are_stepped_over_are_those_of_the_joint_pat
     line = Line(oracles.moved(middle, -twist[:3], -twist[3:]), oracles.moved(middle, twist[:3], twist[3:]))
     start = optik.solve_ik(robot, line.start, q - 0.1 * speed, tolerance=optik.Tolerance(1e-12, 1e-12)).q
     joint_path = follow(make_solver(robot, "lm"), line, start).joint_path
-    assert joint_path is not None
     assert joint_path.knots.size > joint_path.nodes.size, "a sample at the singular pose is no node"
     slopes = joint_path(joint_path.knots, 1)
     np.testing.assert_allclose(joint_path.derivatives[:, 0], slopes, rtol=0.0, atol=1e-3 * np.abs(slopes).max())
@@ -295,5 +285,4 @@ def test_steps_are_divided_on_the_shortest_path_too(bend: float) -> None:
     goal[3], goal[5] = 0.5, -0.5
     followed = follow(make_solver(robot, "lm"), Line(robot.fk(q), robot.fk(goal)), q, samples=2)
     assert followed, followed.failure
-    assert followed.joint_path is not None
     assert np.abs(followed.joint_path.q[-1] - goal).max() < 1e-6

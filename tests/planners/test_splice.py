@@ -1,7 +1,5 @@
 """Motions cut, joined, held and begun elsewhere: against the motion itself, and against numpy.poly1d."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import PPoly

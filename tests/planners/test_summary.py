@@ -1,7 +1,5 @@
 """print(plan), print(certificate), print(result): at most fifteen short lines, the status first, three digits and a unit."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """TOPP-RA under torque limits: against dense samples, and against a linear programme on the same places."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Proved bounds on torques and their rates: against Pinocchio, against samples of one wide interval, and in closed form."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -39,8 +37,6 @@ def dense(robot: Robot, trajectory: Trajectory, count: int, *, rate: bool) -> Ar
 
 
 # ---------------------------------------------------------------- another library
-
-
 def is_pinocchios(seed: int) -> None:
     """A motion's bounds against torques at 20 kHz by Pinocchio: none below, none far above."""
     pytest.importorskip("pinocchio")
@@ -96,8 +92,6 @@ def test_the_bound_is_close_to_the_largest_sample(rate: bool) -> None:
 
 
 # ---------------------------------------------------------------- one wide interval
-
-
 def wide(rng: np.random.Generator, n: int, duration: float) -> Trajectory:
     """One quintic piece with derivatives of every order."""
     c = rng.normal(size=(6, 1, n)) / duration ** np.arange(5, -1, -1)[:, None, None]
@@ -187,8 +181,6 @@ def test_a_pendulum_that_turns_evenly_has_the_bound_of_its_closed_form() -> None
 
 
 # ---------------------------------------------------------------- Hermite interpolation
-
-
 def test_the_remainders_are_those_of_peanos_kernel() -> None:
     """Largest integral over s of the kernels of value and rate: the constants in closed form."""
     x, s = np.linspace(0.0, 1.0, 401), (np.arange(2000) + 0.5) / 2000
@@ -218,8 +210,6 @@ def test_ranges_of_cubics_hold_all_samples_and_are_reached(a: float, b: float, c
 
 
 # ---------------------------------------------------------------- Coulomb friction
-
-
 @settings(max_examples=100)
 @given(st.integers(0, 10**6), st.floats(0.01, 1.0))
 def test_a_direction_is_only_said_where_no_sample_contradicts(seed: int, h: float) -> None:
@@ -267,8 +257,6 @@ def test_steps_of_friction_are_listed() -> None:
 
 
 # ---------------------------------------------------------------- payload in an interval, sides, speed
-
-
 @each_kind
 def test_a_payload_in_an_interval_is_bounded_by_its_worst_end(rate: bool) -> None:
     robot, rng = loaded(), np.random.default_rng(8)

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -21,8 +19,6 @@ def random(seed: int, **options: Any) -> Trajectory:
 
 
 # ---------------------------------------------------------------- values
-
-
 @given(seeds, st.integers(0, 3), st.floats(0.0, 1.0))
 def test_values_are_those_of_the_polynomial_that_holds_the_instant(seed: int, order: int, u: float) -> None:
     trajectory = random(seed)
@@ -60,8 +56,6 @@ def test_what_it_says_of_itself() -> None:
 
 
 # ---------------------------------------------------------------- extrema
-
-
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_extrema_equal_two_hundred_thousand_samples_refined(seed: int, order: int) -> None:
@@ -151,8 +145,6 @@ def test_a_constant_motion_has_its_value_as_both_extrema() -> None:
 
 
 # ---------------------------------------------------------------- ends and jumps
-
-
 @given(seeds, st.integers(0, 3))
 def test_jumps_are_the_differences_of_one_sided_values(seed: int, order: int) -> None:
     trajectory = random(seed, pieces=4)
@@ -174,8 +166,6 @@ def test_a_smooth_motion_has_no_jumps_below_the_third_derivative(seed: int) -> N
 
 
 # ---------------------------------------------------------------- slower and sampled
-
-
 @given(seeds, st.floats(0.2, 20.0), st.floats(0.0, 1.0), st.integers(0, 3))
 def test_a_slowed_motion_has_its_derivatives_over_powers_of_the_factor(
     seed: int, factor: float, u: float, order: int
@@ -215,17 +205,13 @@ def test_an_end_on_the_grid_is_sampled_once() -> None:
 
 
 # ---------------------------------------------------------------- misuse
-
-
 @pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, np.inf])
 def test_rates_and_factors_that_are_not_above_zero_are_refused(wrong: float) -> None:
     trajectory = random(0)
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^rate: "):
         trajectory.sample(wrong)
-    assert info.value.argument == "rate"
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^factor: "):
         trajectory.slowed(wrong)
-    assert info.value.argument == "factor"
 
 
 @pytest.mark.parametrize(
@@ -238,9 +224,8 @@ def test_rates_and_factors_that_are_not_above_zero_are_refused(wrong: float) -> 
     ],
 )
 def test_what_is_no_motion_from_time_zero_is_refused(c: Any, x: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^polynomial: "):
         Trajectory(PPoly(c, x))
-    assert info.value.argument == "polynomial"
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
@@ -269,6 +254,5 @@ def test_a_trajectory_cannot_be_changed_through_what_it_hands_out() -> None:
 
 @pytest.mark.parametrize("wrong", [None, "motion", np.ones((6, 2, 1)), PPoly])
 def test_what_is_no_polynomial_is_refused(wrong: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^polynomial: "):
         Trajectory(wrong)
-    assert info.value.argument == "polynomial"

@@ -1,7 +1,5 @@
 """What a page plots of a motion: accelerations, torques, limits, distances and their pairs; and the arm in another page."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -78,7 +76,6 @@ def test_distances_are_those_of_coal_and_pairs_are_the_nearest(seed: int) -> Non
     rooms, of_pairs = got - data["clearance"]["least"], pairs(data, "planned")
     objects = {"boxes": 0, "rounds": len(scene.boxes)}
     objects["planes"] = objects["rounds"] + len(scene.spheres) + len(scene.capsules)
-    assert robot.shapes is not None
     for k in range(0, len(q), 7):
         pair, contact = of_pairs[int(rooms[k].argmin())][k], find_contact(robot, scene, q[k])
         assert tuple(pair["names"]) == contact.pair
@@ -157,7 +154,6 @@ def test_executions_have_measured_torques_and_tasks_join_accelerations() -> None
     track = show_motion(planned()).planned
     np.testing.assert_array_equal(track.ddq, planned().trajectory(track.t, 2))
     joined = show_outcome(task())
-    assert joined.planned.ddq is not None
     assert joined.planned.ddq.shape == joined.planned.q.shape
     assert joined.executed is not None and joined.executed.torque is None
     torque = np.full_like(done.q, 2.0)
@@ -167,8 +163,6 @@ def test_executions_have_measured_torques_and_tasks_join_accelerations() -> None
 
 
 # ---------------------------------------------------------------- the arm in another page
-
-
 def test_another_page_gets_one_script_and_the_data_of_its_motions() -> None:
     robot, motions = planned().robot, {name: sample_track(planned(name).trajectory) for name in ("ruckig", "toppra")}
     arm = embed_arm(robot, motions, robot.fk(motions["ruckig"].q)[:, :3, 3])

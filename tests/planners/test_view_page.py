@@ -1,7 +1,5 @@
 """What a viewer is given, and the page without a browser: whole, small, and safe from the names in it."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -42,7 +40,6 @@ def show() -> Show:
 
 def data_of(page: str) -> Any:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
     return json.loads(found[1])
 
 
@@ -73,7 +70,6 @@ def test_what_was_executed_is_thinned_out_and_unread_instants_are_counted() -> N
     q = np.column_stack([np.sin(t), np.cos(t)])
     q[[7, 9]] = np.nan
     track, unread = thin_execution(t, q, np.zeros_like(q))
-    assert track is not None
     assert unread == 2
     assert len(track.t) == 2000
     assert track.t[-1] == t[-1]
@@ -138,7 +134,6 @@ def test_a_single_instant_can_be_shown(show: Show) -> None:
 
 
 # ---------------------------------------------------------------- tasks of the cell
-
 BESIDE = se3.pose(np.eye(3), [-0.6, 0.2, 0.1])
 
 

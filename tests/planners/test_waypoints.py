@@ -1,7 +1,5 @@
 """Waypoints from tables of comma-separated values: every accepted header, and errors that name line and column."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -107,16 +105,15 @@ AXES = "x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n"
 def test_a_file_without_a_whole_orientation_needs_one(tmp_path: Path, orientation: Any, text: str) -> None:
     file = tmp_path / "points.csv"
     file.write_text(text)
-    with pytest.raises(InvalidInput) as info:
+    with pytest.raises(InvalidInput, match=r"^orientation: "):
         Polyline.from_csv(file, orientation=orientation)
-    assert info.value.argument == "orientation"
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"missing\.csv"):
         Polyline.from_csv(tmp_path / "missing.csv")
     with pytest.raises(InvalidInput, match="the path of a CSV file"):
-        Polyline.from_csv(3)  # type: ignore[arg-type]
+        Polyline.from_csv(3)
     (tmp_path / "bytes.csv").write_bytes(b"x,y,z\n\xff")
     with pytest.raises(InvalidInput, match="UTF-8"):
         Polyline.from_csv(tmp_path / "bytes.csv")

@@ -1,7 +1,5 @@
 """Arms with masses, motions and dense torques for the tests of limits on torque."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 
