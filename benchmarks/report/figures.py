@@ -162,13 +162,16 @@ def template() -> Template:
     return go.layout.Template(layout=layout)
 
 
-def figure(id: str, title: str, layout: Json, height: int = 340) -> Figure:
-    """Return an empty figure; `id` is unique on the page, and a height of 0 means a square."""
+def figure(
+    id: str, title: str, x: str | Json | None = None, y: str | Json | None = None, height: int = 340, **layout: Any
+) -> Figure:
+    """Return an empty figure with axes (their titles, or more); `id` is unique on the page, a height of 0 means a square."""
     import plotly.graph_objects as go
 
+    axes = {f"{k}axis": axis(v) if isinstance(v, str) else v for k, v in (("x", x), ("y", y)) if v is not None}
     size = {"height": height} if height else {}
     frame = {"template": template(), "title": {"text": title}, "meta": {"id": id}}
-    return go.Figure(layout=frame | size | layout)
+    return go.Figure(layout=frame | size | axes | layout)
 
 
 def axis(title: str, **options: Any) -> Json:
@@ -192,41 +195,62 @@ def _floor(axis: Mapping[str, Any]) -> float:
     return noise_floor(found[1]) if found and axis.get("exponentformat") == "power" else 0.0
 
 
-def line(**options: Any) -> Scatter:
-    """Return a line or markers in a plane; those with a name are in the legend."""
+def line(x: Any, y: Any, *, digits: int = 4, hover: str = "", **options: Any) -> Scatter:
+    """Return a line or markers in a plane, by rounded numbers; those with a name are in the legend."""
     import plotly.graph_objects as go
 
-    return go.Scatter(**({"mode": "lines", "showlegend": "name" in options} | options))
+    points = {"x": _rounded(x, digits), "y": _rounded(y, digits)}
+    return go.Scatter(points | _in_legend(hover, {"mode": "lines"} | options))
 
 
-def line_3d(**options: Any) -> Scatter3d:
-    """Return a line or markers in space."""
+def line_over(start: float, step: float, y: Any, **options: Any) -> Scatter:
+    """Return a line through values at equal steps."""
+    found = line(None, y, **options)
+    return found.update(x0=start, dx=step)
+
+
+def line_3d(x: Any, y: Any, z: Any, *, digits: int = 4, hover: str = "", **options: Any) -> Scatter3d:
+    """Return a line or markers in space, by rounded numbers."""
     import plotly.graph_objects as go
 
-    return go.Scatter3d(**({"mode": "lines", "showlegend": "name" in options} | options))
+    points = {name: _rounded(values, digits) for name, values in (("x", x), ("y", y), ("z", z))}
+    return go.Scatter3d(points | _in_legend(hover, {"mode": "lines"} | options))
 
 
-def bars(**options: Any) -> Bar:
+def bars(*, hover: str = "", **options: Any) -> Bar:
     """Return horizontal bars."""
     import plotly.graph_objects as go
 
-    return go.Bar(orientation="h", showlegend=True, **options)
+    return go.Bar(_in_legend(hover, {"orientation": "h"} | options))
 
 
-def heatmap(**options: Any) -> Heatmap:
+def heatmap(*, hover: str = "", **options: Any) -> Heatmap:
     """Return a heat map; one with a name is in the legend."""
     import plotly.graph_objects as go
 
-    return go.Heatmap(**({"showlegend": "name" in options} | options))
+    return go.Heatmap(_in_legend(hover, options))
 
 
-def entry(name: str, colour: str, **look: Any) -> Scatter:
-    """Return a trace without points: an entry of the legend for what several traces have in common."""
-    marker = {"marker": {"symbol": look["symbol"], "color": colour, "size": 8}} if "symbol" in look else {}
-    mode = "markers" if marker and "dash" not in look else "lines"
-    return line(
-        x=[None], y=[None], name=name, mode=mode, line={"color": colour, "dash": look.get("dash", "solid")}, **marker
-    )
+def _in_legend(hover: str, options: Json) -> Json:
+    """Return the options of a trace with its tooltip; those with a name are in the legend."""
+    return ({"hovertemplate": hover + HOVER} if hover else {}) | {"showlegend": "name" in options} | options
+
+
+def _rounded(values: Any, digits: int) -> Any:
+    """Return rounded numbers; words, and None for what is not there, stay."""
+    return values if values is None or any(isinstance(v, str) for v in values) else lean(values, digits)
+
+
+def interval(values: Sequence[tuple[float, float, float]], **look: Any) -> Json:
+    """Return the error bars of values with the ends of their intervals."""
+    value, low, high = np.array(values, dtype=float).T
+    ends = {"array": lean(np.maximum(high - value, 0.0)), "arrayminus": lean(np.maximum(value - low, 0.0))}
+    return {"type": "data", "symmetric": False, "thickness": 1} | ends | look
+
+
+def entry(name: str, colour: str, dash: str) -> Scatter:
+    """Return a line without points: an entry of the legend for what several lines have in common."""
+    return line([None], [None], name=name, line={"color": colour, "dash": dash})
 
 
 def level(at: float, name: str = "", **look: Any) -> Json:

@@ -26,7 +26,6 @@ from benchmarks.report.figures import (
     Board,
     Control,
     add,
-    axis,
     band,
     entry,
     figure,
@@ -228,10 +227,10 @@ def test_columns_are_chosen_by_their_keys_in_their_order() -> None:
 
 
 def board() -> Board:
-    plot = figure("p", "A $title$ <b>", {"xaxis": axis("t [s]"), "yaxis": log_axis("error [mm]", range=(-14, 2))})
+    plot = figure("p", "A $title$ <b>", "t [s]", log_axis("error [mm]", range=(-14, 2)))
     look = {"color": "#d55e00", "dash": "dash"}
-    add(plot, line(x=[1, 2, 3], y=[1.0, 1e-6, 1e-13], name="<b> $x$", line=look), {"k": ["a"]})
-    add(plot, line(x=[1, 2, 3], y=[2.0, 2.0, 2.0], name="b", line={"color": "#123456"}), {"k": ["b"]})
+    add(plot, line([1, 2, 3], [1.0, 1e-6, 1e-13], name="<b> $x$", line=look), {"k": ["a"]})
+    add(plot, line([1, 2, 3], [2.0, 2.0, 2.0], name="b", line={"color": "#123456"}), {"k": ["b"]})
     return Board("odd", (plot,), (Control.of("k", "K", ("a", "b")),), "A caption.")
 
 
@@ -263,9 +262,9 @@ def test_nothing_is_drawn_below_what_is_a_result() -> None:
 
 def test_packed_figures_are_what_they_were() -> None:
     values = np.array([[0.12345, np.nan], [3.0, 1e-20]])
-    plot = figure("p", "A title", {"xaxis": axis("x")})
+    plot = figure("p", "A title", "x")
     add(plot, heatmap(z=np.log10(values), customdata=values, meta={"log10": True}), {"k": ["<b>"]})
-    add(plot, line(x=[1.0, None], y=["<b>", "c"], name="<b>"), at={"k": ["d"]}, look={"name": "d"})
+    add(plot, line([1.0, None], ["<b>", "c"], name="<b>"), at={"k": ["d"]}, look={"name": "d"})
     text = packed(Board("odd", (plot,)), ["<b>"])
     (found,) = json.loads(gzip.decompress(base64.b64decode(text)))
     assert found["layout"] == {"xaxis": {"title": {"text": "x"}}, "height": 340, "meta": {"id": "p"}}
@@ -285,9 +284,9 @@ def test_rounded_numbers_have_no_digits_beyond_those_asked_for() -> None:
 
 
 def test_on_paper_the_legend_has_lines_and_areas() -> None:
-    plot = figure("p", "A title", {"shapes": [band(0.5, 1.0, "beyond")]})
-    add(plot, line(x=[0, 1], y=[0, 1], name="law", line={"color": "#123456"}))
-    add(plot, entry("median", "#654321", dash="dot"))
+    plot = figure("p", "A title", shapes=[band(0.5, 1.0, "beyond")])
+    add(plot, line([0, 1], [0, 1], name="law", line={"color": "#123456"}))
+    add(plot, entry("median", "#654321", "dot"))
     text = draw([plot]).decode()
     assert all(f">{name}<" in text for name in ("beyond", "law", "median"))
     assert draw([plot], "pdf").startswith(b"%PDF") and draw([plot], "pdf") == draw([plot], "pdf")

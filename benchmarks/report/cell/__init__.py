@@ -35,7 +35,7 @@ from benchmarks.report.cell.tables import (
     spots_blocks,
     tables,
 )
-from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line
+from benchmarks.report.figures import Board, Control, add, axis, figure, line
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.sections import claims_of
@@ -138,9 +138,9 @@ def _board(b: BlockRows, run: Run) -> Board:
     for column, scale, title in COSTS:
         if rows[column].drop_nulls().is_empty() or not np.any(rows[column].drop_nulls().to_numpy()):
             continue
-        frame = {"xaxis": axis("duration [s]", rangemode="tozero"), "yaxis": axis(title, rangemode="tozero")}
+        axes = axis("duration [s]", rangemode="tozero"), axis(title, rangemode="tozero")
         plot = figure(
-            f"cell-laws-{column.removesuffix('_m')}-{name}", title.partition(" [")[0].capitalize(), frame, 360
+            f"cell-laws-{column.removesuffix('_m')}-{name}", title.partition(" [")[0].capitalize(), *axes, 360
         )
         for law in b.block.labels:
             for timed in (OWN_TIME, SAME_TIME):
@@ -148,9 +148,9 @@ def _board(b: BlockRows, run: Run) -> Board:
                     (pl.col("method") == law) & (pl.col("timed") == timed) & pl.col(column).is_not_null()
                 )
                 trace = line(
-                    x=lean(part["duration"]), y=lean(scale * part[column].to_numpy()), mode="markers",
-                    marker={"size": 10, "color": run.colour(law), "symbol": run.symbol(law)},
-                    name=law, hovertemplate=f"{law}<br>%{{x:.3g}} s: %{{y:.3g}}{HOVER}",
+                    part["duration"], scale * part[column].to_numpy(), mode="markers",
+                    marker={"size": 10, "color": run.colour(law), "symbol": run.symbol(law)}, name=law,
+                    hover=f"{law}<br>%{{x:.3g}} s: %{{y:.3g}}",
                 )  # fmt: skip
                 add(plot, trace, {"timed": [timed]})
         plots.append(plot)

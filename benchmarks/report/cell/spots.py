@@ -14,7 +14,6 @@ from benchmarks.records import slug
 from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
 from benchmarks.report.figures import (
     ALARM_COLOUR,
-    HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
     Board,
@@ -24,7 +23,6 @@ from benchmarks.report.figures import (
     colour,
     figure,
     iterations,
-    lean,
     level,
     line,
     line_3d,
@@ -120,11 +118,9 @@ def _space_board(b: BlockRows, run: Run) -> Board:
     scene = axes_in_space(run.robot(b.block.robot).gravity, np.vstack([everything, all_spots]))
     scene["camera"] |= {"eye": EYE, "center": dict.fromkeys("xyz", 0.0)}
     plot = figure(
-        f"cell-space-{name}",
-        "Planned and executed paths of the tool",
-        {"scene": scene, "margin": dict.fromkeys("lrtb", 0)},
-        560,
-    )
+        f"cell-space-{name}", "Planned and executed paths of the tool", height=560, scene=scene,
+        margin=dict.fromkeys("lrtb", 0),
+    )  # fmt: skip
     add(plot, _spots(all_spots))
     problems = _everywhere(rows, labels)
     for row in rows.iter_rows(named=True):
@@ -148,22 +144,17 @@ def _space_board(b: BlockRows, run: Run) -> Board:
 
 
 def _spots(points: Array) -> Scatter3d:
-    x, y, z = (lean(points[:, i], 5) for i in range(3))
     marker = {"size": 2, "color": MUTED_COLOUR}
-    return line_3d(
-        x=x, y=y, z=z, mode="markers", name="other spots", marker=marker, hovertemplate=f"another spot{HOVER}"
-    )
+    return line_3d(*points.T, digits=5, mode="markers", name="other spots", marker=marker, hover="another spot")
 
 
 def _curve(points: Array, words: str, colour: str, width: int) -> Scatter3d:
-    x, y, z = (lean(points[:, i], 5) for i in range(3))
-    return line_3d(x=x, y=y, z=z, name=words, line={"color": colour, "width": width}, hovertemplate=f"{words}{HOVER}")
+    return line_3d(*points.T, digits=5, name=words, line={"color": colour, "width": width}, hover=words)
 
 
 def _spot(at: Array) -> Scatter3d:
-    x, y, z = (lean([value], 5) for value in at)
     marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
-    return line_3d(x=x, y=y, z=z, mode="markers", name="true spot", marker=marker, hovertemplate=f"true spot{HOVER}")
+    return line_3d(*at[:, None], digits=5, mode="markers", name="true spot", marker=marker, hover="true spot")
 
 
 SPLIT_BINS = 8
@@ -218,12 +209,12 @@ def _split_board(b: BlockRows) -> Board:
     labels = settings_of([b])
     low = {"range": [np.log10(LEAST_MM) - 0.3, 3.0]}
     budgets = figure(
-        f"split-budget-{name}", "Against the iteration budget",
-        {"xaxis": axis("iteration budget", type="category"), "yaxis": log_axis("median length [mm]", **low)}, 400,
+        f"split-budget-{name}", "Against the iteration budget", axis("iteration budget", type="category"),
+        log_axis("median length [mm]", **low), 400,
     )  # fmt: skip
     far = figure(
-        f"split-distance-{name}", "Against the distance of the spot",
-        {"xaxis": axis("distance from the start [mm]"), "yaxis": log_axis("median length [mm]", **low)}, 400,
+        f"split-distance-{name}", "Against the distance of the spot", "distance from the start [mm]",
+        log_axis("median length [mm]", **low), 400,
     )  # fmt: skip
     for label in labels:
         part = rows.filter(pl.col("setting") == label)
@@ -256,7 +247,7 @@ def _by_budget(plot: Figure, rows: pl.DataFrame, label: str) -> None:
 def _by_distance(plot: Figure, rows: pl.DataFrame, label: str, after: str) -> None:
     order = np.argsort(rows["distance"].to_numpy(), kind="stable")
     parts = [rows[i.tolist()] for i in np.array_split(order, SPLIT_BINS) if len(i)]
-    x = lean(1e3 * np.array([float(np.median(p["distance"].to_numpy())) for p in parts]))
+    x = 1e3 * np.array([float(np.median(p["distance"].to_numpy())) for p in parts])
     medians = [_medians(p) for p in parts]
     for part in SPLIT_COLUMNS:
         add(plot, _line(part, x, [found[part] for found in medians]), shown_at(label, after))
@@ -265,10 +256,10 @@ def _by_distance(plot: Figure, rows: pl.DataFrame, label: str, after: str) -> No
 def _line(part: str, x: Any, y: list[float]) -> Scatter:
     total = part == "total"
     return line(
-        x=x, y=lean(y), mode="lines+markers", marker={"size": 6},
+        x, y, mode="lines+markers", marker={"size": 6},
         line={"color": TOTAL_COLOUR if total else PART_COLOURS[part], "width": 2, "dash": "dot" if total else "solid"},
         name="total: executed − spot" if total else PART_WORDS[part],
-        hovertemplate=f"{'all' if total else PART_WORDS[part]}<br>%{{y:.3g}} mm{HOVER}",
+        hover=f"{'all' if total else PART_WORDS[part]}<br>%{{y:.3g}} mm",
     )  # fmt: skip
 
 
@@ -306,26 +297,22 @@ def _positions(b: BlockRows) -> Board:
         u, v = (a for a in AXES if a != normal)
         plot = figure(
             f"cell-positions-{normal}-{name}", f"Seen along {normal.upper()}",
-            {
-                "xaxis": axis(f"{u.upper()} [mm]", constrain="domain"),
-                "yaxis": axis(f"{v.upper()} [mm]", scaleanchor="x", constrain="domain"),
-            }, 0,
+            axis(f"{u.upper()} [mm]", constrain="domain"), axis(f"{v.upper()} [mm]", scaleanchor="x", constrain="domain"),
+            0,
         )  # fmt: skip
         spots = rows.unique("problem").sort("problem")
-        add(plot,
-            line(
-                x=lean(millimetres(spots[u])), y=lean(millimetres(spots[v])), mode="markers",
-                marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
-                hovertemplate=f"spot at %{{x}}, %{{y}} mm{HOVER}",
-            )
-        )  # fmt: skip
+        add(plot, line(
+            millimetres(spots[u]), millimetres(spots[v]), mode="markers",
+            marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
+            hover="spot at %{x}, %{y} mm",
+        ))  # fmt: skip
         for (setting, after), part in rows.filter(pl.col("budget").is_not_null()).group_by(
             "setting", "after", maintain_order=True
         ):
             tools = line(
-                x=lean(millimetres(part[u] + part[f"error_{u}"])), y=lean(millimetres(part[v] + part[f"error_{v}"])),
-                mode="markers", marker={"size": 4, "color": INK_COLOUR}, name="executed tool",
-                hovertemplate=f"executed tool at %{{x}}, %{{y}} mm{HOVER}",
+                millimetres(part[u] + part[f"error_{u}"]), millimetres(part[v] + part[f"error_{v}"]), mode="markers",
+                marker={"size": 4, "color": INK_COLOUR}, name="executed tool",
+                hover="executed tool at %{x}, %{y} mm",
             )  # fmt: skip
             add(plot, tools, {"method": [str(setting)], "after": [str(after)]})
         plots.append(plot)
@@ -346,20 +333,17 @@ def _errors(b: BlockRows) -> Board:
     for a, printed in FIGURES.items():
         plot = figure(
             f"cell-error-{a}-{name}", f"{a.upper()} error (Fig. {printed})",
-            {
-                "xaxis": axis("distance from the start [mm]", rangemode="tozero"),
-                "yaxis": axis(f"error in {a.upper()} [mm]"),
-                "shapes": [level(1e3 * WITHIN_M, "± 2 mm"), level(-1e3 * WITHIN_M)],
-            }, 360,
+            axis("distance from the start [mm]", rangemode="tozero"), f"error in {a.upper()} [mm]", 360,
+            shapes=[level(1e3 * WITHIN_M, "± 2 mm"), level(-1e3 * WITHIN_M)],
         )  # fmt: skip
         vary(plot, {"scale": [FINE_SCALE]}, {"yaxis": {"range": [-NEAR_MM, NEAR_MM]}})
         for label in labels:
             for budget in budgets:
                 part = rows.filter((pl.col("setting") == label) & (pl.col("budget") == budget))
                 trace = line(
-                    x=lean(millimetres(part["distance"])), y=lean(millimetres(part[f"error_{a}"])), mode="markers",
+                    millimetres(part["distance"]), millimetres(part[f"error_{a}"]), mode="markers",
                     marker={"size": 5, "color": colours[budget]}, name=iterations(budget),
-                    hovertemplate=f"{iterations(budget)}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm{HOVER}",
+                    hover=f"{iterations(budget)}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm",
                 )  # fmt: skip
                 add(plot, trace, {"method": [label]})
         plots.append(plot)

@@ -10,7 +10,6 @@ import polars as pl
 
 from benchmarks.blocks.ik.budgets import BudgetRows, success
 from benchmarks.report.figures import (
-    HOVER,
     INK_COLOUR,
     Board,
     Control,
@@ -20,7 +19,6 @@ from benchmarks.report.figures import (
     entry,
     figure,
     iterations,
-    lean,
     level,
     line,
     log_axis,
@@ -33,7 +31,7 @@ from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.statistics import binned, quantiles
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Scatter
+    from plotly.graph_objects import Figure
 
 ERROR_AXES = {"error_x": "X", "error_y": "Y", "error_z": "Z"}
 """Columns of the errors, and the axes of the base frame that they belong to."""
@@ -85,33 +83,34 @@ def _millimetres(column: str) -> pl.Expr:
     return (pl.col(column).abs() * 1e3).clip(FLOOR_MM).alias("mm")
 
 
-def _error_plots(id: str, across: Json) -> dict[str, Figure]:
+def _error_plots(id: str, across: str | Json) -> dict[str, Figure]:
     """Return an empty plot for the error of each axis."""
     return {
-        column: figure(
-            f"{id}-{column}", f"{name} axis", {"xaxis": across, "yaxis": log_axis(f"|error in {name}| [mm]", range=DECADES)}
-        )
+        column: figure(f"{id}-{column}", f"{name} axis", across, log_axis(f"|error in {name}| [mm]", range=DECADES))
         for column, name in ERROR_AXES.items()
-    }  # fmt: skip
+    }
 
 
-def _quantile_line(x: Any, y: Any, colour: str, dash: str, size: int, hover: str, **more: Any) -> Scatter:
-    """Return the line of a quantile: strong with markers for the median."""
-    strong = dash == "solid"
-    return line(
-        x=x, y=lean(y), mode="lines+markers" if strong else "lines", marker={"size": size},
-        line={"color": colour, "dash": dash, "width": 2 if strong else 1.3}, hovertemplate=f"{hover}{HOVER}", **more,
-    )  # fmt: skip
+def _add_quantiles(plot: Figure, x: Any, ys: Any, label: str, colour: str, hover: str, when: Json, **more: Any) -> None:
+    """Draw the median with markers, and the 95th percentile dotted."""
+    for (words, (_, dash)), y in zip(DRAWN_QUANTILES.items(), ys, strict=True):
+        strong: Json = {"name": label, "mode": "lines+markers"} if dash == "solid" else {}
+        look = {"color": colour, "dash": dash, "width": 2 if strong else 1.3}
+        add(
+            plot,
+            line(x, y, marker={"size": 4}, line=look, hover=f"{label}, {words}<br>{hover}", **strong, **more),
+            when,
+        )
 
 
 def _add_quantile_entries(plot: Figure) -> None:
     """Add the quantiles to the legend."""
     for words, (_, dash) in DRAWN_QUANTILES.items():
-        add(plot, entry(words, INK_COLOUR, dash=dash))
+        add(plot, entry(words, INK_COLOUR, dash))
 
 
 def _distance_board(blocks: list[BudgetRows]) -> Board:
-    plots = _error_plots("distance", axis("distance from the start [mm]"))
+    plots = _error_plots("distance", "distance from the start [mm]")
     for column, plot in plots.items():
         for b in blocks:
             _add_distance_lines(plot, b, column)
@@ -132,19 +131,10 @@ def _add_distance_lines(plot: Figure, b: BudgetRows, column: str) -> None:
         for budget, shade in zip(budgets, shades(len(budgets)), strict=True):
             part = rows.filter((pl.col("method") == label) & (pl.col("budget") == budget))
             table = binned(part, "far", "mm", width=50.0)
-            for words, (share, dash) in DRAWN_QUANTILES.items():
-                hover = f"{iterations(budget)}, {words}<br>%{{x:.0f}} mm away: %{{y:.3g}} mm (%{{customdata}} targets)"
-                trace = _quantile_line(
-                    lean(table["middle"]),
-                    table[f"q{share}"],
-                    shade,
-                    dash,
-                    4,
-                    hover,
-                    customdata=table["count"].to_numpy(),
-                    **({"name": iterations(budget)} if dash == "solid" else {}),
-                )
-                add(plot, trace, {"block": [b.block.id], "method": [label]})
+            quantiles_ = [table[f"q{share}"] for share, _ in DRAWN_QUANTILES.values()]
+            hover = "%{x:.0f} mm away: %{y:.3g} mm (%{customdata} targets)"
+            when, counts = {"block": [b.block.id], "method": [label]}, table["count"].to_numpy()
+            _add_quantiles(plot, table["middle"], quantiles_, iterations(budget), shade, hover, when, customdata=counts)
 
 
 def _budget_board(blocks: list[BudgetRows], run: Run) -> Board:
@@ -167,12 +157,9 @@ def _add_budget_lines(plot: Figure, b: BudgetRows, part: pl.DataFrame, label: st
     if part.is_empty():
         return
     found = {n: rows["mm"].to_numpy() for (n,), rows in part.partition_by("budget", as_dict=True).items()}
-    for words, (share, dash) in DRAWN_QUANTILES.items():
-        values = [quantiles(found.get(n, []), (share,))[0] for n in b.block.budgets]
-        hover = f"{label}, {words}<br>budget %{{x}}: %{{y:.3g}} mm"
-        named = {"name": label} if dash == "solid" else {}
-        trace = _quantile_line(list(b.block.budgets), values, colour, dash, 5, hover, **named)
-        add(plot, trace, {"block": [b.block.id]})
+    shown = [[quantiles(found.get(n, []), (q,))[0] for n in b.block.budgets] for q, _ in DRAWN_QUANTILES.values()]
+    hover = "budget %{x}: %{y:.3g} mm"
+    _add_quantiles(plot, b.block.budgets, shown, label, colour, hover, {"block": [b.block.id]})
 
 
 # ---------------------------------------------------------------- damping
@@ -320,24 +307,20 @@ def _best_everywhere(strata: list[str], constants: dict[str, float], others: lis
 
 def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
+    across, shares = log_axis("damping λ", dtick=1), axis("targets solved [%]", range=[-2, 102])
+    took, errors = log_axis("iterations", dtick=1), log_axis("error [mm]")
     plots = {
-        "share": figure("damping-success", "Solved at 1e−6 m and rad", {"yaxis": axis("targets solved [%]", range=[-2, 102])}),
-        "iterations": figure(
-            "damping-iterations", "Median iterations, solved targets", {"yaxis": log_axis("iterations", dtick=1)}
-        ),
-        "p95": figure("damping-error", "Position error, 95th percentile", {"yaxis": log_axis("error [mm]")}),
-    }  # fmt: skip
+        "share": figure("damping-success", "Solved at 1e−6 m and rad", across, shares),
+        "iterations": figure("damping-iterations", "Median iterations, solved targets", across, took),
+        "p95": figure("damping-error", "Position error, 95th percentile", across, errors),
+    }
     for key, plot in plots.items():
-        plot.update_layout(xaxis=log_axis("damping λ", dtick=1))
         for group, shade in zip(strata, shades(len(strata)), strict=True):
             y = [max(table[group, m][key], FLOOR_MM) if key == "p95" else table[group, m][key] for m in ordered]
-            add(plot,
-                line(
-                    x=[constants[m] for m in ordered], y=lean(y), mode="lines+markers", name=group,
-                    line={"color": shade, "width": 2}, marker={"size": 6},
-                    hovertemplate=f"{group}<br>λ = %{{x}}: %{{y:.4~g}}{HOVER}",
-                )
-            )  # fmt: skip
+            add(plot, line(
+                [constants[m] for m in ordered], y, mode="lines+markers", name=group, line={"color": shade, "width": 2},
+                marker={"size": 6}, hover=f"{group}<br>λ = %{{x}}: %{{y:.4~g}}",
+            ))  # fmt: skip
     return Board(
         "damping-board", tuple(plots.values()), (),
         f"One attempt of at most {b.budget} iterations from starts 0.1 rad (standard deviation) away. σ is the smallest "

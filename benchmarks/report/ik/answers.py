@@ -12,7 +12,7 @@ from benchmarks.blocks.ik.answers import solved_by_all
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, log_axis
+from benchmarks.report.figures import Board, Control, add, axis, figure, line, log_axis
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
 from benchmarks.report.winners import most_solved, ranked
@@ -84,18 +84,14 @@ def _winners(run: Run) -> list[Winner]:
 
 def _board(run: Run, found: list[BlockRows]) -> Board:
     """Plot the percentage of problems whose answer is inside the limits, against the distance to the target."""
-    layout = {
-        "xaxis": log_axis("position error [m]", range=[-16, 1], dtick=3),
-        "yaxis": axis("problems [%]", range=[0, 101]),
-    }
-    plot = figure("answers-errors", "Problems with at most this position error", layout)
+    across, up = log_axis("position error [m]", range=[-16, 1], dtick=3), axis("problems [%]", range=[0, 101])
+    plot = figure("answers-errors", "Problems with at most this position error", across, up)
     for b in found:
         for label, count in b.rows.select("method", "count").iter_rows():
             part = b.facts["distribution"].filter(pl.col("method") == label)
             trace = line(
-                x=lean(part["upper"]), y=lean(100.0 * np.cumsum(part["count"].to_numpy()) / count, 5),
-                name=label, line={"color": run.colour(label), "shape": "hv"},
-                hovertemplate=f"{label}<br>within %{{x:.2g}} m: %{{y:.3f}} %{HOVER}",
+                part["upper"], 100.0 * np.cumsum(part["count"].to_numpy()) / count, digits=5, name=label,
+                line={"color": run.colour(label), "shape": "hv"}, hover=f"{label}<br>within %{{x:.2g}} m: %{{y:.3f}} %",
             )  # fmt: skip
             add(plot, trace, {"block": [b.block.id]})
     return Board("answers", (plot,), (Control.of_blocks(found),))

@@ -12,18 +12,7 @@ from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.figures import (
-    HOVER,
-    Board,
-    Control,
-    add,
-    axis,
-    bars,
-    colour,
-    figure,
-    lean,
-    vary,
-)
+from benchmarks.report.figures import Board, Control, add, axis, bars, colour, figure, lean, vary
 from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
 from benchmarks.report.ik.default import (
     COMPARED_PROBLEMS,
@@ -123,12 +112,8 @@ def _success_board(blocks: list[BudgetRows], run: Run) -> Board:
 
 def _status_board(blocks: list[BudgetRows]) -> Board:
     plot = figure(
-        "status", "Final status at the largest budget",
-        {
-            "barmode": "stack", "bargap": 0.35,
-            "xaxis": axis("targets [%]", range=[0, 100]),
-            "yaxis": axis("", autorange="reversed", ticks="", type="category"),
-        },
+        "status", "Final status at the largest budget", axis("targets [%]", range=[0, 100]),
+        axis("", autorange="reversed", ticks="", type="category"), barmode="stack", bargap=0.35,
     )  # fmt: skip
     colours = dict(ENDINGS.values())
     for b in blocks:
@@ -138,7 +123,7 @@ def _status_board(blocks: list[BudgetRows]) -> Board:
             trace = bars(
                 y=b.methods, x=lean([100.0 * n / max(total, 1) for n, total in counts]), customdata=counts, name=words,
                 marker={"color": colours.get(words, colour(7))},
-                hovertemplate=f"%{{y}}<br>{words}: %{{customdata[0]}} of %{{customdata[1]}} targets, %{{x:.1f}} %{HOVER}",
+                hover=f"%{{y}}<br>{words}: %{{customdata[0]}} of %{{customdata[1]}} targets, %{{x:.1f}} %",
             )  # fmt: skip
             add(plot, trace, here)
     return Board("statuses", (plot,), (Control.of_blocks(blocks),), COMPARED_PROBLEMS)

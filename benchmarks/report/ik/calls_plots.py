@@ -10,20 +10,7 @@ import polars as pl
 
 from benchmarks.blocks.ik.calls import CallRows
 from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.figures import (
-    HOVER,
-    Board,
-    Control,
-    Json,
-    add,
-    axis,
-    figure,
-    lean,
-    line,
-    log_axis,
-    steps_of,
-    vary,
-)
+from benchmarks.report.figures import Board, Control, Json, add, axis, figure, line, log_axis, steps_of, vary
 from benchmarks.report.run import Run
 from benchmarks.statistics import percentage, performance_profile
 from optik.types import Array
@@ -52,12 +39,12 @@ PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
 
 def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Figure:
     """Return a plot of the percentage solved, with a line for each method of each block."""
-    plot = figure(id, title, {"xaxis": across, "yaxis": axis("problems solved [%]", range=[-2, 102])}, height)
+    plot = figure(id, title, across, axis("problems solved [%]", range=[-2, 102]), height)
     for b in blocks:
         for label, part in b.by_method.items():
             look = run.look(label) | {"shape": "hv"}
             if found := points(b, label, part):
-                found["hovertemplate"] = f"{label}<br>{found['hovertemplate']}{HOVER}"
+                found["hover"] = f"{label}<br>{found['hover']}"
                 add(plot, line(**found, name=label, line=look), {"block": [b.block.id]})
     return plot
 
@@ -71,7 +58,7 @@ def _distribution(values: Array, count: int, hover: str) -> Json:
     if not len(values):
         return {}
     x, rates = steps_of(values, count)
-    return {"x": lean(x, 6), "y": lean(rates, 6), "hovertemplate": hover}
+    return {"x": x, "y": rates, "digits": 6, "hover": hover}
 
 
 def success_in_time(blocks: list[CallRows], run: Run) -> Board:
@@ -111,7 +98,7 @@ def profiles(blocks: list[CallRows], run: Run) -> Board:
         ratios = _profile_ratios(cost)
         rates = performance_profile(cost, ratios)[:, list(b.by_method).index(label)]
         hover = f"%{{y:.4~g}} % within %{{x:.3g}} times the least, of {len(cost):,}"
-        return {"x": lean(ratios), "y": lean(100.0 * rates, 5), "hovertemplate": hover}
+        return {"x": ratios, "y": 100.0 * rates, "digits": 5, "hover": hover}
 
     across = log_axis("time / least time of any method on the same problem", dtick=1)
     plot = _plot("call-profile", "Performance profile", across, 380, blocks, run, points)
@@ -162,8 +149,8 @@ def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
     def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
         rates = by_sigma(part, _singular_edges(b.rows))
         text = [f"{y:.4g} % [{low:.4g}, {high:.4g}] of {n:,}" for _, y, low, high, n in rates]
-        x, y = lean([r[0] for r in rates]), lean([r[1] for r in rates], 6)
-        return {"x": x, "y": y, "mode": "lines+markers", "text": text, "hovertemplate": "%{text}"}
+        x, y = [r[0] for r in rates], [r[1] for r in rates]
+        return {"x": x, "y": y, "digits": 6, "mode": "lines+markers", "text": text, "hover": "%{text}"}
 
     across = log_axis("smallest singular value at the solution", dtick=1)
     plot = _plot("call-sigma", "Success against the smallest singular value", across, 380, known, run, points)

@@ -13,7 +13,7 @@ import polars as pl
 from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
-from benchmarks.report.figures import HOVER, Board, Json, add, axis, figure, lean, line
+from benchmarks.report.figures import Board, Json, add, axis, figure, interval, line
 from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
@@ -236,7 +236,7 @@ def budget_axis() -> Json:
 
 def success_plot(id: str, title: str, what: str) -> Figure:
     """Return an empty plot of success against the iteration budget."""
-    return figure(id, title, {"xaxis": budget_axis(), "yaxis": axis(f"{what} solved [%]", range=[-2, 102])})
+    return figure(id, title, budget_axis(), axis(f"{what} solved [%]", range=[-2, 102]))
 
 
 def add_success(
@@ -253,13 +253,9 @@ def add_success(
         rates *= 2 if whole else 1
         words = "default settings" if whole else "budget %{x}"
         trace = line(
-            x=[budgets[0], budgets[-1]] if whole else list(budgets), y=lean([r[0] for r in rates]), name=label,
+            [budgets[0], budgets[-1]] if whole else list(budgets), [r[0] for r in rates], name=label,
             mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
             line=run.look(label),
-            error_y={
-                "type": "data", "symmetric": False, "array": lean([r[2] - r[0] for r in rates]), "thickness": 1,
-                "arrayminus": lean([max(r[0] - r[1], 0.0) for r in rates]), "width": 3,
-            },
-            hovertemplate=f"{label}<br>{words}: %{{y:.1f}} %{HOVER}",
+            error_y=interval(rates, width=3), hover=f"{label}<br>{words}: %{{y:.1f}} %",
         )  # fmt: skip
         add(plot, trace, when)

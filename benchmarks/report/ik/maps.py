@@ -94,19 +94,14 @@ def _sheet_plot(name: str, b: BudgetRows, sheet: Sheet, robot: Robot) -> Figure:
     tool = dict(zip("XYZ", 1e3 * robot.fk(start_of(robot, b.block.options["start_deg"]))[:3, 3], strict=True))
     plot = figure(
         f"{name}-{b.block.id}-{sheet.u}{sheet.v}".lower(), f"{sheet.plane} sheet (offset along {sheet.normal.upper()})",
-        {
-            "xaxis": axis(f"{sheet.u} [mm]", constrain="domain", showgrid=False, zeroline=False),
-            "yaxis": axis(f"{sheet.v} [mm]", scaleanchor="x", constrain="domain", showgrid=False, zeroline=False),
-        },
-        height=0,
+        axis(f"{sheet.u} [mm]", constrain="domain", showgrid=False, zeroline=False),
+        axis(f"{sheet.v} [mm]", scaleanchor="x", constrain="domain", showgrid=False, zeroline=False), height=0,
     )  # fmt: skip
-    add(plot,
-        line(
-            x=lean([tool[sheet.u]]), y=lean([tool[sheet.v]]), mode="markers", name="tool at the start",
-            marker={"symbol": "circle", "size": 12, "color": "#fff", "line": {"width": 3, "color": "#000"}},
-            hovertemplate=f"tool at the start{HOVER}",
-        )
-    )  # fmt: skip
+    add(plot, line(
+        [tool[sheet.u]], [tool[sheet.v]], mode="markers", name="tool at the start",
+        marker={"symbol": "circle", "size": 12, "color": "#fff", "line": {"width": 3, "color": "#000"}},
+        hover="tool at the start",
+    ))  # fmt: skip
     return plot
 
 
@@ -147,7 +142,7 @@ class Squares:
         """Return some squares in one colour."""
         return heatmap(
             z=self.matrix(rows.with_columns(one=pl.lit(1.0)), "one"), **self.options, showscale=False, name=name,
-            colorscale=[[0, look], [1, look]], hovertemplate=f"{hover}{name}{HOVER}",
+            colorscale=[[0, look], [1, look]], hover=f"{hover}{name}",
         )  # fmt: skip
 
 
@@ -232,14 +227,10 @@ def _add_positions(plot: Figure, rows: pl.DataFrame, sheet: Sheet, methods: list
     here: Json = {"offset": [str(sheet.offset)]}
     u, v = sheet.u.lower(), sheet.v.lower()
     spots = rows.unique("problem").sort("problem")
-    add(plot,
-        line(
-            x=lean(1e3 * spots[u]), y=lean(1e3 * spots[v]), mode="markers",
-            marker={"symbol": "circle-open", "size": 8, "color": colour(1)}, name="laser spot",
-            hovertemplate=f"spot at %{{x}}, %{{y}} mm{HOVER}",
-        ),
-        here,
-    )  # fmt: skip
+    add(plot, line(
+        1e3 * spots[u], 1e3 * spots[v], mode="markers", marker={"symbol": "circle-open", "size": 8, "color": colour(1)},
+        name="laser spot", hover="spot at %{x}, %{y} mm",
+    ), here)  # fmt: skip
     parts = rows.sort("problem").partition_by("method", "budget", as_dict=True)
     for method, budget in product(methods, budgets):
         if (method, budget) in parts:
@@ -254,13 +245,11 @@ def _tools(part: pl.DataFrame, u: str, v: str) -> list[Scatter]:
     apart = np.linalg.norm(tools - spots, axis=1) > 1.0
     joined = [np.stack([spots[apart, i], tools[apart, i], np.full(int(apart.sum()), np.nan)], axis=1) for i in (0, 1)]
     lines = line(
-        x=lean(joined[0].ravel()), y=lean(joined[1].ravel()), mode="lines", hoverinfo="skip",
-        line={"color": MUTED_COLOUR, "width": 1},
+        joined[0].ravel(), joined[1].ravel(), mode="lines", hoverinfo="skip", line={"color": MUTED_COLOUR, "width": 1},
     )  # fmt: skip
     points = line(
-        x=lean(tools[:, 0]), y=lean(tools[:, 1]), mode="markers", marker={"size": 4, "color": INK_COLOUR},
-        name="tool",
-        hovertemplate=f"tool at %{{x}}, %{{y}} mm{HOVER}",
+        tools[:, 0], tools[:, 1], mode="markers", marker={"size": 4, "color": INK_COLOUR}, name="tool",
+        hover="tool at %{x}, %{y} mm",
     )  # fmt: skip
     return [lines, points]
 
@@ -305,8 +294,11 @@ def _add_errors(plot: Figure, rows: pl.DataFrame, squares: Squares, where: str, 
     words = [f"≤ {powers[k]}" if k == low else "1" if k == 0 else powers[k] for k in ticks]
     at = rows.with_columns((pl.col(column).abs() * 1e3).clip(10.0**low) for column in MAP_ERRORS)
     for column, name in MAP_ERRORS.items():
-        trace = _coloured(squares.matrix(at, column, 2), squares, low, high, "|error| [mm]", ticks, words)
-        add(plot, trace.update(hovertemplate=f"{where}%{{customdata:.2g}} mm{HOVER}"), when | {"quantity": [name]})
+        trace = _coloured(
+            squares.matrix(at, column, 2), squares, (low, high), "|error| [mm]", dict(zip(ticks, words, strict=True))
+        )
+        trace.update(hovertemplate=f"{where}%{{customdata:.2g}} mm{HOVER}")
+        add(plot, trace, when | {"quantity": [name]})
 
 
 def _add_iterations(plot: Figure, rows: pl.DataFrame, squares: Squares, where: str, when: Json, most: int) -> None:
@@ -314,34 +306,25 @@ def _add_iterations(plot: Figure, rows: pl.DataFrame, squares: Squares, where: s
     ticks = [n for n in ITERATION_TICKS if n <= most]
     solved, failed = (rows.filter((pl.col("status") == "solved") == ok) for ok in (True, False))
     high = float(np.log10(max(most, 2)))
-    trace = _coloured(
-        squares.matrix(solved, "iterations"),
-        squares,
-        0,
-        high,
-        "iterations",
-        np.log10(ticks),
-        list(map(str, ticks)),
-    )
-    add(plot, trace.update(hovertemplate=f"{where}iterations until solved: %{{customdata}}{HOVER}"), when)
-    add(plot,
-        line(
-            x=lean(squares.us[failed["col"].to_numpy()]), y=lean(squares.vs[failed["row"].to_numpy()]), mode="markers",
-            marker={"symbol": "x-thin", "size": 8, "line": {"width": 2, "color": ALARM_COLOUR}},
-            name="not solved within the largest budget",
-            customdata=failed["status"].str.replace("_", " ").to_list(),
-            hovertemplate=f"{where}not solved: %{{customdata}}{HOVER}",
-        ),
-        when,
-    )  # fmt: skip
+    marks = {float(np.log10(n)): str(n) for n in ticks}
+    trace = _coloured(squares.matrix(solved, "iterations"), squares, (0, high), "iterations", marks)
+    trace.update(hovertemplate=f"{where}iterations until solved: %{{customdata}}{HOVER}")
+    add(plot, trace, when)
+    add(plot, line(
+        squares.us[failed["col"].to_numpy()], squares.vs[failed["row"].to_numpy()], mode="markers",
+        marker={"symbol": "x-thin", "size": 8, "line": {"width": 2, "color": ALARM_COLOUR}},
+        name="not solved within the largest budget", customdata=failed["status"].str.replace("_", " ").to_list(),
+        hover=f"{where}not solved: %{{customdata}}",
+    ), when)  # fmt: skip
 
 
 def _coloured(
-    values: Array, squares: Squares, low: float, high: float, title: str, ticks: Any, words: list[str]
+    values: Array, squares: Squares, ends: tuple[float, float], title: str, marks: dict[float, str]
 ) -> Heatmap:
     """Return a map with logarithmic colours."""
     bar = {"title": {"text": title, "side": "right"}, "thickness": 12, "outlinewidth": 0, "len": 0.9}
     return heatmap(
         z=np.log10(np.maximum(values, NOISE)), customdata=values, meta={"log10": True}, **squares.options,
-        colorscale="Viridis", zmin=low, zmax=high, colorbar=bar | {"tickvals": ticks, "ticktext": words},
+        colorscale="Viridis", zmin=ends[0], zmax=ends[1],
+        colorbar=bar | {"tickvals": list(marks), "ticktext": list(marks.values())},
     )  # fmt: skip

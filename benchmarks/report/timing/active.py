@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from benchmarks.report.figures import HOVER, add, axis, colour, figure, lean, line
+from benchmarks.report.figures import add, axis, colour, figure, line
 from planners.limits import ALL_LIMITS
 
 if TYPE_CHECKING:
@@ -30,10 +30,7 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
     )
     names = [f"{joint} {limit.replace('_', ' ')}" for joint, limit in rows]
     across = axis("", type="category", categoryorder="array", categoryarray=names[::-1], range=[-0.6, len(names) - 0.4])
-    plot = figure(
-        name, "Active constraint along the path", {"xaxis": axis(f"s [{unit}]"), "yaxis": across},
-        max(220, 90 + 26 * len(names)),
-    )  # fmt: skip
+    plot = figure(name, "Active constraint along the path", f"s [{unit}]", across, max(220, 90 + 26 * len(names)))
     for law in laws:
         for (joint, limit), part in near.filter(pl.col("law") == law).group_by("joint", "limit", maintain_order=True):
             x: list[float | None] = []
@@ -41,9 +38,8 @@ def active_plot(name: str, near: pl.DataFrame, laws: Sequence[str], scale: float
                 x += [scale * start, scale * end, None]
             words = f"{joint} {str(limit).replace('_', ' ')}"
             trace = line(
-                x=lean(x, 5), y=[words] * len(x), name=str(limit).replace("_", " "),
-                line={"color": limit_colour(str(limit)), "width": 9},
-                hovertemplate=f"{words} at %{{x:.4g}} {unit}{HOVER}",
+                x, [words] * len(x), digits=5, name=str(limit).replace("_", " "),
+                line={"color": limit_colour(str(limit)), "width": 9}, hover=f"{words} at %{{x:.4g}} {unit}",
             )  # fmt: skip
             add(plot, trace, {"law": [law]})
     return plot

@@ -12,7 +12,7 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
-from benchmarks.report.figures import HOVER, Board, Control, add, axis, figure, lean, line, steps_of
+from benchmarks.report.figures import Board, Control, add, axis, figure, interval, line, steps_of
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
@@ -109,16 +109,12 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
     most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = figure(
-        "clearance-missed", "Missed contacts against the time of a motion",
-        {
-            "xaxis": axis("median time of a motion [ms]", **ticks),
-            "yaxis": axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]),
-        },
-        400,
+        "clearance-missed", "Missed contacts against the time of a motion", axis("median time of a motion [ms]", **ticks),
+        axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]), 400,
     )  # fmt: skip
     times = figure(
-        "clearance-times", "Motions judged within this time",
-        {"xaxis": axis("time [ms]", **ticks), "yaxis": axis("motions [%]", range=[-2, 102])}, 400,
+        "clearance-times", "Motions judged within this time", axis("time [ms]", **ticks),
+        axis("motions [%]", range=[-2, 102]), 400,
     )  # fmt: skip
     for b in blocks:
         for label, rows in _by_method(b):
@@ -126,24 +122,15 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
             when = {"scene": [b.block.title]}
             if contacts:
                 share, low, high = percentage(int(rows["missed"].sum()), contacts)
-                add(missed,
-                    line(
-                        mode="markers", x=lean([np.median(ms)], 4), y=lean([share], 4), name=label,
-                        marker={"color": run.colour(label), "size": 11, "symbol": run.symbol(label)},
-                        error_y={
-                            "type": "data", "symmetric": False, "array": lean([high - share], 4),
-                            "arrayminus": lean([share - low], 4), "color": run.colour(label), "thickness": 1,
-                        },
-                        hovertemplate=f"{label}<br>%{{y:.3g}} % of {contacts} contacts, %{{x:.3g}} ms{HOVER}",
-                    ),
-                    when,
-                )  # fmt: skip
+                add(missed, line(
+                    [np.median(ms)], [share], mode="markers", name=label,
+                    marker={"color": run.colour(label), "size": 11, "symbol": run.symbol(label)},
+                    error_y=interval([(share, low, high)], color=run.colour(label)),
+                    hover=f"{label}<br>%{{y:.3g}} % of {contacts} contacts, %{{x:.3g}} ms",
+                ), when)  # fmt: skip
             x, shares = steps_of(ms, len(ms))
             look = run.look(label) | {"shape": "hv"}
-            trace = line(
-                x=lean(x, 4), y=lean(shares, 4), name=label, line=look,
-                hovertemplate=f"{label}<br>%{{y:.3~g}} % within %{{x:.3g}} ms{HOVER}",
-            )  # fmt: skip
+            trace = line(x, shares, name=label, line=look, hover=f"{label}<br>%{{y:.3~g}} % within %{{x:.3g}} ms")
             add(times, trace, when)
     titles = [b.block.title for b in blocks]
     return Board(

@@ -12,7 +12,6 @@ from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import LawRows, in_group
 from benchmarks.report.figures import (
     ALARM_COLOUR,
-    HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
     Board,
@@ -22,7 +21,6 @@ from benchmarks.report.figures import (
     axis,
     band,
     figure,
-    lean,
     line,
     log_axis,
     steps_of,
@@ -59,12 +57,12 @@ LEAST_EXCESS = 0.01
 def durations(b: LawRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
     plain = figure(
-        "timing-distribution", "Paths with a duration of at most this multiple of T*",
-        {"xaxis": _ticked("T / T*", RATIO_TICKS), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
+        "timing-distribution", "Paths with a duration of at most this multiple of T*", _ticked("T / T*", RATIO_TICKS),
+        axis("paths [%]", range=[-2, 102]), 400,
     )  # fmt: skip
     kept = figure(
         "timing-profile", "After stretching to meet every limit: excess over T*",
-        {"xaxis": _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), "yaxis": axis("paths [%]", range=[-2, 102])}, 400,
+        _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), axis("paths [%]", range=[-2, 102]), 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
     for group in groups:
@@ -110,11 +108,9 @@ def torques(b: LawRows, run: Run) -> Board | None:
         }  # fmt: skip
         plot = figure(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
-            {
-                "xaxis": _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
-                | {"range": _around(b.rows[field])},
-                "yaxis": axis("motions [%]", range=[-2, 102]), "shapes": [beyond],
-            }, 400,
+            _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
+            | {"range": _around(b.rows[field])},
+            axis("motions [%]", range=[-2, 102]), 400, shapes=[beyond],
         )  # fmt: skip
         for group in groups:
             part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
@@ -156,8 +152,8 @@ def _steps(plot: Figure, label: str, look: Json, values: Any, count: int, group:
         return
     x, shares = steps_of(values, count)
     trace = line(
-        x=lean(x, 6), y=lean(shares, 6), name=label, line=look | {"shape": "hv"},
-        hovertemplate=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}{HOVER}",
+        x, shares, digits=6, name=label, line=look | {"shape": "hv"},
+        hover=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}",
     )  # fmt: skip
     add(plot, trace, {"group": [group]})
 
@@ -172,8 +168,8 @@ def against_singularity(b: LawRows, run: Run) -> Board:
     across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
-        figure("timing-sigma-duration", "Duration", {"xaxis": across, "yaxis": seconds}, 400),
-        figure("timing-sigma-ratio", "Duration / T*", {"xaxis": across, "yaxis": _ticked("T / T*", RATIO_TICKS)}, 400),
+        figure("timing-sigma-duration", "Duration", across, seconds, 400),
+        figure("timing-sigma-ratio", "Duration / T*", across, _ticked("T / T*", RATIO_TICKS), 400),
     )
     for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
         if str(label) not in b.entries:
@@ -181,9 +177,9 @@ def against_singularity(b: LawRows, run: Run) -> Board:
         for plot, column in zip(plots, ("duration", "over_optimum"), strict=True):
             marker = {"color": run.colour(str(label)), "size": 5, "opacity": 0.75, "symbol": run.symbol(str(label))}
             trace = line(
-                mode="markers", x=lean(rows["singular_value"], 4), y=lean(rows[column], 5), name=str(label), marker=marker,
+                rows["singular_value"], rows[column], digits=5, mode="markers", name=str(label), marker=marker,
                 text=[_path_words(*key) for key in rows.select("robot", "kind", "index").iter_rows()],
-                hovertemplate=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}{HOVER}",
+                hover=f"{label}<br>%{{text}}<br>σ = %{{x:.3g}}: %{{y:.4g}}",
             )  # fmt: skip
             add(plot, trace, {"limits": [str(limits)]})
     controls = (Control.of("limits", "Limits [rad/s, rad/s², rad/s³]", [part.label for part in b.block.limits]),)
@@ -229,29 +225,27 @@ def _phase(
     laws = motions["law"].unique(maintain_order=True).to_list()
     fastest = float(motions["speed"].to_numpy().max())
     plot = figure(
-        "timing-phase", "Speed along the path and its limit curves",
-        {"xaxis": axis(f"s [{unit}]"), "yaxis": axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest])}, 440,
+        "timing-phase", "Speed along the path and its limit curves", f"s [{unit}]",
+        axis(f"ds/dt [{unit}/s]", range=[0, 1.25 * scale * fastest]), 440,
     )  # fmt: skip
-    at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}{HOVER}"
+    at = f"<br>%{{y:.4g}} {unit}/s at %{{x:.4g}} {unit}"
     bounds = (
         ("velocity", "velocities", INK_COLOUR, "dash", "velocity limit of %{text}"),
         ("acceleration", "accelerations", MUTED_COLOUR, "dot", "acceleration limits, for any path acceleration"),
     )
     for field, several, drawn, dash, meaning in bounds:
         trace = line(
-            x=lean(scale * curve["s"].to_numpy()), y=lean(scale * np.minimum(curve[field].to_numpy(), FAR * fastest)),
+            scale * curve["s"].to_numpy(), scale * np.minimum(curve[field].to_numpy(), FAR * fastest),
             name=f"limit curve of the joint {several}", text=curve["velocity_joint"].to_list(),
-            line={"color": drawn, "width": 1.6, "dash": dash}, hovertemplate=meaning + at,
+            line={"color": drawn, "width": 1.6, "dash": dash}, hover=meaning + at,
         )  # fmt: skip
         add(plot, trace)
     for law in laws:
         part = motions.filter(pl.col("law") == law)
-        add(plot,
-            line(
-                x=lean(scale * part["s"].to_numpy(), 5), y=lean(scale * part["speed"].to_numpy()), name=law,
-                line={"color": run.colour(law), "width": 2}, hovertemplate=law + at,
-            )
-        )  # fmt: skip
+        add(plot, line(
+            scale * part["s"].to_numpy(), scale * part["speed"].to_numpy(), digits=5, name=law,
+            line={"color": run.colour(law), "width": 2}, hover=law + at,
+        ))  # fmt: skip
     return Board(
         f"{b.block.id}-phase", (plot,), (),
         f"The {words}. The dashed curves are the maximum-velocity curves: every motion above one of them exceeds a limit.",
@@ -275,20 +269,18 @@ def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words
 def _ratios(motions: pl.DataFrame, laws: list[str], of: tuple[float, str]) -> Figure:
     """Plot the largest ratio to its limit of every derivative along the line."""
     scale, unit = of
-    layout = {
-        "xaxis": axis(f"s [{unit}]"),
-        "yaxis": log_axis("value / limit", dtick=1, range=[-2.3, 3.2]),
-        "shapes": [band(1.0, 1e6, "beyond the limit")],
-    }
-    plot = figure("timing-ratios", "Largest value / limit of any joint", layout, 340)
+    plot = figure(
+        "timing-ratios", "Largest value / limit of any joint", f"s [{unit}]",
+        log_axis("value / limit", dtick=1, range=[-2.3, 3.2]), shapes=[band(1.0, 1e6, "beyond the limit")],
+    )  # fmt: skip
     for law in laws:
         part = motions.filter(pl.col("law") == law)
         for field in (name for name in JOINT_LIMITS if name in part.columns and part[name].is_not_nan().any()):
             words = field.replace("_", " ")
             trace = line(
-                x=lean(scale * part["s"].to_numpy(), 5), y=lean(np.maximum(part[field].to_numpy(), 1e-4)), name=words,
+                scale * part["s"].to_numpy(), np.maximum(part[field].to_numpy(), 1e-4), digits=5, name=words,
                 line={"color": limit_colour(field), "width": 1.6},
-                hovertemplate=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}{HOVER}",
+                hover=f"{words} %{{y:.4g}} of its limit at %{{x:.4g}} {unit}",
             )  # fmt: skip
             add(plot, trace, {"law": [law]})
     return plot

@@ -10,7 +10,6 @@ import polars as pl
 
 from benchmarks.blocks.timing.plans import LinePlans
 from benchmarks.report.figures import (
-    HOVER,
     NOISE,
     Board,
     Control,
@@ -23,6 +22,7 @@ from benchmarks.report.figures import (
     lean,
     level,
     line,
+    line_over,
     log_axis,
     vary,
 )
@@ -133,20 +133,17 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     for column, (words, title, _) in JOINT_CURVES.items():
         if column not in rows.columns:
             continue
-        plot = figure(
-            f"motion-{column}", words.capitalize(), {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": axis(title)}
-        )
+        plot = figure(f"motion-{column}", words.capitalize(), axis("t [s]", rangemode="tozero"), title)
         for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
             i = joints.index(joint)
             t = part["t"]
-            add(plot,
-                line(
-                    x0=0, dx=float(t[-1]) / (len(t) - 1), y=lean(part[column]), name=str(joint),
-                    line={"color": colour(i), "width": 1.6}, hovertemplate=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}{HOVER}",
-                ),
-                {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]},
-                at={"law": [ALL_LAWS]}, look={"name": str(law), "line": {"color": run.colour(str(law))}},
+            trace = line_over(
+                0, float(t[-1]) / (len(t) - 1), part[column], name=str(joint), line={"color": colour(i), "width": 1.6},
+                hover=f"{joint}, {law}<br>%{{x:.3f}} s: %{{y:.4g}}",
             )  # fmt: skip
+            when = {"law": [str(law), ALL_LAWS], "joint": [str(joint), ALL_JOINTS]}
+            look = {"name": str(law), "line": {"color": run.colour(str(law))}}
+            add(plot, trace, when, at={"law": [ALL_LAWS]}, look=look)
         if column == "torque":
             _add_friction(plot, rows, joints)
         _bands(plot, _limits(found, column, robot), column, joints)
@@ -178,7 +175,7 @@ def _add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
         without = part["torque"].to_numpy() - friction * moved
         around = np.concatenate([without + friction, (without - friction)[::-1]])
         trace = line(
-            x=lean(np.concatenate([t, t[::-1]]), 5), y=lean(around), name="Coulomb friction either way", fill="toself",
+            np.concatenate([t, t[::-1]]), around, digits=5, name="Coulomb friction either way", fill="toself",
             hoverinfo="skip", opacity=0.18, line={"color": colour(joints.index(str(joint))), "width": 0},
             fillcolor=colour(joints.index(str(joint))),
         )  # fmt: skip
@@ -277,22 +274,17 @@ def _tool_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     }
     plots = []
     for column, (title, vertical, scale) in fields.items():
-        plot = figure(
-            f"tool-{column}", title, {"xaxis": axis("t [s]", rangemode="tozero"), "yaxis": vertical}, height=300
-        )
+        plot = figure(f"tool-{column}", title, axis("t [s]", rangemode="tozero"), vertical, height=300)
         for (law,), part in rows.group_by("law", maintain_order=True):
             t = part["t"].to_numpy()
             if column == "speed":
                 y = np.gradient(part["s"].to_numpy(), t)
             else:
                 t, y = _envelope(t, part[column].to_numpy())
-            add(plot,
-                line(
-                    x0=float(t[0]), dx=float(t[1] - t[0]), y=lean(scale * y), name=str(law),
-                    line={"color": run.colour(str(law)), "width": 2},
-                    hovertemplate=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}{HOVER}",
-                )
-            )  # fmt: skip
+            add(plot, line_over(
+                float(t[0]), float(t[1] - t[0]), scale * y, name=str(law),
+                line={"color": run.colour(str(law)), "width": 2}, hover=f"{law}<br>%{{x:.3f}} s: %{{y:.3g}}",
+            ))  # fmt: skip
         plots.append(plot)
     return Board(
         "tool-board", tuple(plots), (),

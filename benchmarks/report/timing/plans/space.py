@@ -11,7 +11,6 @@ import polars as pl
 
 from benchmarks.report.figures import (
     ALARM_COLOUR,
-    HOVER,
     INK_COLOUR,
     MUTED_COLOUR,
     Board,
@@ -86,8 +85,8 @@ def _straight(ends: Array, samples: int) -> Figure:
     """Plot the line alone, with its samples [mm]."""
     scene = {"aspectmode": "cube", **{f"{a}axis": _axis_in_space(a, 5) for a in "xyz"}}
     plot = figure(
-        "straight", "The straight line in Cartesian coordinates (Fig. 5)",
-        {"scene": scene, "margin": dict.fromkeys("lrtb", 0)}, height=520,
+        "straight", "The straight line in Cartesian coordinates (Fig. 5)", height=520, scene=scene,
+        margin=dict.fromkeys("lrtb", 0),
     )  # fmt: skip
     along = ends[0] + np.linspace(0.0, 1.0, samples)[:, None] * (ends[1] - ends[0])
     add(plot, _points(ends, "line", mode="lines", line={"color": colour(1), "width": 4}))
@@ -98,9 +97,8 @@ def _straight(ends: Array, samples: int) -> Figure:
 
 
 def _points(points: Array, name: str, mode: str = "markers", **options: Any) -> Scatter3d:
-    x, y, z = (lean(values) for values in points.T)
-    hover = f"{name}<br>%{{x:.1f}}, %{{y:.1f}}, %{{z:.1f}} mm{HOVER}"
-    return line_3d(x=x, y=y, z=z, mode=mode, name=name, hovertemplate=hover, **options)
+    hover = f"{name}<br>%{{x:.1f}}, %{{y:.1f}}, %{{z:.1f}} mm"
+    return line_3d(*points.T, mode=mode, name=name, hover=hover, **options)
 
 
 # ---------------------------------------------------------------- clearance
@@ -138,12 +136,8 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
     below = band(-1e4, margin, "nearer to the scene than the margin" if margin else "contact")
     most = 1e3 * float(np.nanmax(rows.select(pl.max_horizontal("scene", "own")).to_numpy().astype(float)))
     plot = figure(
-        "clearance-time", "Clearance over time",
-        {
-            "xaxis": axis("t [s]", rangemode="tozero"),
-            "yaxis": axis("distance [mm]", range=[min(-0.04 * most, margin - 0.1 * most), 1.06 * most]),
-            "shapes": [below],
-        }, 380,
+        "clearance-time", "Clearance over time", axis("t [s]", rangemode="tozero"),
+        axis("distance [mm]", range=[min(-0.04 * most, margin - 0.1 * most), 1.06 * most]), 380, shapes=[below],
     )  # fmt: skip
     for law in laws:
         part = rows.filter(pl.col("law") == law)
@@ -152,21 +146,21 @@ def _over_time(rows: pl.DataFrame, pictures: Sequence[Json], run: Run) -> Board:
             if kept.is_empty():
                 continue
             trace = line(
-                x=lean(kept["t"], 5), y=lean(1e3 * kept[column].to_numpy(), 5), **({"name": law} if dash == "solid" else {}),
+                kept["t"], 1e3 * kept[column].to_numpy(), digits=5, **{"name": law} if dash == "solid" else {},
                 line={"color": run.colour(law), "width": 2, "dash": dash},
-                hovertemplate=f"{words}, {law}<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
+                hover=f"{words}, {law}<br>%{{x:.3f}} s: %{{y:.4g}} mm",
             )  # fmt: skip
             add(plot, trace, {"law": [law]})
     for picture in pictures:
         times, distances = np.array(picture["marks"]).T
         mark = line(
-            mode="markers", x=lean(times, 5), y=lean(1e3 * distances, 5), name="least, from the certificate",
+            times, 1e3 * distances, digits=5, mode="markers", name="least, from the certificate",
             marker={"color": MARK_COLOUR, "size": 10, "symbol": "diamond"},
-            hovertemplate=f"least, from the certificate<br>%{{x:.3f}} s: %{{y:.4g}} mm{HOVER}",
+            hover="least, from the certificate<br>%{x:.3f} s: %{y:.4g} mm",
         )  # fmt: skip
         add(plot, mark, {"law": [picture["law"]]})
     for words, dash in (("arm and scene", "solid"), ("between links", "dot")):
-        add(plot, entry(words, MUTED_COLOUR, dash=dash))
+        add(plot, entry(words, MUTED_COLOUR, dash))
     return Board(
         "clearance-time-board", (plot,), (law_control(laws),) if laws[1:] else (),
         "Least distance of the examined pairs at sampled instants, for the shapes of arm and scene. The bound of the "
@@ -180,8 +174,8 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
     corners = [1e3 * _corners(box) for box in pictures[0]["boxes"]]
     everything = np.vstack([points, *corners])
     plot = figure(
-        "clearance-space", "Arm and scene where they are nearest",
-        {"scene": axes_in_space(robot.gravity, everything), "margin": dict.fromkeys("lrtb", 0)}, 560,
+        "clearance-space", "Arm and scene where they are nearest", height=560,
+        scene=axes_in_space(robot.gravity, everything), margin=dict.fromkeys("lrtb", 0),
     )  # fmt: skip
     for picture in pictures:
         when = {"law": [picture["law"]]}
@@ -196,17 +190,13 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
         for lines, look, name, width in parts:
             if lines:
                 x, y, z = 1e3 * np.vstack(lines).T
-                add(plot,
-                    line_3d(x=lean(x), y=lean(y), z=lean(z), name=name, line={"color": look, "width": width},
-                            hovertemplate=f"{name}{HOVER}"), when,
-                )  # fmt: skip
+                add(plot, line_3d(x, y, z, name=name, line={"color": look, "width": width}, hover=f"{name}"), when)
         ends = 1e3 * np.array(picture["points"])
-        add(plot,
-            line_3d(x=lean(ends[:, 0]), y=lean(ends[:, 1]), z=lean(ends[:, 2]), mode="lines+markers",
-                    name="the nearest pair and its nearest points",
-                    line={"color": MARK_COLOUR, "width": 6}, marker={"color": MARK_COLOUR, "size": 5},
-                    hovertemplate=f"{1e3 * picture['found']:.4g} mm{HOVER}"), when,
-        )  # fmt: skip
+        add(plot, line_3d(
+            ends[:, 0], ends[:, 1], ends[:, 2], mode="lines+markers", name="the nearest pair and its nearest points",
+            line={"color": MARK_COLOUR, "width": 6}, marker={"color": MARK_COLOUR, "size": 5},
+            hover=f"{1e3 * picture['found']:.4g} mm",
+        ), when)  # fmt: skip
     laws = [picture["law"] for picture in pictures]
     return Board(
         "clearance-space-board", (plot,), (law_control(laws),) if laws[1:] else (),
