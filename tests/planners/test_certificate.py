@@ -511,12 +511,6 @@ def test_what_it_is_a_certificate_of() -> None:
     assert certificate.joint_names == tuple(NAMES)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan])
-def test_a_rate_that_is_not_above_zero_is_refused(rate: float) -> None:
-    with pytest.raises(InvalidInput, match=r"^rate: "):
-        certified(paper_motion(), rate=rate)
-
-
 def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> None:
     with pytest.raises(InvalidInput, match=r"^trajectory: "):
         certified(cases.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
@@ -527,8 +521,8 @@ def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> N
 def test_a_rate_that_tells_nothing_is_refused() -> None:
     for rate in (1e-6, 1e9):
         assert certified(paper_motion(), rate=rate).rate == rate
-    for rate in (0.9e-6, 1.1e9, 1e300, 5e-324, float("nan")):
-        with pytest.raises(InvalidInput, match="rate"):
+    for rate in (0.0, -1.0, 0.9e-6, 1.1e9, 1e300, 5e-324, np.nan):
+        with pytest.raises(InvalidInput, match=r"^rate: "):
             certified(paper_motion(), rate=rate)
 
 

@@ -203,18 +203,6 @@ def test_a_half_turn_is_refused_with_what_would_work(short: float, move: float) 
 
 
 # ---------------------------------------------------------------- nearest
-@given(poses, poses, poses)
-def test_no_place_on_the_line_is_nearer_than_the_nearest(start: Any, goal: Any, tool: Any) -> None:
-    assume(np.linalg.norm(goal[:3, 3] - start[:3, 3]) > 1e-3)
-    line = Line(start, goal)
-    s = line.nearest(tool[None])
-    assert s.shape == (1,)
-    assert 0.0 <= s[0] <= line.end
-    everywhere = line(np.linspace(0.0, line.end, 401))[:, :3, 3]
-    least = np.linalg.norm(everywhere - tool[:3, 3], axis=1).min()
-    assert np.linalg.norm(line(s[0])[:3, 3] - tool[:3, 3]) <= least + 1e-12
-
-
 @given(poses, vectors, parts, st.booleans())
 def test_the_nearest_place_to_a_pose_of_the_line_is_where_it_is(start: Any, turn: Any, u: float, moves: bool) -> None:
     assume(np.linalg.norm(turn) > 1e-3)
