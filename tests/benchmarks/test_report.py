@@ -97,10 +97,13 @@ def page_of(folder: RunFolder) -> Page:
 
 
 @pytest.fixture(scope="module")
-def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Page:
-    folder = tmp_path_factory.mktemp("report") / "run"
-    shutil.copytree(small_run.path, folder)
-    return page_of(RunFolder(folder))
+def written(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    return RunFolder(shutil.copytree(small_run.path, tmp_path_factory.mktemp("report") / "run"))
+
+
+@pytest.fixture(scope="module")
+def page(written: RunFolder) -> Page:
+    return page_of(written)
 
 
 # ------------------------------------------------------------ one page, whole
@@ -151,10 +154,10 @@ def test_every_method_and_plan_is_shown(page: Page) -> None:
     assert "optik bench run small --out RUN" in page.text
 
 
-def test_the_report_is_the_same_twice(copied: RunFolder) -> None:
-    first = write_report(copied).read_bytes()
-    assert write_report(copied).read_bytes() == first
-    assert [f.name for f in copied.path.iterdir() if f.name.endswith(".part")] == []
+def test_the_report_is_the_same_twice(written: RunFolder, page: Page) -> None:
+    first = (written.path / "report.html").read_bytes()
+    assert write_report(written).read_bytes() == first
+    assert [f.name for f in written.path.iterdir() if f.name.endswith(".part")] == []
 
 
 # ------------------------------------------------------------ its numbers
@@ -344,12 +347,11 @@ def draws_every_plot(folder: RunFolder, scratch: Path) -> None:
         assert browser.run("document.querySelectorAll('.js-plotly-plot').length") == plots
 
 
-def test_provenance_names_every_block_s_problems_by_their_hash(copied: RunFolder) -> None:
-    text = write_report(copied).read_text(encoding="utf-8")
-    files = sorted((copied.path / "problems").glob("*.json"))
+def test_provenance_names_every_block_s_problems_by_their_hash(written: RunFolder, page: Page) -> None:
+    files = sorted((written.path / "problems").glob("*.json"))
     assert files
     for file in files:
-        assert f"SHA-256 {json.loads(file.read_text(encoding='utf-8'))['sha256'][:16]}…" in text
+        assert f"SHA-256 {json.loads(file.read_text(encoding='utf-8'))['sha256'][:16]}…" in page.text
 
 
 def test_controls_of_laws_open_on_the_default_law() -> None:
