@@ -1,7 +1,6 @@
 """closed_form: every branch against slow kinematics and brute force, at singularities and limits, by every backend."""
 
 import itertools
-import pickle
 import subprocess
 import sys
 
@@ -9,12 +8,11 @@ import numpy as np
 import pytest
 
 import optik
-from optik import IKStatus, Tolerance
+from optik import IKStatus
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
-from optik.ik import make_solver
-from optik.ik.closed_form import METHOD, ClosedForm
+from optik.ik.closed_form import ClosedForm
 from tests import oracles
 
 PI = np.pi
@@ -439,12 +437,6 @@ def test_importing_and_listing_load_neither_package():
 
 
 # ---------------------------------------------------------------- as a method
-def test_it_is_a_method_by_name():
-    assert METHOD is ClosedForm
-    assert optik.ik.ClosedForm is ClosedForm
-    assert type(make_solver(optik.load("paper6r"), "closed_form", backend="enumeration")) is ClosedForm
-
-
 @pytest.mark.parametrize("task", ["position", "axis_z"])
 def test_only_the_whole_pose_can_be_asked_for(task):
     with pytest.raises(InvalidInput, match="closed_form can"):
@@ -465,18 +457,6 @@ def test_branches_refuse_what_solve_refuses():
         solver.branches(np.eye(4), np.full(6, 9.0))
 
 
-def test_it_pickles_as_robot_and_options(known):
-    solver, arm = known
-    solver = solver.with_options(tolerance=Tolerance(1e-7, 1e-7))
-    again = pickle.loads(pickle.dumps(solver))
-    assert again.options == solver.options
-    assert again.label == solver.label
-    target = oracles.fk(arm, oracles.configurations(arm, 1, 27)[0])
-    a, b = solver.branches(target), again.branches(target)
-    assert (a.q == b.q).all()
-    assert a.message == b.message
-
-
 def test_batch_answers_as_single_calls_do(known):
     solver, arm = known
     q = oracles.configurations(arm, 6, 28)
@@ -485,15 +465,6 @@ def test_batch_answers_as_single_calls_do(known):
     assert batch.solved.all()
     for i, target in enumerate(targets):
         assert (batch.q[i] == solver.solve(target, np.zeros(6)).q).all()
-
-
-def test_it_says_nothing_aloud(known, capfd):
-    solver, arm = known
-    for q in singular(arm, 4, 0.0, 2, 29):
-        solver.branches(oracles.fk(arm, q))
-    ClosedForm(solver.robot, backend=solver.backend)
-    captured = capfd.readouterr()
-    assert captured.out + captured.err == ""
 
 
 @pytest.mark.parametrize("elbow", ["folds", "flips", "stands"])

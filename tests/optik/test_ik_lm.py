@@ -1,6 +1,5 @@
 """The default method against slow oracles: arms of any kind, windings, half turns, limits, frames, tasks, threads."""
 
-import os
 import pickle
 import subprocess
 import sys
@@ -743,38 +742,3 @@ def test_one_solver_in_eight_threads_answers_as_in_one(options):
     for a, b in zip(serial, threaded, strict=True):
         assert (a.q == b.q).all()
         assert a[1:6] == b[1:6]
-
-
-# ---------------------------------------------------------------- where the compiled code is kept
-SOLVE = """
-import numpy as np, optik
-robot = optik.load("paper6r")
-print(optik.solve_ik(robot, robot.fk(np.full(6, 0.3)), np.zeros(6)).q.tobytes().hex())
-"""
-
-
-def fresh(cache, **variables):
-    return subprocess.Popen(
-        [sys.executable, "-c", SOLVE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        cwd=oracles.REPOSITORY, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)} | variables,
-    )  # fmt: skip
-
-
-@pytest.mark.soak
-def test_two_processes_compile_into_one_empty_cache(tmp_path):
-    for _ in range(2):  # empty, then filled by both
-        both = [fresh(tmp_path) for _ in range(2)]
-        answers = [process.communicate(timeout=300) for process in both]
-        assert [process.returncode for process in both] == [0, 0], answers
-        assert answers[0][0] == answers[1][0] != ""
-
-
-@pytest.mark.soak
-def test_a_cache_that_cannot_be_written_is_done_without(tmp_path):
-    in_the_way = tmp_path / "file"
-    in_the_way.write_text("not a folder")
-    for cache in (in_the_way, "/proc/no/cache"):
-        process = fresh(cache, HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
-        out, errors = process.communicate(timeout=300)
-        assert process.returncode == 0, errors
-        assert out

@@ -284,6 +284,15 @@ def test_the_end_is_met_however_far_apart_the_limits_are(limits: MotionLimits) -
         assert np.abs(trajectory(trajectory.end, 1)).max() < 1e-9
 
 
+def test_limits_far_apart_take_tens_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts, real, rng = [], iteration.solve, np.random.default_rng(0)
+    monkeypatch.setattr(iteration, "solve", lambda *given: counts.append(real(*given)) or counts[-1])
+    for k in range(8):
+        limits = np.array([2.0, 10.0, 100.0]) * 10.0 ** rng.uniform(-3.0, 3.0, 3)
+        make_law("optimal").run(random_joint_paths(4)[k % 4], MotionLimits(*limits))
+    assert 10 < max(counts) <= 80
+
+
 def test_where_no_motion_is_found_the_reason_names_the_place_and_the_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(iteration, "solve", lambda *_: -1)
     with pytest.raises(NoSolution) as info:
