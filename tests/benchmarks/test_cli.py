@@ -37,22 +37,6 @@ def test_robots_lists_every_robot(typed: Any) -> None:
     assert [r["name"] for r in json.loads(out)] == list(optik.robots())
 
 
-def test_fk_takes_negative_numbers_and_agrees_with_the_library(typed: Any) -> None:
-    status, out, _ = typed("fk", START, "--json")
-    assert status == 0
-    q = np.deg2rad([float(v) for v in START.split(",")])
-    np.testing.assert_allclose(json.loads(out)["pose"], optik.load("paper6r").fk(q), atol=1e-12)
-
-
-def test_ik_answers_what_fk_confirms(typed: Any) -> None:
-    status, out, _ = typed("ik", "--xyz", "0.1,0.3,0.2", "--rpy-deg", "-90,10,20", "--start-deg", START, "--json")
-    answer = json.loads(out)
-    assert (status == 0) == answer["solved"]
-    T = optik.load("paper6r").fk(answer["q"])
-    assert answer["solved"]
-    np.testing.assert_allclose(T[:3, 3], [0.1, 0.3, 0.2], atol=1e-6)
-
-
 def test_no_solution_is_exit_status_one(typed: Any) -> None:
     status, _, said = typed("ik", "--xyz", "3,0,0", "--start-deg", START)
     assert status == 1
@@ -168,12 +152,6 @@ def test_a_law_that_promises_nothing_is_not_praised() -> None:
     words = " ".join(done.output.split())
     exceeded = words.partition("not enforced by quintic")[2]
     assert "acceleration" in exceeded and "4.2" in exceeded and "jerk" in exceeded and "192" in exceeded
-
-
-def test_help_shows_units() -> None:
-    words = inside("plan", "line", "--help").output
-    assert "[m]" in words
-    assert "[rad/s³" in words
 
 
 def test_bench_list_lists_every_suite(typed: Any) -> None:

@@ -154,6 +154,8 @@ def test_fk_prints_the_same_for_programs(typed: Any) -> None:
 
     _, out, _ = typed("fk", "20,-35,40,25,50,-30", "--json")
     data = json.loads(out)
+    q = np.deg2rad([20, -35, 40, 25, 50, -30])
+    np.testing.assert_allclose(data["pose"], optik.load("paper6r").fk(q), atol=1e-12)
     R = np.array(data["pose"])[:3, :3]
     np.testing.assert_allclose(Rotation.from_euler("xyz", data["rpy_deg"], degrees=True).as_matrix(), R, atol=1e-12)
     np.testing.assert_allclose(Rotation.from_quat(data["quat"], scalar_first=True).as_matrix(), R, atol=1e-12)
@@ -255,6 +257,7 @@ def test_the_help_of_a_plan_is_in_panels_and_explains_every_word_of_allow(typed:
     _, out, _ = typed("plan", "line", "--help")
     titles = [line.split()[1] for line in out.splitlines() if line.startswith("╭─")]
     assert titles == ["Path", "Robot", "Method", "Limits", "Scene", "Output"]
+    assert "[m]" in out and "[rad/s³" in out
     assert all(re.search(rf"\b{word} \(", " ".join(out.replace("│", "").split())) for word in ALLOWANCES)
 
 

@@ -23,7 +23,7 @@ from benchmarks.run import run_suite
 from benchmarks.statistics import percentage
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM
-from tests.benchmarks.conftest import hide, small
+from tests.benchmarks.conftest import hide
 from tests.benchmarks.test_report import Page, draws_every_plot, page_of
 
 SPEED: dict[str, Any] = {
@@ -167,10 +167,6 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     row = {row["label"]: row for row in found.rows}["λ=0.3"]
     assert row["share 0 ≤ σ < 0.03"][0] == pytest.approx(percent)  # type: ignore[index]
     assert row["p95 0 ≤ σ < 0.03"] == pytest.approx(1e3 * np.quantile(near["position_error"].to_numpy(), 0.95))
-
-
-def test_a_run_without_a_damping_block_has_no_such_section() -> None:
-    assert "damping" not in {b.id for b in small().of("budgets")}
 
 
 def test_a_method_that_raises_is_named_with_its_first_reason() -> None:
