@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import tomllib
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from optik.errors import InvalidInput, OutputError
+from optik.types import Array
 
 MOST_BYTES = 2**30
 """Default size limit of a file [bytes]."""
@@ -44,12 +50,12 @@ def read_bytes(
     return bytes(content)
 
 
-def decode_text(content: bytes) -> str:
+def decode_text(content: bytes, argument: str = "content") -> str:
     """Decode UTF-8."""
     try:
         return content.decode("utf-8", errors="surrogatepass")
     except UnicodeDecodeError as error:
-        raise InvalidInput("content", str(error)[:120], "text in UTF-8") from None
+        raise InvalidInput(argument, str(error)[:120], "text in UTF-8") from None
 
 
 def parse_json(text: str, argument: str) -> Any:
@@ -70,6 +76,50 @@ def parse_toml(text: str, argument: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(argument, str(error)[:120], "TOML") from None
+
+
+class CsvTable(NamedTuple):
+    """Cells of comma-separated values with a header line; the places of the header and of each row are for errors."""
+
+    columns: list[str]
+    rows: list[list[str]]
+    header: str
+    places: list[str]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Return the finite numbers of some columns (k, m)."""
+        chosen = [self.columns.index(name) for name in names]
+        values = np.full((len(self.rows), len(names)), np.nan)
+        for i, row in enumerate(self.rows):
+            for j, at in enumerate(chosen):
+                with suppress(ValueError):
+                    values[i, j] = float(row[at])
+                if not np.isfinite(values[i, j]):
+                    raise InvalidInput(f"{self.places[i]}, column {names[j]}", repr(row[at])[:60], "a finite number")
+        return values
+
+
+def read_csv(file: Path) -> CsvTable:
+    """Read comma-separated values with a header; skip empty lines and lines that begin with #."""
+    text = decode_text(read_bytes(file), str(file)).lstrip("\ufeff")
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+    table = CsvTable([], [], str(file), [])
+    try:
+        for row in reader:
+            cells, place = [cell.strip() for cell in row], f"{file}, line {reader.line_num}"
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            if not table.columns:
+                table = table._replace(columns=cells, header=place)
+                continue
+            if len(cells) != len(table.columns):
+                expected = f"{len(table.columns)}, one for each column of the header"
+                raise InvalidInput(place, f"{len(cells)} values", expected)
+            table.rows.append(cells)
+            table.places.append(place)
+    except csv.Error as error:
+        raise InvalidInput(f"{file}, line {reader.line_num}", str(error), "comma-separated values") from None
+    return table
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.file_io import decode_text, read_bytes
+from optik.file_io import read_bytes, read_csv
 from optik.types import Array
 
 POSITION = ("x_m", "y_m", "z_m")
@@ -54,74 +53,25 @@ def read_poses(path: Path, robot: Robot | None = None) -> Poses:
 # ---------------------------------------------------------------- CSV
 
 
-def read_table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Read a CSV file with a header."""
-    columns: list[str] = []
-    rows, lines = [], []
-    for line, row in _records(path):
-        cells = [cell.strip() for cell in row]
-        if not any(cells) or cells[0].startswith("#"):
-            continue
-        if not columns:
-            columns = cells
-        elif len(cells) != len(columns):
-            raise InvalidInput(
-                f"{path}, line {line}", f"{len(cells)} values", f"{len(columns)} values, the length of the header"
-            )
-        else:
-            rows.append(cells)
-            lines.append(line)
-    if not rows:
-        raise InvalidInput(str(path), "no rows", f"a header such as {','.join((*POSITION, *QUATERNION))} and rows")
-    return columns, rows, lines
-
-
-def _records(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the lines of a CSV file with their numbers."""
-    try:
-        reader = csv.reader(io.StringIO(decode_text(read_bytes(path)).lstrip("\ufeff")))
-        for row in reader:
-            yield reader.line_num, row
-    except csv.Error as error:
-        raise InvalidInput(str(path), str(error), "a CSV file") from None
-    except InvalidInput as error:
-        raise InvalidInput(str(path), error.got, error.expected) from None
-
-
-def numbers_of(path: Path, table: tuple[list[str], list[list[str]], list[int]], names: Sequence[str]) -> Array:
-    """Return the numbers of some columns of a table."""
-    columns, rows, lines = table
-    values = np.empty((len(rows), len(names)))
-    for j, name in enumerate(names):
-        at = columns.index(name)
-        for i, row in enumerate(rows):
-            try:
-                values[i, j] = float(row[at])
-            except ValueError:
-                values[i, j] = np.nan
-            if not np.isfinite(values[i, j]):
-                raise InvalidInput(f"{path}, line {lines[i]}, column {name}", repr(row[at])[:60], "a finite number")
-    return values
-
-
 def _from_csv(path: Path, robot: Robot | None) -> Poses:
     """Return the poses of a CSV file."""
-    table = read_table(path)
-    columns, rows, lines = table
+    table = read_csv(path)
+    columns, where = table.columns, table.places
+    if not where:
+        raise InvalidInput(str(path), "no rows", f"a header such as {','.join((*POSITION, *QUATERNION))} and rows")
     joints = _joint_columns(robot) if robot is not None else []
     turned = QUATERNION if "qw" in columns else ROTATION
     known = [*POSITION, *turned, *joints, "group"]
     _check_columns(path, columns, known, [*POSITION, *turned])
-    where = [f"{path}, line {line}" for line in lines]
-    targets = np.tile(np.eye(4), (len(rows), 1, 1))
-    targets[:, :3, 3] = numbers_of(path, table, POSITION)
-    values = numbers_of(path, table, turned)
+    targets = np.tile(np.eye(4), (len(where), 1, 1))
+    targets[:, :3, 3] = table.numbers(POSITION)
+    values = table.numbers(turned)
     targets[:, :3, :3] = _of_quaternions(values, where) if turned is QUATERNION else values.reshape(-1, 3, 3)
     starts = None
     if present := [name for name in joints if name in columns]:
         _check_columns(path, columns, known, joints)
-        starts = numbers_of(path, table, present)
-    group = [row[columns.index("group")] for row in rows] if "group" in columns else [path.stem] * len(rows)
+        starts = table.numbers(present)
+    group = [row[columns.index("group")] for row in table.rows] if "group" in columns else [path.stem] * len(where)
     return _checked(where, targets, starts, np.array(group), robot)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from pathlib import Path
 
@@ -13,7 +11,7 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.file_io import decode_text, read_bytes
+from optik.file_io import CsvTable, read_csv
 from optik.types import Array
 
 POSITION_COLUMNS = {("x", "y", "z"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
@@ -33,8 +31,8 @@ def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) 
     """Return the poses (k, 4, 4) of a file; see `Polyline.from_csv`."""
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
-    name = os.fspath(file)
-    columns, lines, numbers = _table(name, decode_text(read_bytes(Path(name))))
+    table = _table(Path(file))
+    columns, numbers = table.columns, table.numbers(table.columns)
     position = next(names for names in POSITION_COLUMNS if set(names) <= set(columns))
     turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)), ())
     if turned in ((), AXIS_COLUMNS) and orientation is None:
@@ -43,7 +41,7 @@ def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) 
     first = _rotation(np.eye(3) if orientation is None else orientation)
     p = POSITION_COLUMNS[position] * numbers[:, [columns.index(c) for c in position]]
     values = numbers[:, [columns.index(c) for c in turned]]
-    return np.stack([se3.pose(R, x) for R, x in zip(_rotations(name, lines, turned, values, first), p, strict=True)])
+    return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table.places, turned, values, first), p, strict=True)])
 
 
 def _rotation(orientation: ArrayLike) -> Array:
@@ -53,31 +51,15 @@ def _rotation(orientation: ArrayLike) -> Array:
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 
-def _table(name: str, text: str) -> tuple[list[str], list[int], Array]:
-    """Return the column names, the line of each row and its numbers; skip empty lines and lines that begin with #."""
-    rows = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), skipinitialspace=True)
-    columns: list[str] = []
-    lines: list[int] = []
-    numbers: list[list[float]] = []
-    try:
-        for row in rows:
-            if not any(map(str.strip, row)) or row[0].startswith("#"):
-                continue
-            if not columns:
-                columns = _header(f"{name}, line {rows.line_num}", row)
-                continue
-            at = f"{name}, line {rows.line_num}"
-            if len(row) != len(columns):
-                raise InvalidInput(at, f"{len(row)} values", f"{len(columns)}, one for each column of the header")
-            lines.append(rows.line_num)
-            numbers.append([_number(f"{at}, column {c}", value) for c, value in zip(columns, row, strict=True)])
-    except csv.Error as error:
-        raise InvalidInput(f"{name}, line {rows.line_num}", str(error), "comma-separated values") from None
-    if not columns:
-        raise InvalidInput(name, "no line", ACCEPTED_HEADER)
-    if len(numbers) < 2:
-        raise InvalidInput(name, f"{len(numbers)} rows of numbers", "at least two waypoints")
-    return columns, lines, np.array(numbers)
+def _table(file: Path) -> CsvTable:
+    """Return the numbers of a file under its column names in lower case."""
+    table = read_csv(file)
+    if not table.columns:
+        raise InvalidInput(table.header, "no line", ACCEPTED_HEADER)
+    table = table._replace(columns=_header(table.header, table.columns))
+    if len(table.rows) < 2:
+        raise InvalidInput(str(file), f"{len(table.rows)} rows of numbers", "at least two waypoints")
+    return table
 
 
 def _header(at: str, row: list[str]) -> list[str]:
@@ -93,38 +75,29 @@ def _header(at: str, row: list[str]) -> list[str]:
     return columns
 
 
-def _number(at: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = np.nan
-    if not np.isfinite(number):
-        raise InvalidInput(at, repr(value)[:40], "a finite number")
-    return number
-
-
-def _rotations(name: str, lines: list[int], turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
+def _rotations(places: list[str], turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
     """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
-        return [first] * len(lines)
+        return [first] * len(places)
     if turned in ANGLE_COLUMNS:
         return [se3.from_xyz_rpy(np.zeros(3), ANGLE_COLUMNS[turned] * angles)[:3, :3] for angles in values]
     length = np.linalg.norm(values, axis=1)
     off = np.flatnonzero(~(np.abs(length - 1.0) <= se3.QUATERNION_ERROR))
     if off.size:
-        at = f"{name}, line {lines[off[0]]}, columns {','.join(turned)}"
+        at = f"{places[off[0]]}, columns {','.join(turned)}"
         raise InvalidInput(at, f"a vector of length {length[off[0]]:.6g}", "a vector of length 1")
     values = values / length[:, None]
     if turned == QUATERNION_COLUMNS:
         return [se3.from_quaternion(xyzw[[3, 0, 1, 2]]) for xyzw in values]
     rotations = [first]
-    for line, axis in zip(lines, values, strict=True):
+    for place, axis in zip(places, values, strict=True):
         z = rotations[-1][:, 2]
         w, cosine = np.cross(z, -axis), float(-axis @ z)
         sine = float(np.linalg.norm(w))
         if cosine < 0.0 and sine < 1e-6:
-            at = f"{name}, line {line}, columns i,j,k"
-            raise InvalidInput(at, "an axis opposite to the previous one", "a turn of less than 180°")
+            raise InvalidInput(
+                f"{place}, columns i,j,k", "an axis opposite to the previous one", "a turn of less than 180°"
+            )
         turn = w * (np.arctan2(sine, cosine) / sine) if sine > 0.0 else np.zeros(3)
         rotations.append(se3.exp_so3(turn) @ rotations[-1])
     return rotations[1:]
