@@ -17,9 +17,7 @@ from optik.types import Array
 from planners import (
     Arc,
     JointLine,
-    Line,
     MotionLimits,
-    Path,
     Plan,
     Polyline,
     Trajectory,
@@ -37,6 +35,7 @@ from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
+from tests.planners.stops import path_of
 
 ROBOTS = ("iiwa14", "panda", "ur5e", "paper6r", "kr6", "irb120")
 LAWS = ("optimal", "optimal", "ruckig", "smooth")
@@ -45,26 +44,6 @@ EACH = 10
 EXACT = (1e-12, 1e-9, 1e-6)
 """How far the start may be from the running motion's state [rad or m, per s, per s²]."""
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
-
-
-def path_on(robot: optik.Robot, q: Array, rng: np.random.Generator) -> Path:
-    low, high = np.maximum(robot.limits.lower, -3.0), np.minimum(robot.limits.upper, 3.0)
-
-    def near(q: Array, size: float) -> Array:
-        return np.clip(q + rng.normal(0.0, size, robot.n), low, high)
-
-    kind = rng.integers(4)
-    if kind == 0:
-        Q = [q]
-        for _ in range(3):
-            Q.append(near(Q[-1], 0.15))
-        return Polyline(np.array([robot.fk(x) for x in Q]), blend=0.005, blend_rotation=0.05)
-    if kind == 1:
-        return JointLine(robot, q, near(q, 0.4))
-    T = robot.fk(q)
-    if kind == 2:
-        return Line(T, robot.fk(near(q, 0.2)))
-    return Arc.about(T, T[:3, 3] + 0.05 * T[:3, 0], T[:3, 2], float(rng.uniform(0.5, 6.2)))
 
 
 def drawn(seed: int) -> Iterator[Plan]:
@@ -76,7 +55,7 @@ def drawn(seed: int) -> Iterator[Plan]:
         q = low + (high - low) * rng.uniform(0.3, 0.7, robot.n)
         speed = float(rng.uniform(0.05, 0.5)) if rng.random() < 0.3 else None
         limits = MotionLimits(*(np.array([2.0, 10.0, 100.0]) * 10.0 ** rng.uniform(-0.5, 0.5, 3)), tool_speed=speed)
-        path, law = path_on(robot, q, rng), str(rng.choice(LAWS))
+        path, law = path_of(robot, q, rng), str(rng.choice(LAWS))
         found = plan(robot, path, q, limits=limits, timing=law)
         if found and found.certificate.is_valid:
             yield found

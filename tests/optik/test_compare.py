@@ -12,6 +12,7 @@ from optik import DHRow, JointLimits, Robot
 from optik.arm.compare import Comparison
 from optik.errors import InvalidInput
 from tests import oracles
+from tests.robots import built
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 TOOL = oracles.pose((0.1, -0.3, 0.2), (0.02, 0.03, 0.1))
@@ -117,9 +118,7 @@ def test_any_base_tool_zeros_and_signs_together_are_found(data):
     rng = np.random.default_rng(seed)
     n = data.draw(st.integers(1, 7))
     arm = oracles.random_arm(rng, n, prismatic=data.draw(st.booleans()))
-    robot = Robot.from_mdh(
-        [DHRow(*r.__dict__.values()) for r in arm.rows], JointLimits([-3] * n, [3] * n), base=arm.base, tool=arm.tool
-    )
+    robot = built(arm)
     changes = {
         "base": data.draw(st.sampled_from([None, BASE])),
         "tool": data.draw(st.sampled_from([None, TOOL])),

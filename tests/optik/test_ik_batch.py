@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import optik
-from optik import IKStatus, JointLimits, Robot, Tolerance
+from optik import IKStatus, Tolerance
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
 from tests import oracles
+from tests.robots import built
 
 PAPER, ARM = optik.load("paper6r"), oracles.table("paper6r")
 STATUSES = tuple(IKStatus)
@@ -78,8 +79,7 @@ def test_five_thousand_are_the_same_in_any_order_and_any_number_of_threads():
 @pytest.mark.parametrize("n", [pytest.param(3, marks=pytest.mark.soak), 7])
 def test_arms_of_other_lengths_too(n):
     arm = oracles.random_arm(np.random.default_rng(n), n, prismatic=n == 3)
-    rows = [optik.DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    solver = LM(Robot.from_mdh(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool), max_restarts=5)
+    solver = LM(built(arm), max_restarts=5)
     targets, starts = problems(100, 204, arm)
     check_singles(solver, solver.solve_batch(targets, starts), targets, starts)
 

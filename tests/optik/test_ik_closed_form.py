@@ -14,6 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik.closed_form import ClosedForm
 from tests import oracles
+from tests.robots import built
 
 PI = np.pi
 NAMES = ("paper6r", "puma560", "ur5e")
@@ -297,9 +298,7 @@ def test_a_locked_joint_stays_where_it_is(backend):
 def test_a_sliding_joint_and_a_general_arm_are_enumerated():
     rng = np.random.default_rng(21)
     for arm in (oracles.random_arm(rng, prismatic=True), oracles.random_arm(rng), oracles.random_arm(rng, 5)):
-        rows = [dict(a=r.a, alpha=r.alpha, d=r.d, theta=r.theta, prismatic=r.prismatic) for r in arm.rows]
-        robot = Robot.from_mdh(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
-        solver = ClosedForm(robot)
+        solver = ClosedForm(built(arm))
         assert solver.label == ENUMERATION
         for q in oracles.configurations(arm, 5, 22):
             target = oracles.fk(arm, q)
@@ -313,7 +312,7 @@ def test_a_sliding_joint_and_a_general_arm_are_enumerated():
             assert not found.complete
         for name in ("ssik", "eaik"):
             with pytest.raises((InvalidInput, MissingDependency), match=r"enumeration|closed-form"):
-                ClosedForm(robot, backend=name)
+                ClosedForm(built(arm), backend=name)
 
 
 def iiwa():

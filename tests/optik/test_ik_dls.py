@@ -12,6 +12,7 @@ from optik import DHRow, IKStatus, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import DLS, make_solver
 from tests import oracles
+from tests.robots import built
 
 PAPER = optik.load("paper6r")
 each_robot = pytest.mark.parametrize("name", optik.robots())
@@ -67,13 +68,10 @@ def test_every_iterate_of_a_run_that_hits_its_limits_is_the_plain_iterations(nam
 def test_arms_of_any_length_with_a_sliding_joint_iterate_as_the_plain_iteration_does(seed, convention, n):
     rng = np.random.default_rng(seed)
     arm = oracles.random_arm(rng, n, prismatic=True, convention=convention)
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    build = Robot.from_mdh if convention == "mdh" else Robot.from_dh
-    robot = build(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
     q = rng.uniform(-2, 2, n)
     target, start = oracles.fk(arm, q), q + rng.uniform(-0.3, 0.3, n)
     plain = oracles.damped_least_squares(arm, target, start, damping=0.2, iterations=8)
-    trace = DLS(robot, damping=0.2, max_iterations=8).solve(target, start, trace=True).trace
+    trace = DLS(built(arm), damping=0.2, max_iterations=8).solve(target, start, trace=True).trace
     assert trace.shape == plain.errors.shape
     assert np.abs(trace - plain.errors).max() < 1e-9
 

@@ -11,6 +11,7 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput
 from tests import oracles
+from tests.optik.test_ik_dls import problems
 from tests.robots import each_robot
 
 pytest.importorskip("casadi")
@@ -20,13 +21,6 @@ PAPER = optik.load("paper6r")
 FORMS = ("constraint", "least_squares")
 each_form = pytest.mark.parametrize("form", FORMS)
 START = np.radians([20, -35, 40, 25, 50, -30])
-
-
-def problems(name, count, seed, spread=0.1):
-    rng, arm = np.random.default_rng(seed), oracles.table(name)
-    solution = rng.uniform(arm.lower, arm.upper, (count, arm.n))
-    start = np.clip(solution + rng.normal(0.0, spread, solution.shape), arm.lower, arm.upper)
-    return [oracles.fk(arm, q) for q in solution], start
 
 
 def honest(result, arm, target):

@@ -26,17 +26,12 @@ from optik.ik._lm.packing import count_spare_joints, joint_parameters, move_to_l
 from optik.task import Task, as_task
 from tests import oracles
 from tests.figures.ik_limits import draw as draw_configurations
+from tests.robots import built
 
 PAPER, ARM = optik.load("paper6r"), oracles.table("paper6r")
 USUAL = Tolerance()
 SIZES = (1, 4, 6, 7)  # each is compiled once, for half a minute: make soak has all up to 12
 seeds = st.integers(0, 10**6)
-
-
-def built(arm, **options):
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    build = Robot.from_mdh if arm.convention == "mdh" else Robot.from_dh
-    return build(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool, **options)
 
 
 def limited(arm, lower, upper):

@@ -9,9 +9,9 @@ import optik
 from optik import DHRow, JointLimits, Robot, kinematics, newton
 from optik.task import POSE, judge
 from tests import oracles
+from tests.robots import built
 
 COUNT = 1000
-BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
 each_robot = pytest.mark.parametrize("name", optik.robots())
 six = [name for name in optik.robots() if optik.load(name).n == 6]
 six_or_more = [name for name in optik.robots() if optik.load(name).n >= 6]
@@ -24,11 +24,6 @@ random_arms = st.builds(
     st.booleans(),
     st.sampled_from(["mdh", "dh"]),
 )
-
-
-def built(arm):
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    return BUILD[arm.convention](rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
 
 
 def motion(robot, q, dq):

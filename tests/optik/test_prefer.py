@@ -10,13 +10,13 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import optik
-from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import LM, make_solver
 from optik.ik._casadi import symbolic
 from optik.ik._null_space import RANK_FLOOR, cost, log_manipulability
 from optik.task import Task, as_task
 from tests import oracles
+from tests.robots import built
 
 HALF = np.pi / 2
 LBR = oracles.Arm(
@@ -29,12 +29,6 @@ LBR = oracles.Arm(
     upper=np.radians([170, 120, 170, 120, 170, 120, 175]),
 )
 SIX = oracles.table("paper6r")
-
-
-def built(arm):
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    build = Robot.from_mdh if arm.convention == "mdh" else Robot.from_dh
-    return build(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
 
 
 CASES = {

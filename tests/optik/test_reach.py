@@ -13,15 +13,10 @@ from optik.arm.reach import outside_reach, reach_bound
 from optik.ik import DLS, LM
 from optik.task import Task, as_task
 from tests import oracles
+from tests.robots import built
 
 PAPER, ARM = optik.load("paper6r"), oracles.table("paper6r")
 seeds = st.integers(0, 10**6)
-
-
-def built(arm):
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    build = Robot.from_mdh if arm.convention == "mdh" else Robot.from_dh
-    return build(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
 
 
 def planar(lengths):

@@ -14,14 +14,9 @@ import optik
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests import oracles
+from tests.robots import built
 
 BUILD = {"mdh": Robot.from_mdh, "dh": Robot.from_dh}
-
-
-def built(arm, **options):
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    limits = JointLimits(np.full(arm.n, -3.0), np.full(arm.n, 3.0))
-    return BUILD[arm.convention](rows, limits, base=arm.base, tool=arm.tool, **options)
 
 
 def one_joint(**changes):

@@ -1,8 +1,10 @@
 """What the planners' tests plan for: the paper's arm, its line, and motions drawn at random, made by the package itself."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
+from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 from scipy.interpolate import PPoly
 
@@ -21,6 +23,21 @@ END_DEG = np.array([52.74, -34.83, 37.15, 57.57, 53.29, -29.81])
 @cache
 def paper6r() -> optik.Robot:
     return optik.load("paper6r")
+
+
+def wide(robot: optik.Robot) -> optik.Robot:
+    """The same arm with two turns of room on every joint."""
+    room = np.full(robot.n, 4.0 * np.pi)
+    return optik.Robot("wide", robot.fixed, robot.prismatic, robot.tool, optik.JointLimits(-room, room))
+
+
+def pose_of(position: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
+    return moved(np.eye(4), np.asarray(position, float), np.asarray(turn, float))
+
+
+number = st.floats(-1.0, 1.0, allow_subnormal=False)
+vectors = st.tuples(number, number, number).map(np.array)
+parts = st.floats(0.0, 1.0)
 
 
 @cache
@@ -59,6 +76,14 @@ def random_joint_paths(count: int, seed: int = 5) -> tuple[JointPath, ...]:
         if joint_path and joint_path.joint_path.singular_values.min() > 0.03:
             kept.append(joint_path.joint_path)
     return tuple(kept)
+
+
+def step_of(joint: int, size: float, T: float) -> Trajectory:
+    """One joint from rest to rest by 10u³ − 15u⁴ + 6u⁵, whose extrema are known: 15/8, 10/√3 and 60 over powers of T."""
+    c = np.zeros((6, 1, 6))
+    c[5, 0] = START
+    c[:3, 0, joint] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])
+    return Trajectory(PPoly(c, [0.0, T]))
 
 
 def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, smooth: int = 0) -> Trajectory:

@@ -11,7 +11,6 @@ from scipy.special import comb
 from optik import Robot
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
-from optik.arm.model import DHRow
 from optik.errors import InvalidInput
 from optik.ik import make_solver
 from optik.ik.closed_form import ClosedForm
@@ -24,8 +23,8 @@ from planners.following.march import find_exit, piece_bound
 from planners.following.smoothing import BARRIER_WEIGHT
 from tests import oracles
 from tests.oracles import PAPER
-from tests.planners.cases import START, default_line, paper6r
-from tests.robots import marked
+from tests.planners.cases import START, default_line, paper6r, wide
+from tests.robots import built, marked
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "gen3lite", "panda", "iiwa14")
 
@@ -78,8 +77,7 @@ def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: s
 
 
 def test_a_sliding_joint_counts_in_the_bound() -> None:
-    rows = [DHRow(a=r.a, alpha=r.alpha, d=r.d, prismatic=r.prismatic) for r in oracles.SLIDING.rows]
-    robot = Robot.from_mdh(rows, JointLimits(np.full(6, -3.0), np.full(6, 3.0)), name="sliding")
+    robot = built(oracles.SLIDING, name="sliding")
     q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
     line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.2, 0.16, -0.12]), np.array([0.2, -0.1, 0.3])))
     joint_path = follow(make_solver(robot, "lm"), line, q, samples=3).joint_path
@@ -182,12 +180,6 @@ def test_every_branch_of_the_start_is_tracked_and_the_best_is_the_cheapest_that_
     best = follow(solver, path)
     assert best and best.joint_path is not None
     np.testing.assert_allclose(best.joint_path.q[0], whole[0].q, atol=1e-8)
-
-
-def wide(robot: Robot) -> Robot:
-    """The same arm with two turns of room on every joint."""
-    room = np.full(robot.n, 4.0 * np.pi)
-    return Robot("wide", robot.fixed, robot.prismatic, robot.tool, JointLimits(-room, room))
 
 
 def spinning(turn: float) -> tuple[Robot, Line, Array]:

@@ -17,7 +17,7 @@ from planners.paths.base import Path
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases
-from tests.planners.cases import START, default_joint_path, default_line, paper6r
+from tests.planners.cases import START, default_joint_path, default_line, paper6r, step_of
 
 ROBOT = paper6r()
 ROOMY = MotionLimits(1e6, 1e9, 1e12)
@@ -44,14 +44,6 @@ def around_start(rng: np.random.Generator, smooth: int, size: float = 0.02) -> T
     c = size * base.coefficients
     c[5] += START
     return Trajectory(PPoly(c, base.knots))
-
-
-def step_of(joint: int, size: float, T: float) -> Trajectory:
-    """One joint from rest to rest by 10u³ − 15u⁴ + 6u⁵, whose extrema are known: 15/8, 10/√3 and 60 over powers of T."""
-    c = np.zeros((6, 1, 6))
-    c[5, 0] = START
-    c[:3, 0, joint] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])
-    return Trajectory(PPoly(c, [0.0, T]))
 
 
 def moving(joint: int, t: Array, v: Array, a: Array) -> Trajectory:

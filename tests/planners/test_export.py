@@ -216,6 +216,14 @@ def test_the_table_of_a_csv_must_show_its_polynomials(tmp_path: Path) -> None:
             load_motion(file)
 
 
+def archived(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """A small motion as .npz, and its arrays."""
+    file = folder / "motion.npz"
+    write(small(), file)
+    with np.load(file) as archive:
+        return file, dict(archive)
+
+
 class Bomb:
     """What unpickling would run."""
 
@@ -224,10 +232,7 @@ class Bomb:
 
 
 def test_nothing_is_ever_unpickled(tmp_path: Path) -> None:
-    file = tmp_path / "motion.npz"
-    write(small(), file)
-    with np.load(file) as archive:
-        arrays = dict(archive)
+    file, arrays = archived(tmp_path)
     bomb = np.array([Bomb()], dtype=object)
     for name in arrays:
         np.savez(file, **(arrays | {name: bomb}))
@@ -243,10 +248,7 @@ def test_nothing_is_ever_unpickled(tmp_path: Path) -> None:
 def test_an_archive_that_would_unpack_to_gigabytes_is_not_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = tmp_path / "motion.npz"
-    write(small(), file)
-    with np.load(file) as archive:
-        arrays: dict[str, Any] = dict(archive)
+    file, arrays = archived(tmp_path)
     monkeypatch.setattr(npz, "UNPACKED", 2**20)
     np.savez_compressed(file, **(arrays | {"knots": np.zeros(2**20)}))
     assert file.stat().st_size < 2**15
@@ -259,10 +261,7 @@ def test_an_archive_that_would_unpack_to_gigabytes_is_not_unpacked(
 
 @pytest.mark.parametrize("held", [8, 8 * 2**40])
 def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path: Path) -> None:
-    file, whole = tmp_path / "motion.npz", io.BytesIO()
-    write(small(), file)
-    with np.load(file) as archive:
-        arrays: dict[str, Any] = dict(archive)
+    (file, arrays), whole = archived(tmp_path), io.BytesIO()
     header = {"descr": "<f8", "fortran_order": False, "shape": (held // 8,)}
     np.lib.format.write_array_header_1_0(whole, header)
     np.savez(file, header=arrays["header"], coefficients=arrays["coefficients"])
@@ -274,20 +273,14 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(held: int, tmp_path:
 
 @pytest.mark.parametrize("kind", ["f4", "i8", "c16", "U8", "O"])
 def test_arrays_of_another_kind_are_refused(kind: str, tmp_path: Path) -> None:
-    file = tmp_path / "motion.npz"
-    write(small(), file)
-    with np.load(file) as archive:
-        arrays: dict[str, Any] = dict(archive)
+    file, arrays = archived(tmp_path)
     np.savez(file, **(arrays | {"knots": arrays["knots"].astype(kind)}))
     with pytest.raises(InvalidInput, match=r"knots|content"):
         load_motion(file)
 
 
 def test_arrays_of_the_other_byte_order_are_read(tmp_path: Path) -> None:
-    file = tmp_path / "motion.npz"
-    write(small(), file)
-    with np.load(file) as archive:
-        arrays: dict[str, Any] = dict(archive)
+    file, arrays = archived(tmp_path)
     np.savez_compressed(file, **(arrays | {"knots": arrays["knots"].astype(">f8")}))
     assert is_same(load_motion(file), small())
 

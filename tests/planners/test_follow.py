@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from optik import Robot
 from optik.arm.library import load
 from optik.arm.limits import JointLimits
-from optik.arm.model import DHRow
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, Tolerance, make_solver
 from optik.ik.base import Attempt, IKStatus
@@ -23,7 +22,8 @@ from planners.following.joint_path import JointPath
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases
-from tests.planners.cases import MOVE, START, default_joint_path, default_line, paper6r, random_joint_paths
+from tests.planners.cases import MOVE, START, default_joint_path, default_line, paper6r, random_joint_paths, wide
+from tests.robots import built
 
 ROBOT = paper6r()
 LIMITS = ROBOT.limits
@@ -31,12 +31,6 @@ REACH = 0.472 + np.hypot(0.055, 0.470)
 """From the crossing of the first axes to the crossing of the last three, with the elbow stretched."""
 STRETCHED = -np.arctan2(0.470, 0.055)
 """The elbow angle where it is."""
-
-
-def wide(robot: Robot) -> Robot:
-    """The same arm with two turns of room on every joint."""
-    room = np.full(robot.n, 4.0 * np.pi)
-    return Robot("wide", robot.fixed, robot.prismatic, robot.tool, JointLimits(-room, room))
 
 
 def line_from_start(direction: Any, length: float = 1.2) -> Line:
@@ -203,8 +197,7 @@ def test_an_arm_of_another_convention_is_followed_as_well() -> None:
 
 
 def test_an_arm_with_a_joint_that_slides_is_followed_with_exact_derivatives() -> None:
-    rows = [DHRow(a=r.a, alpha=r.alpha, d=r.d, prismatic=r.prismatic) for r in oracles.SLIDING.rows]
-    robot = Robot.from_mdh(rows, JointLimits(np.full(6, -3.0), np.full(6, 3.0)), name="sliding")
+    robot = built(oracles.SLIDING, name="sliding")
     q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
     start = robot.fk(q)
     np.testing.assert_allclose(start, oracles.fk(oracles.SLIDING, q), rtol=0.0, atol=1e-14)

@@ -9,16 +9,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Arc
-from tests import oracles
+from tests.planners.cases import parts, pose_of, vectors
 
-number = st.floats(-1.0, 1.0, allow_subnormal=False)
-vectors = st.tuples(number, number, number).map(np.array)
-parts = st.floats(0.0, 1.0)
 angles = st.floats(0.05, 12.0).flatmap(lambda a: st.sampled_from([a, -a]))
-
-
-def pose_of(position: Any, turn: Any) -> Array:
-    return oracles.moved(np.eye(4), np.asarray(position), np.asarray(turn))
 
 
 poses = st.builds(pose_of, vectors, vectors)

@@ -11,15 +11,7 @@ from planners import Line
 from planners.curve import Curve
 from tests import oracles
 from tests.planners import cases
-
-number = st.floats(-1.0, 1.0, allow_subnormal=False)
-vectors = st.tuples(number, number, number).map(np.array)
-parts = st.floats(0.0, 1.0)
-
-
-def pose_of(position: Any, turn: Any) -> Any:
-    return oracles.moved(np.eye(4), position, np.asarray(turn))
-
+from tests.planners.cases import parts, pose_of, vectors
 
 poses = st.builds(pose_of, vectors, vectors.map(lambda v: 3.0 * v))
 

@@ -12,14 +12,9 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, Polyline
 from tests import oracles
+from tests.planners.cases import pose_of, vectors
 
-number = st.floats(-1.0, 1.0, allow_subnormal=False)
-vectors = st.tuples(number, number, number).map(np.array)
 tolerances = st.floats(-5.0, -1.0).map(lambda e: 10.0**e)
-
-
-def pose_of(position: Any, turn: Any = (0.0, 0.0, 0.0)) -> Array:
-    return oracles.moved(np.eye(4), np.asarray(position, float), np.asarray(turn, float))
 
 
 waypoints = st.lists(st.builds(pose_of, vectors, vectors.map(lambda w: 0.8 * w)), min_size=3, max_size=6)

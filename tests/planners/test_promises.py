@@ -11,7 +11,7 @@ from planners import Certificate, JointLine, MotionLimits, Trajectory, certify
 from planners.limits import DERIVATIVES
 from tests import oracles
 from tests.oracles import PAPER
-from tests.planners.cases import START, paper6r
+from tests.planners.cases import START, paper6r, step_of
 
 ROBOT = paper6r()
 
@@ -20,14 +20,6 @@ def certified(trajectory: Trajectory, limits: MotionLimits, **options: Any) -> C
     """Along the straight way in joint space from its start to its end."""
     first, last = trajectory.ends(0)[0][0], trajectory.ends(0)[1][-1]
     return certify(ROBOT, JointLine(ROBOT, first, last), trajectory, limits, **options)
-
-
-def step_of(joint: int, size: float, T: float) -> Trajectory:
-    """One joint from rest to rest by 10u³ − 15u⁴ + 6u⁵."""
-    c = np.zeros((6, 1, 6))
-    c[5, 0] = START
-    c[:3, 0, joint] = size * np.array([6.0 / T**5, -15.0 / T**4, 10.0 / T**3])
-    return Trajectory(PPoly(c, [0.0, T]))
 
 
 @pytest.mark.parametrize("field", DERIVATIVES)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 import optik
-from optik import DHRow, JointLimits, Robot
+from optik import Robot
 from optik.arm.inertia import Inertia
 from optik.dynamics import torques_batch
 from optik.types import Array
@@ -15,6 +15,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.curve import quintic_through
 from planners.limits._motion import TorqueRatios
 from tests import oracles
+from tests.robots import built
 
 
 def inertia(rng: np.random.Generator, n: int, *, coulomb: float = 0.0, viscous: float = 0.3) -> Inertia:
@@ -37,9 +38,7 @@ def loaded(name: str = "paper6r", coulomb: float = 0.0, viscous: float = 0.3) ->
 def random_loaded(rng: np.random.Generator, n: int, *, prismatic: bool, coulomb: float = 0.0) -> Robot:
     """An arm of any joints; some of them slide."""
     arm = oracles.random_arm(rng, n, prismatic=prismatic)
-    rows = [DHRow(r.a, r.alpha, r.d, r.theta, r.prismatic) for r in arm.rows]
-    robot = Robot.from_mdh(rows, JointLimits(arm.lower, arm.upper), base=arm.base, tool=arm.tool)
-    return robot.with_inertia(inertia(rng, n, coulomb=coulomb))
+    return built(arm).with_inertia(inertia(rng, n, coulomb=coulomb))
 
 
 def swing(rng: np.random.Generator, n: int, pieces: int, duration: float) -> Trajectory:
