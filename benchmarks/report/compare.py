@@ -35,29 +35,7 @@ SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits", "start_deg", "mov
 
 @dataclass(frozen=True)
 class Difference:
-    """One measure of one method in both runs.
-
-    Attributes
-    ----------
-    block, label, measure, unit : str
-        What was measured.
-    a, b : float
-        Its values: shares in percent, medians of all else.
-    change : float
-        From the first run to the second: percentage points of a share, percent of all else.
-    low, high : float
-        Ends of the 95 % interval of the change; NaN where there is none.
-    pairs : int
-        Problems that both runs have; 0 where the runs have different problems.
-    p : float
-        p-value of the paired test, corrected for all that are compared; NaN where there is none.
-    noise : float
-        Change [%] that rounds of the same calls show.
-    verdict : str
-        ``better``, ``worse`` or ``within noise``.
-    loss : float
-        By how much it is worse, in the units of `change`; negative where it is better.
-    """
+    """One measure of one method in both runs."""
 
     block: str
     label: str
@@ -65,14 +43,21 @@ class Difference:
     unit: str
     a: float
     b: float
+    """Values in the runs: shares in percent, medians of all else."""
     change: float
+    """From the first run to the second: percentage points of a share, percent of all else."""
     low: float = math.nan
     high: float = math.nan
+    """Ends of the 95 % interval of the change; NaN where there is none."""
     pairs: int = 0
+    """Problems that both runs have; 0 where the runs have different problems."""
     p: float = math.nan
+    """p-value of the paired test, corrected for all that are compared; NaN where there is none."""
     noise: float = 0.0
+    """Change [%] that rounds of the same calls show."""
     verdict: str = NOISE_VERDICT
     loss: float = 0.0
+    """By how much it is worse, in the units of `change`; negative where it is better."""
 
 
 class SettingDifference(NamedTuple):

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.records import RunFolder, slug
+from benchmarks.report.boards import Board
 from benchmarks.report.drawing import draw
-from benchmarks.report.figures import Board
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built, failure_table
 from benchmarks.report.tables import Cell, Column, Table, csv_of, markdown_of, marked, tex_of

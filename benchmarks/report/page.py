@@ -11,7 +11,8 @@ from markupsafe import Markup
 
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Section
-from benchmarks.report.figures import THEME, packed, squeeze, strict, template, variable
+from benchmarks.report.boards import packed, squeeze, strict
+from benchmarks.report.figures import THEME, template, variable
 from benchmarks.report.numbers import number, percent
 from benchmarks.report.run import Run
 from benchmarks.report.sections import built

@@ -24,13 +24,7 @@ from optik.registry import short_name
 
 @dataclass(frozen=True)
 class Run:
-    """The data of the sections; each file is read once.
-
-    Attributes
-    ----------
-    folder : RunFolder
-        The run.
-    """
+    """The data of the sections, from the folder of a run; each file is read once."""
 
     folder: RunFolder
 

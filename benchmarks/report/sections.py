@@ -13,10 +13,10 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, Finding
 from benchmarks.experiments.counterparts import PAPER_TITLE
 from benchmarks.records import slug
 from benchmarks.report.base import Section, load_report
-from benchmarks.report.numbers import listed, number, percent
+from benchmarks.report.numbers import listed, number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
-from benchmarks.targets import Measure, Outcome
+from benchmarks.targets import Outcome
 from optik.registry import short_name
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -139,25 +139,13 @@ VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not measure
 """Words and look of an outcome."""
 
 
-def cells(measure: Measure, values: Sequence[float]) -> list[str]:
-    """Return the values of a measure as tables show them."""
-    if measure.show == "share":
-        value, low, high = values
-        return [percent(value), "–" if math.isnan(low) else f"[{low:.1f}, {high:.1f}]"]
-    if measure.show == "count":
-        return [f"{v:.0f}" if v == round(v, 0) else number(v) for v in values]
-    if measure.show == "exact":
-        return [number(v) if math.isnan(v) else f"{v:.7g}" for v in values]
-    return [number(v) for v in values]
-
-
 def target_row(o: Outcome) -> dict[str, Any]:
     """Return a target and its outcome as tables show them."""
     words, look = VERDICTS[o.held]
     if o.target.goal:
         words += " (a goal)"
         look = "partly" if o.held is False else look
-    value = cells(o.measure, [o.value])[0] if o.measure.show == "exact" else number(o.value)
+    value = f"{o.value:.7g}" if o.measure.show == "exact" and not math.isnan(o.value) else number(o.value)
     return {
         "where": o.where, "what": o.what, "value": value, "asked": o.asked, "unit": o.unit, "words": words, "look": look,
         "note": o.note, "number": o.value,
@@ -216,9 +204,7 @@ def failure_section(kind: Kind, home: Section, run: Run) -> Section | None:
     table = failure_table(kind, run)
     if table is None:
         return None
-    return Section(
-        home.title, home.anchor, lambda run: {"tables": [table]}, _TEMPLATES / "failures.html.j2", home.order
-    )
+    return Section(home.title, home.anchor, lambda run: {"tables": [table]}, order=home.order)
 
 
 def home_of(kind: Kind, sections: Sequence[Section]) -> Section:

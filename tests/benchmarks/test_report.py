@@ -21,7 +21,7 @@ from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import load_report
-from benchmarks.report.figures import strict
+from benchmarks.report.boards import strict
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans import limitations

@@ -21,22 +21,9 @@ from typer.testing import CliRunner
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Winner
+from benchmarks.report.boards import Board, Control, packed
 from benchmarks.report.drawing import draw
-from benchmarks.report.figures import (
-    Board,
-    Control,
-    add,
-    band,
-    entry,
-    figure,
-    heatmap,
-    lean,
-    line,
-    log_axis,
-    packed,
-    steps_of,
-    variable,
-)
+from benchmarks.report.figures import add, band, entry, figure, heatmap, lean, line, log_axis, steps_of, variable
 from benchmarks.report.ik import budgets
 from benchmarks.report.numbers import listed
 from benchmarks.report.page import render

@@ -25,6 +25,7 @@ from benchmarks.blocks.cell.settings import (
 from benchmarks.experiments.executed import executed_claims
 from benchmarks.records import slug
 from benchmarks.report.base import QUESTION, KindReport, Section
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.cell.spots import axes, space, split
 from benchmarks.report.cell.tables import (
     cell_blocks,
@@ -35,7 +36,7 @@ from benchmarks.report.cell.tables import (
     spots_blocks,
     tables,
 )
-from benchmarks.report.figures import Board, Control, add, axis, figure, line
+from benchmarks.report.figures import add, axis, figure, line
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.sections import claims_of

@@ -11,13 +11,12 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.cell.settings import AXES, WITHIN_M
 from benchmarks.records import slug
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     INK_COLOUR,
     MUTED_COLOUR,
-    Board,
-    Control,
     add,
     axis,
     colour,

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from benchmarks.blocks.ik.budgets import BudgetRows, success
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     INK_COLOUR,
-    Board,
-    Control,
     Json,
     add,
     axis,

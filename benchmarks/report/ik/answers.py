@@ -12,7 +12,8 @@ from benchmarks.blocks.ik.answers import solved_by_all
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.figures import Board, Control, add, axis, figure, line, log_axis
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import add, axis, figure, line, log_axis
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
 from benchmarks.report.winners import most_solved, ranked

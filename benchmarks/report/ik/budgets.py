@@ -12,7 +12,8 @@ from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.figures import Board, Control, add, axis, bars, colour, figure, lean, vary
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import add, axis, bars, colour, figure, lean, vary
 from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
 from benchmarks.report.ik.default import (
     COMPARED_PROBLEMS,

@@ -10,7 +10,8 @@ import polars as pl
 
 from benchmarks.blocks.ik.calls import CallRows
 from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.figures import Board, Control, Json, add, axis, figure, line, log_axis, steps_of, vary
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import Json, add, axis, figure, line, log_axis, steps_of, vary
 from benchmarks.report.run import Run
 from benchmarks.statistics import percentage, performance_profile
 from optik.types import Array

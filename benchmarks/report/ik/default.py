@@ -13,7 +13,8 @@ import polars as pl
 from benchmarks.blocks._problems import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
-from benchmarks.report.figures import Board, Json, add, axis, figure, interval, line
+from benchmarks.report.boards import Board
+from benchmarks.report.figures import Json, add, axis, figure, interval, line
 from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table

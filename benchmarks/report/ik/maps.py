@@ -12,6 +12,7 @@ import polars as pl
 
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     HOVER,
@@ -19,8 +20,6 @@ from benchmarks.report.figures import (
     MUTED_COLOUR,
     NOISE,
     UNKNOWN_COLOUR,
-    Board,
-    Control,
     Json,
     add,
     axis,

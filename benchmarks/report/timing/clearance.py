@@ -12,7 +12,8 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
-from benchmarks.report.figures import Board, Control, add, axis, figure, interval, line, steps_of
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import add, add_steps, axis, figure, interval, line
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
@@ -128,10 +129,7 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
                     error_y=interval([(share, low, high)], color=run.colour(label)),
                     hover=f"{label}<br>%{{y:.3g}} % of {contacts} contacts, %{{x:.3g}} ms",
                 ), when)  # fmt: skip
-            x, shares = steps_of(ms, len(ms))
-            look = run.look(label) | {"shape": "hv"}
-            trace = line(x, shares, name=label, line=look, hover=f"{label}<br>%{{y:.3~g}} % within %{{x:.3g}} ms")
-            add(times, trace, when)
+            add_steps(times, label, ms, len(ms), run.look(label), "%{y:.3~g} % within %{x:.3g} ms", when)
     titles = [b.block.title for b in blocks]
     return Board(
         "clearance-board", (missed, times), (Control.of("scene", "Scene", titles),) if titles[1:] else (),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -10,20 +10,19 @@ import polars as pl
 from benchmarks.blocks._arms import arm_label
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.laws.rows import LawRows, in_group
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     INK_COLOUR,
     MUTED_COLOUR,
-    Board,
-    Control,
     Json,
     add,
+    add_steps,
     axis,
     band,
     figure,
     line,
     log_axis,
-    steps_of,
 )
 from benchmarks.report.numbers import quoted
 from benchmarks.report.run import Run
@@ -54,6 +53,10 @@ LEAST_EXCESS = 0.01
 """Excess over T* [%] at which smaller ones are drawn: a logarithmic axis has no 0."""
 
 
+PATHS_WITHIN = "%{y:.3~g} % of the paths within %{x:.4g} "
+"""Tooltip of a distribution, before the unit."""
+
+
 def durations(b: LawRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
     plain = figure(
@@ -71,19 +74,12 @@ def durations(b: LawRows, run: Run) -> Board:
             rows = part.filter(pl.col("method") == label)
             if "absent" in about or rows.is_empty():
                 continue
-            look = run.look(label)
-            _steps(
-                plain,
-                label,
-                look,
-                rows.filter("solved")["over_optimum"].drop_nulls().to_numpy(),
-                len(rows),
-                group,
-                "× T*",
-            )
+            look, when = run.look(label), {"group": [group]}
+            unchanged = rows.filter("solved")["over_optimum"].drop_nulls().to_numpy()
             slowed = rows["kept_over_optimum"].drop_nulls().to_numpy()
-            excess = 100.0 * (slowed[np.isfinite(slowed)] - 1.0)
-            _steps(kept, label, look, np.maximum(excess, LEAST_EXCESS), len(rows), group, "% longer")
+            excess = np.maximum(100.0 * (slowed[np.isfinite(slowed)] - 1.0), LEAST_EXCESS)
+            add_steps(plain, label, unchanged, len(rows), look, PATHS_WITHIN + "× T*", when)
+            add_steps(kept, label, excess, len(rows), look, PATHS_WITHIN + "% longer", when)
     names = [(g, g.replace("_", "-")) for g in groups]
     return Board(
         f"{b.block.id}-durations", (plain, kept), (Control("group", "Paths", tuple(names)),),
@@ -116,16 +112,9 @@ def torques(b: LawRows, run: Run) -> Board | None:
             part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
             for label in b.entries:
                 rows = part.filter(pl.col("method") == label)
-                values = rows[field].drop_nulls().to_numpy()
-                _steps(
-                    plot,
-                    label,
-                    run.look(label),
-                    np.clip(values, LEAST_RATIO, MOST_RATIO),
-                    len(rows),
-                    group,
-                    "times the limit",
-                )
+                values = np.clip(rows[field].drop_nulls().to_numpy(), LEAST_RATIO, MOST_RATIO)
+                hover = PATHS_WITHIN + "times the limit"
+                add_steps(plot, label, values, len(rows), run.look(label), hover, {"group": [group]})
         plots.append(plot)
     return Board(
         f"{b.block.id}-torques", tuple(plots), (Control("group", "Arm", tuple((g, g) for g in groups)),) if groups[1:] else (),
@@ -144,18 +133,6 @@ def _around(values: pl.Series) -> list[float]:
 def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
     """Return a logarithmic axis with these tick values."""
     return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
-
-
-def _steps(plot: Figure, label: str, look: Json, values: Any, count: int, group: str, unit: str) -> None:
-    """Return the fraction of lines [%] at or below each value."""
-    if not len(values):
-        return
-    x, shares = steps_of(values, count)
-    trace = line(
-        x, shares, digits=6, name=label, line=look | {"shape": "hv"},
-        hover=f"{label}<br>%{{y:.3~g}} % of the paths within %{{x:.4g}} {unit}",
-    )  # fmt: skip
-    add(plot, trace, {"group": [group]})
 
 
 def _path_words(robot: str, kind: str, index: int) -> str:

@@ -9,10 +9,9 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.timing.plans import LinePlans
+from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     NOISE,
-    Board,
-    Control,
     Json,
     add,
     axis,
@@ -175,7 +174,7 @@ def _add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
         without = part["torque"].to_numpy() - friction * moved
         around = np.concatenate([without + friction, (without - friction)[::-1]])
         trace = line(
-            np.concatenate([t, t[::-1]]), around, digits=5, name="Coulomb friction either way", fill="toself",
+            np.concatenate([t, t[::-1]]), around, name="Coulomb friction either way", fill="toself",
             hoverinfo="skip", opacity=0.18, line={"color": colour(joints.index(str(joint))), "width": 0},
             fillcolor=colour(joints.index(str(joint))),
         )  # fmt: skip

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from benchmarks.report.boards import Board, squeeze
 from benchmarks.report.figures import (
     ALARM_COLOUR,
     INK_COLOUR,
     MUTED_COLOUR,
-    Board,
     Json,
     add,
     axis,
@@ -24,7 +24,6 @@ from benchmarks.report.figures import (
     lean,
     line,
     line_3d,
-    squeeze,
 )
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run

@@ -8,7 +8,8 @@ from typing import Any
 
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
-from benchmarks.report.figures import Control, noise_floor
+from benchmarks.report.boards import Control
+from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
 from benchmarks.report.run import Run
@@ -42,17 +43,10 @@ SAME_DURATION = 1e-9
 
 @dataclass(frozen=True)
 class Worst:
-    """The largest ratio of a derivative to its limit, with its joint and time.
-
-    Attributes
-    ----------
-    ratio : float or None
-        Value over limit, infinite at a jump; None where no joint has a limit.
-    value : float
-        The value itself.
-    """
+    """The largest ratio of a derivative to its limit, with its joint and time."""
 
     ratio: float | None
+    """Value over limit, infinite at a jump; None where no joint has a limit."""
     value: float
     joint: str
     time: float
