@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-import logging
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
 from scipy.interpolate import PPoly
 
-from benchmarks.peers.laws.base import TimingPeer
+from benchmarks.peers.laws.toppra_const_accel import ToppraConstAccel
 from optik.errors import NoSolution
-from optik.types import Array
 from planners.following.follow import JointPath
 from planners.trajectory import Trajectory
 
 
-class ToppraSpline(TimingPeer):
-    """``SplineInterpolator`` through the samples with velocity and acceleration limits, and ``ParametrizeSpline`` (default)."""
+class ToppraSpline(ToppraConstAccel):
+    """``SplineInterpolator`` through the samples, the limits of `ToppraConstAccel`, and ``ParametrizeSpline`` (default)."""
 
-    distribution = "toppra"
-    package = "toppra"
     settings = (
         "SplineInterpolator through the samples of the joint path, JointVelocityConstraint and "
         "JointAccelerationConstraint, TOPPRA on its automatic grid, ParametrizeSpline: all as in its documentation; "
         "no jerk limits"
     )
-    enforced: ClassVar[tuple[str, ...]] = ("velocity", "acceleration")
-
-    def __init__(self, limits: dict[str, Array]) -> None:
-        import toppra
-
-        logging.getLogger("toppra").setLevel(logging.CRITICAL)  # silences its own warnings
-        self._toppra: Any = toppra
-        self._constraints = [
-            toppra.constraint.JointVelocityConstraint(_range(limits["velocity"])),
-            toppra.constraint.JointAccelerationConstraint(_range(limits["acceleration"])),
-        ]
 
     def call(self, joint_path: JointPath) -> Any:
         """Compute the spline through the samples, the optimum along it, and the spline in time."""
@@ -50,10 +34,6 @@ class ToppraSpline(TimingPeer):
     def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return TOPP-RA's cubic spline in time, unchanged."""
         return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
-
-
-def _range(limit: Array) -> Array:
-    return np.stack([-limit, limit], axis=1)
 
 
 METHOD = ToppraSpline
