@@ -257,7 +257,7 @@ def check_problem(robot: Robot, target: ArrayLike, q0: ArrayLike) -> tuple[Array
             -1,
         ):
             return target, q0
-    return check_pose(target, "target"), check_start(robot, q0)
+    return _copy_if_needed(check_pose(target, "target")), _copy_if_needed(check_start(robot, q0))
 
 
 def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:

@@ -31,6 +31,10 @@ every_line = pytest.mark.parametrize("line", LINES, ids="line{}".format)
 every_set = pytest.mark.parametrize("limits", SETS)
 
 
+def every_motion(test: Any) -> Any:
+    return every_law(every_line(every_set(test)))
+
+
 def joint_path_of(line: int) -> JointPath:
     """The default line, and lines drawn at random; every other one turns the tool."""
     return (default_joint_path(), *random_joint_paths(4))[line]
@@ -62,9 +66,7 @@ def test_a_law_says_its_name_and_what_it_keeps(law: str) -> None:
     assert built.enforced == joint_limits(law) + tuple(f for f in (*TOOL_SPEEDS, *LOADED) if f in built.enforced)
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_it_starts_at_the_start_and_ends_at_the_end_of_the_joint_path(law: str, line: int, limits: str) -> None:
     trajectory, joint_path = motion(law, line, limits), joint_path_of(line)
     assert 0.0 < trajectory.duration < np.inf
@@ -73,9 +75,7 @@ def test_it_starts_at_the_start_and_ends_at_the_end_of_the_joint_path(law: str, 
     np.testing.assert_allclose(trajectory(trajectory.duration), joint_path.q[-1], rtol=0.0, atol=1e-9)
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_it_starts_and_ends_at_rest(law: str, line: int, limits: str) -> None:
     trajectory = motion(law, line, limits)
     first, last = trajectory.ends(1)
@@ -85,9 +85,7 @@ def test_it_starts_and_ends_at_rest(law: str, line: int, limits: str) -> None:
         np.testing.assert_allclose(np.stack([first[0], last[-1]]), 0.0, rtol=0.0, atol=1e-6)
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_position_and_velocity_are_continuous_and_all_is_finite(law: str, line: int, limits: str) -> None:
     trajectory = motion(law, line, limits)
     assert np.isfinite(trajectory.coefficients).all()
@@ -95,9 +93,7 @@ def test_position_and_velocity_are_continuous_and_all_is_finite(law: str, line: 
     assert np.abs(trajectory.jumps(1)).max() <= 1e-9 * max(1.0, trajectory.extrema(1).worst.max())
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_the_tool_stays_on_the_path(law: str, line: int, limits: str) -> None:
     trajectory, path = motion(law, line, limits), joint_path_of(line).path
     assert isinstance(path, Line)
@@ -109,9 +105,7 @@ def test_the_tool_stays_on_the_path(law: str, line: int, limits: str) -> None:
     assert worst[1] <= 10.0 * ON_PATH.get(law, 1e-6)
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_the_tool_never_runs_backwards(law: str, line: int, limits: str) -> None:
     trajectory, path = motion(law, line, limits), joint_path_of(line).path
     s = path.nearest(paper6r().fk(trajectory(instants(trajectory, 301))))
@@ -120,9 +114,7 @@ def test_the_tool_never_runs_backwards(law: str, line: int, limits: str) -> None
     assert s[-1] == pytest.approx(path.end, abs=1e-9)
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, limits: str) -> None:
     trajectory = motion(law, line, limits)
     x = trajectory.knots
@@ -142,9 +134,7 @@ def test_every_limit_it_promises_is_kept_at_every_instant(law: str, line: int, l
             assert np.abs(trajectory.jumps(2)).max() <= 1e-6 * trajectory.extrema(2).worst.max()
 
 
-@every_law
-@every_line
-@every_set
+@every_motion
 def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: str) -> None:
     joint_path, bounds, enforced = joint_path_of(line), MotionLimits(*SETS[limits]), joint_limits(law)
     certificate = certify(paper6r(), joint_path.path, motion(law, line, limits), bounds, law=law, enforced=enforced)

@@ -11,6 +11,7 @@ import optik
 from optik import DHRow, IKStatus, JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.ik import DLS, make_solver
+from optik.ik.dls import iterate
 from tests import oracles
 from tests.robots import built
 
@@ -230,3 +231,14 @@ def test_numpys_whole_numbers_count():
 def test_options_are_those_that_were_given():
     given = {"damping": 0.3, "step": 0.5, "as_printed": True, "max_iterations": 7}
     assert given.items() <= DLS(PAPER, **given).options.items()
+
+
+def test_a_read_only_or_strided_problem_compiles_nothing():
+    (target,), (start,) = problems("paper6r", 1, 44)
+    expected, compiled = DLS(PAPER).solve(target, start), len(iterate.signatures)
+    frozen = target.copy(), start.copy()
+    for array in frozen:
+        array.setflags(write=False)
+    for T, q in (frozen, (np.asfortranarray(target), np.repeat(start, 2)[::2])):
+        assert (DLS(PAPER).solve(T, q).q == expected.q).all()
+    assert len(iterate.signatures) == compiled

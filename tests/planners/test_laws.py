@@ -38,6 +38,10 @@ lines = pytest.mark.parametrize("joint_path", range(4), ids="line{}".format, ind
 limit_sets = pytest.mark.parametrize("limits", SETS, ids=["fast", "slow"])
 
 
+def each_case(test: Any) -> Any:
+    return lines(limit_sets(test))
+
+
 @pytest.fixture
 def joint_path(request: pytest.FixtureRequest) -> JointPath:
     """The default line, and three drawn at random."""
@@ -94,8 +98,7 @@ def test_times_that_cannot_be_meant_are_refused(argument: str, options: dict[str
         make_law("quintic", **options)
 
 
-@lines
-@limit_sets
+@each_case
 def test_the_least_duration_of_the_papers_law_just_breaks_no_limit(joint_path: JointPath, limits: MotionLimits) -> None:
     law = make_law("quintic")
     assert isinstance(law, Quintic)
@@ -147,8 +150,7 @@ def asked(joint_path: JointPath, states: Array, limits: MotionLimits) -> float:
     )
 
 
-@lines
-@limit_sets
+@each_case
 def test_smooth_is_the_shortest_single_quintic_that_holds(joint_path: JointPath, limits: MotionLimits) -> None:
     trajectory = make_law("smooth").run(joint_path, limits)
     T = trajectory.duration
@@ -234,7 +236,7 @@ def near_singular_path() -> JointPath:
     raise AssertionError("no near-singular line among these")
 
 
-@pytest.mark.parametrize("limits", SETS, ids=["fast", "slow"])
+@limit_sets
 def test_ruckig_by_sections_is_near_the_jerk_limited_optimum(limits: MotionLimits) -> None:
     for joint_path, most in ((default_joint_path(), 1.12), (random_joint_paths(1)[0], 1.12)):
         ratio = make_law("ruckig").run(joint_path, limits).duration / optimum(joint_path, limits)
@@ -284,8 +286,7 @@ def test_a_short_line_takes_the_time_of_the_closed_form(length: float) -> None:
     assert trajectory.duration == pytest.approx((32.0 * length * steepest / 100.0) ** (1 / 3), rel=0.02 * length / 1e-2)
 
 
-@lines
-@limit_sets
+@each_case
 def test_no_uniform_bounds_on_s_are_much_faster(joint_path: JointPath, limits: MotionLimits) -> None:
     trajectory = make_law("ruckig").run(joint_path, limits)
     assert trajectory.duration <= 1.01 * oracles.best_uniform(
@@ -329,8 +330,7 @@ def test_samples_close_together_do_not_slow_the_motion() -> None:
 
 
 # ---------------------------------------------------------------- toppra
-@lines
-@limit_sets
+@each_case
 def test_toppra_is_as_fast_as_toppra_itself_on_another_interpolator(
     joint_path: JointPath, limits: MotionLimits
 ) -> None:
@@ -348,8 +348,7 @@ def test_toppra_is_as_fast_as_toppra_itself_on_another_interpolator(
     assert trajectory.duration == pytest.approx(theirs.duration, rel=5e-4)  # our grid is finer where theirs exceeds
 
 
-@lines
-@limit_sets
+@each_case
 def test_toppra_uses_a_limit_to_the_full_almost_everywhere(joint_path: JointPath, limits: MotionLimits) -> None:
     trajectory = make_law("toppra").run(joint_path, limits)
     t = np.linspace(0.0, trajectory.duration, 999)[1:-1]
@@ -361,8 +360,7 @@ def test_toppra_uses_a_limit_to_the_full_almost_everywhere(joint_path: JointPath
     assert np.quantile(used, 0.05) > 0.95
 
 
-@lines
-@limit_sets
+@each_case
 def test_the_certificate_of_toppra_says_the_exact_acceleration_jumps_included(
     joint_path: JointPath, limits: MotionLimits
 ) -> None:
@@ -467,8 +465,7 @@ def speed_of_tool(trajectory: Trajectory, t: Array, part: slice = slice(0, 3)) -
     return np.asarray(np.linalg.norm(twists[:, part], axis=1))
 
 
-@lines
-@limit_sets
+@each_case
 def test_the_middle_is_at_one_speed_and_the_ramps_are_limited(joint_path: JointPath, limits: MotionLimits) -> None:
     law = make_law("constant_speed")
     trajectory = law.run(joint_path, limits)
