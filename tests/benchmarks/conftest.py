@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -61,6 +62,12 @@ def small(**changes: Any) -> Suite:
 def small_run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     folder: Path = tmp_path_factory.mktemp("runs") / "small"
     return run_suite(small(), folder, command="optik bench run small --out RUN")
+
+
+@pytest.fixture
+def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
+    """The small run in a folder that a test may change."""
+    return RunFolder(shutil.copytree(small_run.path, tmp_path / "run"))
 
 
 @pytest.fixture

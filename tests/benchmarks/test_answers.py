@@ -93,7 +93,6 @@ def parts(of: Suite, folder: Path) -> list[Part]:
 
 def table(folder: RunFolder) -> pl.DataFrame:
     rows = folder.rows("answers", "arm")
-    assert rows is not None
     return rows.sort("method", "problem").drop("seconds", "block")
 
 
@@ -140,7 +139,6 @@ def test_an_answer_is_that_of_a_single_call_judged_by_its_own_pose(done: RunFold
 def test_the_summary_is_what_numpy_computes(done: RunFolder) -> None:
     kind, block = next(suite().pairs())
     found = kind.rows(done, block)
-    assert found is not None
     measures = {m.name: m for m in kind.measures}
     for label, count in (("dls <weak>", 2500), ("lm", 1200)):
         rows, row = table(done).filter(pl.col("method") == label), found.filter(pl.col("method") == label)

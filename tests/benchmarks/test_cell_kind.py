@@ -155,7 +155,6 @@ def test_a_trial_depends_on_its_number_alone_and_stays_inside_its_noise() -> Non
     assert first.rng.normal() == again.rng.normal()
     assert first.plant != other.plant
     robot, rng = first.robot, np.random.default_rng(1)
-    assert robot.inertia is not None
     plants = [plant_of(robot, Noise(friction=0.1, payload=0.05), rng) for _ in range(200)]
     factors = np.array([p.inertia.coulomb / robot.inertia.coulomb for p in plants if p.inertia is not None])
     masses = np.array([p.payload.masses[-1] for p in plants if p.payload is not None])

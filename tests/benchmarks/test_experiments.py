@@ -265,7 +265,6 @@ def test_every_claim_is_judged_once_and_what_is_not_there_is_not_tested(small_ru
 
 def test_the_evidence_on_eq_9_counts_the_run_s_rows(small_run: RunFolder) -> None:
     rows = small_run.rows("budgets", "misprint")
-    assert rows is not None
     last = rows.filter(pl.col("budget") == 100)
     solved = last.filter((pl.col("method") == "corrected") & (pl.col("status") == "solved")).height
     text = next(m.evidence for m in evidence(small_run) if m.place == "Eq. 9")

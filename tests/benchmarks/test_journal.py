@@ -48,7 +48,6 @@ def test_what_is_kept_is_read_again_unless_it_is_damaged_and_crashes_outlive_the
         journal.keep("short", rows, 0.1)
         assert journal.kept("short") is None
         kept = Journal(folder, "x.journal").kept("long")
-        assert kept is not None
         assert kept.equals(rows)
         (tmp_path / "x.journal" / "long.arrow").write_bytes(b"no table")
         assert journal.kept("long") is None
@@ -220,7 +219,6 @@ def test_a_peer_that_ends_the_process_costs_its_own_rows_alone(
     assert f"failed: deadly (rows/calls/warm.parquet): its process ended: {why}" in second.stderr
     folder = RunFolder(tmp_path / "run")
     rows = folder.rows("calls", "warm")
-    assert rows is not None
     assert rows.group_by("method", "outcome").len().sort("method").rows() == [
         ("counts", "answered", 4), ("deadly", "crashed", 4), ("lm", "answered", 4)
     ]  # fmt: skip
@@ -243,7 +241,6 @@ def test_a_law_that_ends_the_process_costs_its_own_rows_alone(tmp_path: Path) ->
     assert second.returncode == 0, second.stderr
     folder = RunFolder(tmp_path / "run")
     rows = folder.rows("laws", "lines")
-    assert rows is not None
     assert rows.select("method", "status").unique().sort("method").rows() == [
         ("deadly", "crashed"), ("quintic", "solved")
     ]  # fmt: skip

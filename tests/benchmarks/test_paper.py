@@ -141,7 +141,6 @@ def test_figures_of_the_claims_are_what_the_files_hold(run: Run) -> None:
 
 def test_a_method_as_it_comes_has_one_row_a_problem(run: Run) -> None:
     rows = run.folder.rows("budgets", "workspace")
-    assert rows is not None
     for label in (WHOLE, "closed_form"):
         part = rows.filter(rows["method"] == label)
         assert part["problem"].is_unique().all()
@@ -151,7 +150,6 @@ def test_a_method_as_it_comes_has_one_row_a_problem(run: Run) -> None:
 
 def test_errors_of_every_method_at_a_budget_are_judged_inside_the_limits(run: Run) -> None:
     rows = run.folder.rows("budgets", "workspace")
-    assert rows is not None
     ended_outside = rows.filter((rows["status"] == "outside_limits") & (rows["budget"] == 100))
     for problem, method in ended_outside.select("problem", "method").iter_rows():
         near = rows.filter((rows["problem"] == problem) & (rows["method"] == method) & (rows["position_error"] < 1e-3))

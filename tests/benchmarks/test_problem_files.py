@@ -117,7 +117,6 @@ def test_a_file_lies_beside_its_suite_and_a_changed_one_does_not_continue_a_run(
     done = run_suite(load_suite(str(folder / "own.toml")), tmp_path / "run")  # no --allow-plugins: data is not code
     assert [(row["group"], row["name"]) for row in done.manifest()["plugins"]] == [("files", "poses.csv")]
     rows = done.rows("budgets", "own")
-    assert rows is not None
     assert rows["known"].all()
     about = done.read_json("problems/own.json")
     assert about["sha256"] == drawn(folder / "poses.csv", start_deg=[0, -30, 30, 0, 30, 0]).sha256

@@ -86,12 +86,6 @@ def refuse(constant: str) -> None:
     raise AssertionError(constant)
 
 
-@pytest.fixture
-def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
-    shutil.copytree(small_run.path, tmp_path / "run")
-    return RunFolder(tmp_path / "run")
-
-
 def page_of(folder: RunFolder) -> Page:
     return Page(write_report(folder).read_text(encoding="utf-8"))
 
@@ -286,13 +280,11 @@ def test_a_run_of_which_nothing_is_there_yet_has_a_report(copied: RunFolder) -> 
 
 
 @pytest.mark.parametrize("without", ["line", "blocks"])
-def test_sections_without_data_are_left_out(small_run: RunFolder, tmp_path: Path, without: str) -> None:
+def test_sections_without_data_are_left_out(copied: RunFolder, without: str) -> None:
     settings = {k: v for k, v in small().settings.items() if k != without}
-    shutil.copytree(small_run.path, tmp_path / "run")
-    folder = RunFolder(tmp_path / "run")
-    shutil.rmtree(folder.path / ("rows/plans" if without == "line" else "rows/budgets"))
-    edit(folder, lambda m: m.update(settings=settings))
-    page = page_of(folder)
+    shutil.rmtree(copied.path / ("rows/plans" if without == "line" else "rows/budgets"))
+    edit(copied, lambda m: m.update(settings=settings))
+    page = page_of(copied)
     gone = {"line", "motion", "laws"} if without == "line" else {"methods", "error", "maps"}
     assert gone.isdisjoint(page.anchors)
     assert {"claims", "limitations", "provenance"} <= set(page.anchors)

@@ -64,7 +64,6 @@ def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path
     folder.write_json("run.json", manifest)
     for file in (folder.path / "rows/budgets").glob("misprint--00*"):
         rows = folder.read(f"rows/budgets/{file.name}")
-        assert rows is not None
         folder.write(f"rows/budgets/{file.name}", rows.with_columns(method=pl.lit(EVIL)))
     question = Section("A question", "question", shown, QUESTION, 5)
     changed = replace(budgets.REPORT, winners=winners, tables=tables, sections=(*budgets.REPORT.sections, question))
@@ -102,7 +101,6 @@ def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
 
 def test_the_arm_plays_the_default_law_and_a_second_one_on_request(opened: Browser, small_run: RunFolder) -> None:
     rows = small_run.read("rows/plans/line.motion.parquet")
-    assert rows is not None
     ends = dict(rows.group_by("law").agg(pl.col("t").max()).iter_rows())
     first = "optimal" if "optimal" in ends else rows["law"][0]
     laws = f"[...{PART}('which').options].map(option => option.value)"

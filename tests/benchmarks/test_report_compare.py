@@ -32,7 +32,6 @@ def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFold
     assert files
     for file in files:
         rows = found.read(file)
-        assert rows is not None
         found.write(file, change(rows))
     return found
 
@@ -69,7 +68,6 @@ def test_what_got_worse_ends_with_status_1_and_what_got_better_does_not(small_ru
     rows = [small_run.rows("budgets", "misprint"), worse.rows("budgets", "misprint")]
     solved = []
     for part in rows:
-        assert part is not None
         last = part.filter((pl.col("method") == "corrected") & (pl.col("budget") == 100)).sort("problem")
         solved.append((last["status"] == "solved").to_list())
     lost = sum(a and not b for a, b in zip(*solved, strict=True))
@@ -122,15 +120,12 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     assert of(found, "misprint", "as printed", "time").verdict == "within noise"
 
 
-def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, tmp_path: Path) -> None:
-    shutil.copytree(small_run.path, tmp_path / "longer")
-    longer = RunFolder(tmp_path / "longer")
+def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, copied: RunFolder) -> None:
     file = "rows/plans/line--0000.parquet"
-    plans = longer.read(file)
-    assert plans is not None
+    plans = copied.read(file)
     first = pl.int_range(pl.len()) == 0
-    longer.write(file, plans.with_columns(duration=pl.col("duration") * pl.when(first).then(1.001).otherwise(1.0)))
-    found = compare_runs(Run(small_run), Run(longer))
+    copied.write(file, plans.with_columns(duration=pl.col("duration") * pl.when(first).then(1.001).otherwise(1.0)))
+    found = compare_runs(Run(small_run), Run(copied))
     changed = [d for d in found.differences if d.verdict != "within noise"]
     assert [(d.label, d.measure) for d in changed] == [(plans["method"][0], "duration")]
     assert changed[0].loss == pytest.approx(0.1)
@@ -169,38 +164,34 @@ def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> 
     assert of(found.differences, "misprint", "corrected", "solved").verdict == "worse"
 
 
-def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, tmp_path: Path) -> None:
-    shutil.copytree(small_run.path, tmp_path / "renamed")
-    folder = RunFolder(tmp_path / "renamed")
-    manifest = folder.manifest()
+def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, copied: RunFolder, tmp_path: Path) -> None:
+    manifest = copied.manifest()
     del manifest["settings"]["line"]
     manifest["settings"]["blocks"] = [b | {"id": f"other-{b['id']}"} for b in manifest["settings"]["blocks"]]
-    folder.write_json("run.json", manifest)
+    copied.write_json("run.json", manifest)
     with pytest.raises(InvalidInput, match="workspace: only in the first run"):
-        compare_runs(Run(small_run), Run(folder))
+        compare_runs(Run(small_run), Run(copied))
     with pytest.raises(InvalidInput, match="optik bench run"):
         compare_runs(Run(small_run), Run(RunFolder(tmp_path)))
 
 
-def test_settings_that_differ_are_shown(small_run: RunFolder, tmp_path: Path, typed: Any) -> None:
+def test_settings_that_differ_are_shown(small_run: RunFolder, copied: RunFolder, typed: Any) -> None:
     assert compare(small_run.path, small_run.path)[1]["settings"] == []
-    changed = RunFolder(tmp_path / "changed")
-    shutil.copytree(small_run.path, changed.path)
-    manifest = changed.manifest()
+    manifest = copied.manifest()
     block = manifest["settings"]["blocks"][1]
     block["methods"][1]["options"] = {"damping": 0.02}
     block["title"] = "other"
     manifest["settings"]["seed"] = 8
     del manifest["settings"]["line"]["samples"]
-    changed.write_json("run.json", manifest)
-    _, found = compare(small_run.path, changed.path)
+    copied.write_json("run.json", manifest)
+    _, found = compare(small_run.path, copied.path)
     assert {(one["key"], one["a"], one["b"]) for one in found["settings"]} == {
         ("blocks[misprint].methods[corrected].options.damping", None, 0.02),
         ("blocks[misprint].title", None, "other"),
         ("seed", 7, 8),
         ("line.samples", 31, None),
     }
-    _, out, _ = typed("bench", "compare", str(small_run.path), str(changed.path))
+    _, out, _ = typed("bench", "compare", str(small_run.path), str(copied.path))
     assert out.startswith("setting ")
     assert "setting seed: 7 in A, 8 in B" in out
     assert "setting line.samples: 31 in A, not set in B" in out

@@ -7,7 +7,6 @@ import gzip
 import io
 import json
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -282,12 +281,6 @@ def test_on_paper_the_legend_has_lines_and_areas() -> None:
 # ------------------------------------------------------------ from the command line
 
 
-@pytest.fixture
-def copied(small_run: RunFolder, tmp_path: Path) -> RunFolder:
-    shutil.copytree(small_run.path, tmp_path / "run")
-    return RunFolder(tmp_path / "run")
-
-
 def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     winner = Winner(
         "Who?", "%", "more", (("a", 90.0, 80.0, 95.0), ("b", 85.0, 70.0, 91.0), ("c", 1.0, 0.5, 2.0)), "methods"
@@ -402,7 +395,6 @@ def test_with_too_few_values_for_a_test_entries_are_ranked_by_value(
     found = won(Run(small_run))[0]
     assert (found.tied, found.remark) == (tied, remark)
     table = winners_table(Run(small_run))
-    assert table is not None
     assert ("ranked by value" in str(table.rows[0]["note"])) == (count < 7)
 
 
@@ -417,12 +409,10 @@ def test_the_first_screen_names_ties_and_the_next_best(small_run: RunFolder, mon
     assert (found.best.label, found.best.value, found.best.interval) == ("ipopt", "90.0 %", "80.0 to 95.0")
     assert found.tied == ("b",)
     assert found.remark == "not significantly different: b"
-    assert found.second is not None
     assert found.second.label == "c"
     assert variable(found.best.colour).startswith("var(--m")
     monkeypatch.setattr(budgets, "REPORT", replace(budgets.REPORT, winners=lambda run: exact))
     found = won(Run(small_run))[0]
-    assert found.second is not None
     assert (found.best.value, found.second.value) == ("0.6032 s", "0.6033 s")
 
 

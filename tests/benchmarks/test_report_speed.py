@@ -67,7 +67,6 @@ def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
 
 def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
     rows = load_kind("calls").rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
-    assert rows is not None
     tables = {table.id: table for table in load_report(load_kind("calls")).tables(Run(speed_run))}
     assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= set(tables)
     found = {str(row["label"]): row for row in tables["speed-hard"].rows}
@@ -151,7 +150,6 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
     page = page_of(folder)
     assert "damping" in page.anchors
     rows = folder.rows("budgets", "damping")
-    assert rows is not None
     last = rows.filter(pl.col("budget") == 60)
     far = last.filter((pl.col("group") == "0.03 ≤ σ < 1") & (pl.col("method") == "λ=0.001"))
     assert far.filter(pl.col("status") == "solved").height == 12

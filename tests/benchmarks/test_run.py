@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -36,19 +35,15 @@ def test_a_finished_run_says_so_and_can_be_repeated(small_run: RunFolder) -> Non
 
 def test_rows_hold_every_problem_method_and_budget(small_run: RunFolder) -> None:
     rows = small_run.rows("budgets", "workspace")
-    assert rows is not None
     assert rows.filter(pl.col("method") == "dls λ=0.01").height == 49 * 4
     assert rows.filter(pl.col("method") == "ipopt").height == 6 * 4
     assert rows.select("method", "problem", "budget").is_duplicated().sum() == 0
 
 
-def test_what_a_method_solves_does_not_change_what_is_known(small_run: RunFolder, tmp_path: Path) -> None:
-    again = RunFolder(shutil.copytree(small_run.path, tmp_path / "again"))
-    problems = again.read("problems/workspace.parquet")
-    assert problems is not None
-    again.write("problems/workspace.parquet", problems.with_columns(known=pl.col("problem") == 0))
-    rows = again.rows("budgets", "workspace")
-    assert rows is not None
+def test_what_a_method_solves_does_not_change_what_is_known(copied: RunFolder) -> None:
+    problems = copied.read("problems/workspace.parquet")
+    copied.write("problems/workspace.parquet", problems.with_columns(known=pl.col("problem") == 0))
+    rows = copied.rows("budgets", "workspace")
     assert set(rows.filter(pl.col("known"))["problem"]) == {0}
     assert rows.filter(~pl.col("known") & (pl.col("status") == "solved")).height > 0, "a method solved another"
 
@@ -56,15 +51,12 @@ def test_what_a_method_solves_does_not_change_what_is_known(small_run: RunFolder
 def test_errors_at_a_budget_are_those_of_a_run_stopped_there(small_run: RunFolder) -> None:
     rows = small_run.rows("budgets", "workspace")
     problems = small_run.read("problems/workspace.parquet")
-    assert rows is not None
-    assert problems is not None
     robot = load("paper6r")
     for row in rows.sample(40, seed=1).iter_rows(named=True):
         options = {"damping": 0.01} if row["solver"] == "dls" else {}
         solver = make_solver(robot, row["solver"], max_iterations=row["budget"], **options)
         problem = problems.filter(pl.col("problem") == row["problem"]).row(0, named=True)
         result = solver.solve(np.array(problem["target"]).reshape(4, 4), problem["start"], trace=True)
-        assert result.trace is not None
         assert result.iterations == row["iterations"]
         np.testing.assert_allclose(
             result.trace[-1][:3], [row["error_x"], row["error_y"], row["error_z"]], rtol=0, atol=1e-12
@@ -78,7 +70,6 @@ def test_the_row_of_a_budget_counts_rises_and_the_peak() -> None:
     solver = make_solver(robot, "dls", max_iterations=30)
     q = np.deg2rad([20.0, -35, 40, 25, 50, -30])
     result = solver.solve(robot.fk(q + 0.8), q, trace=True)
-    assert result.trace is not None
     size = [float(np.linalg.norm(e)) for e in result.trace]
     row = at_budgets(result, (2, 6))
     assert row["peak"] == pytest.approx([max(size[:3]) / size[0], max(size[:7]) / size[0]])
@@ -89,8 +80,6 @@ def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tm
     two = run_suite(small(line=SMALL["line"] | {"laws": ["ruckig"]}), tmp_path / "two", workers=2)
     for block in ("workspace", "misprint"):
         one, other = small_run.rows("budgets", block), two.rows("budgets", block)
-        assert one is not None
-        assert other is not None
         assert_frame_equal(one, other, check_exact=True)
 
 
@@ -137,12 +126,10 @@ def graph_paper() -> tuple[Robot, ProblemSet]:
     return load_suite("paper").of("budgets")[0].draw(0)
 
 
-def test_ik_rows_without_their_problems_are_said(small_run: RunFolder, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(small_run.path, copy)
-    (copy / "problems" / "workspace.parquet").unlink()
+def test_ik_rows_without_their_problems_are_said(copied: RunFolder) -> None:
+    (copied.path / "problems" / "workspace.parquet").unlink()
     with pytest.raises(InvalidInput, match="workspace"):
-        load_kind("budgets").rows(RunFolder(copy), small().of("budgets")[0])
+        load_kind("budgets").rows(copied, small().of("budgets")[0])
 
 
 def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
@@ -188,13 +175,11 @@ def test_slugs_spell_greek_and_keep_labels_apart() -> None:
     assert slug("α=0.25") != slug("α=0.5")
 
 
-def test_a_damaged_part_is_named(small_run: RunFolder, tmp_path: Path) -> None:
-    copy = tmp_path / "run"
-    shutil.copytree(small_run.path, copy)
-    part = next((copy / "rows/budgets").iterdir())
+def test_a_damaged_part_is_named(copied: RunFolder) -> None:
+    part = next((copied.path / "rows/budgets").iterdir())
     part.write_bytes(part.read_bytes()[:100])
     with pytest.raises(InvalidInput, match="damaged"):
-        RunFolder(copy).rows("budgets", "workspace" if part.name.startswith("workspace") else "misprint")
-    (copy / "rows/plans/line.json").write_text("[")
+        copied.rows("budgets", "workspace" if part.name.startswith("workspace") else "misprint")
+    (copied.path / "rows/plans/line.json").write_text("[")
     with pytest.raises(InvalidInput, match="damaged"):
-        RunFolder(copy).read_json("rows/plans/line.json")
+        copied.read_json("rows/plans/line.json")

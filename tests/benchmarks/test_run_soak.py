@@ -119,8 +119,6 @@ def compare(one: RunFolder, other: RunFolder) -> None:
     count = 0
     for name in finished(one.path):
         left, right = one.read(name), other.read(name)
-        assert left is not None
-        assert right is not None
         times = [column for column in left.columns if column == "seconds"]
         assert_frame_equal(left.drop(times), right.drop(times), check_exact=True)
         count += len(left) if not name.startswith("problems/") else 0

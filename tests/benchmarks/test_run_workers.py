@@ -85,7 +85,6 @@ def test_a_death_and_a_hang_cost_one_retry_and_then_their_rows(tmp_path: Path) -
     suite = toy(count=10, part=1, bad={"5": "dies", "8": "hangs"})
     folder = run_suite(suite, tmp_path / "run", workers=2, part_timeout=1.0)
     rows = folder.rows("toy", "squares")
-    assert rows is not None
     assert rows["problem"].to_list() == list(range(10))
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [5, 8]
     manifest = folder.manifest()
@@ -137,7 +136,6 @@ def test_what_kills_the_first_process_twice_is_done_in_another(tmp_path: Path) -
     assert process.returncode == 0, words
     assert "failed: squares (rows/toy/squares--001.parquet): its process ended: SIGSEGV" in words
     rows = RunFolder(out).rows("toy", "squares")
-    assert rows is not None
     assert rows.filter(pl.col("square").is_infinite())["problem"].to_list() == [3]
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -45,20 +43,18 @@ def _in_place(old: Any, value: str) -> Any:
 
 @pytest.mark.parametrize("key", ["robot", "set", "solver", "solvers", "laws", "a kind of block"])
 def test_reports_and_comparisons_run_no_file_that_a_run_folder_names(
-    small_run: RunFolder, tmp_path: Path, key: str
+    small_run: RunFolder, copied: RunFolder, tmp_path: Path, key: str
 ) -> None:
-    bomb, out = tmp_path / "bomb.py", tmp_path / "run"
+    bomb = tmp_path / "bomb.py"
     bomb.write_text(BOMB)
-    shutil.copytree(small_run.path, out)
-    manifest = json.loads((out / "run.json").read_text())
+    manifest = copied.manifest()
     settings = replaced(manifest["settings"], key, str(bomb))
     assert settings != manifest["settings"] or key == "a kind of block"
     manifest["settings"] = settings if key != "a kind of block" else settings | {str(bomb): [{"id": "x"}]}
-    (out / "run.json").write_text(json.dumps(manifest))
-    folder = RunFolder(out)
+    copied.write_json("run.json", manifest)
     for read in (write_report, write_csv, write_tex, lambda f: compare_runs(Run(f), Run(small_run))):
         try:
-            read(folder)
+            read(copied)
         except OptikError as error:
             assert "bomb" in str(error)
     assert not bomb.with_suffix(".ran").exists()

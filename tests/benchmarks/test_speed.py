@@ -124,7 +124,6 @@ def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
 
 def test_a_batch_is_counted_by_our_own_kinematics(quick: RunFolder) -> None:
     rows = load_kind("batch").rows(quick, suite_of("quick", copy.deepcopy(QUICK)).of("batch")[0])
-    assert rows is not None
     assert rows["count"].to_list() == [300, 300]
     assert rows["solved"].to_list() == rows["claimed"].to_list()
     assert rows["solved"][0] > 250
@@ -157,7 +156,6 @@ def test_answers_at_equal_iterations_are_parts_of_their_own(tmp_path: Path) -> N
     found = load_kind("calls").read(folder, suite.of("calls")[0])
     assert isinstance(found, CallRows)
     assert found.rows.height == 10
-    assert found.evaluations is not None
     assert found.evaluations.group_by("budget").len().sort("budget").rows() == [(2, 10), (5, 10)]
 
 
@@ -414,7 +412,6 @@ def test_first_use_compiles_once_and_then_starts_from_that(tmp_path: Path, monke
     assert len(set(caches)) == 1
     assert len(caches) == 3
     rows = kind.rows(folder, task)
-    assert rows is not None
     assert dict(rows.group_by("method").agg("seconds").iter_rows()) == {
         "compile_s": [10.0], "import_s": pytest.approx([0.2, 0.3]), "first_solve_s": pytest.approx([5.0, 10.0 / 3.0]),
     }  # fmt: skip

@@ -358,7 +358,6 @@ def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: s
 def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolder) -> None:
     block = quick_suite().of("laws")[0]
     parts = quick.rows("laws", block.id)
-    assert parts is not None
     kept = parts.filter((pl.col("method") == "optimal") & (pl.col("breaks") == "")).head(1)
     assert kept.height == 1
 
@@ -371,7 +370,6 @@ def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolde
 
     def optimum(**changes: Any) -> float:
         rows = load_kind("laws").rows(WithOneMore(duration=1e-3, least_duration=1e-3, **changes), block)  # type: ignore[arg-type]
-        assert rows is not None
         return float(rows["optimum"].min())  # type: ignore[arg-type]
 
     assert optimum() == 1e-3
@@ -423,11 +421,7 @@ def test_the_maximum_velocity_curve_is_the_optimum_of_a_linear_programme() -> No
 
 def test_speeds_of_laws_that_keep_their_limits_stay_below_the_curves(quick: RunFolder) -> None:
     read = load_kind("laws").read(quick, quick_suite().of("laws")[0])
-    assert read is not None
     motions, curve, binding = (read.table(name) for name in ("motions", "curve", "binding"))
-    assert motions is not None
-    assert curve is not None
-    assert binding is not None
     optimal = motions.filter(pl.col("law") == "optimal")
     for field in ("velocity", "acceleration"):
         bound = np.interp(optimal["s"].to_numpy(), curve["s"].to_numpy(), curve[field].to_numpy())

@@ -341,7 +341,6 @@ def test_plots_say_which_joint_is_nearest_to_its_limit(full: Browser) -> None:
     speed = np.rad2deg(show.planned.dq[k, i])
     share = 100.0 * abs(show.planned.dq[k, i]) / 0.8
     assert said_of(full, "dq").replace("−", "-") == f"joint{i + 1} {speed:.1f}°/s, {share:.0f} % of limit"
-    assert show.planned.ddq is not None
     sides = show.planned.ddq[k] / np.where(show.planned.ddq[k] < 0.0, -6.0, 3.0)
     i = int(sides.argmax())
     assert f"joint{i + 1} " in said_of(full, "ddq")

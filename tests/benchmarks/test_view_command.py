@@ -160,7 +160,6 @@ def test_a_simulated_drive_is_followed_and_then_shown(viewer: Viewer) -> None:
     press(viewer, "start")
     seen = [each for each in until_done(viewer) if "q" in each]
     assert len(seen) > 5
-    assert viewer.moment is not None and viewer.show.executed is not None
     for each in seen:
         np.testing.assert_allclose(each["q"], viewer.show.executed.at(each["t"])[0], atol=1e-6)
     np.testing.assert_allclose(viewer.moment.actual, planned().trajectory(planned().trajectory.duration), atol=1e-4)
@@ -226,7 +225,6 @@ def test_the_server_as_a_process_shows_it_on_loopback_and_ends_with_ctrl_c(motio
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     ) as process:
         try:
-            assert process.stdout is not None
             line = next(line for line in process.stdout if "Ctrl-C" in line)
             url = line.split()[0]
             assert url.startswith("http://127.0.0.1:")

@@ -48,7 +48,6 @@ def test_an_execution_is_shown(typed: Any, motion: Path, tmp_path: Path, stop: l
     assert status == 0, said
     assert page.stat().st_size > 10_000
     show, data = show_recorded(read(did)), read(did)
-    assert show.executed is not None
     np.testing.assert_allclose(show.executed.q[-1], data["q"][-1])
     np.testing.assert_allclose(show.planned.q, data["setpoints"]["q"])
     np.testing.assert_array_equal(show.planned.ddq, data["setpoints"]["ddq"])
