@@ -86,8 +86,8 @@ class RunFolder(Store):
         if not frames:
             return None
         rows, problems = pl.concat(frames, how="vertical_relaxed"), self.read(f"problems/{slug(block)}.parquet")
-        if problems is not None:
-            rows = rows.join(problems.drop("target", "start", strict=False), on="problem")
+        if problems is not None and rows["problem"].dtype.is_integer():  # a name is no problem of a table
+            rows = rows.join(problems.drop("target", "start", strict=False), on="problem", maintain_order="left")
         keys = [key for key in ("method_index", "problem", "budget") if key in rows.columns]
         return rows.sort(keys, maintain_order=True) if "method_index" in keys else rows
 

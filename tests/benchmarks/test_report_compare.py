@@ -133,6 +133,16 @@ def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, cop
     assert of(found.differences, changed[0].block, "all plans", "time of a whole plan").pairs == len(plans)
 
 
+def test_the_duration_of_a_plan_that_is_not_solved_is_not_compared() -> None:
+    about = {"problem": "the line", "duration": 2.0, "seconds": 0.1}
+    plans = [about | {"method": "a", "status": "solved"}, about | {"method": "b", "status": "not_proved"}]
+    rows = load_kind("plans").compared_rows(None, pl.DataFrame(plans))
+    assert rows.select("method", "problem", "solved", "duration", "seconds").rows() == [
+        ("a", "the line", True, 2.0, None), ("b", "the line", False, None, None),
+        ("all plans", "a", None, None, 0.1), ("all plans", "b", None, None, 0.1),
+    ]  # fmt: skip
+
+
 def test_fresh_processes_and_recorded_answers_are_compared() -> None:
     first_use, answers = load_kind("first_use"), load_kind("answers")
     rows = pl.DataFrame({"method": ["import", "import", "first"], "problem": 0, "seconds": [1.0, 1.1, 3.0]})

@@ -83,7 +83,7 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "method": f"{threads} threads",
-                    "problem": 0,
+                    "problem": "the batch",
                     "threads": threads,
                     "repeat": repeat,
                     "count": len(targets),

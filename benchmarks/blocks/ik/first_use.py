@@ -79,9 +79,9 @@ class _FirstUse(Kind):
         command = ["-c", FIRST_USE_CODE, block.robot, block.solver]
         with TemporaryDirectory() as cache:
             compiling, *warm = (fresh(command, "first use", NUMBA_CACHE_DIR=cache) for _ in range(1 + block.repeats))
-        rows = [("compile_s", 0, compiling[1])]
-        rows += [("import_s", 0, imported) for imported, _ in warm]
-        rows += [("first_solve_s", 0, solved) for _, solved in warm]
+        rows = [("compile_s", "a process", compiling[1])]
+        rows += [("import_s", "a process", imported) for imported, _ in warm]
+        rows += [("first_solve_s", "a process", solved) for _, solved in warm]
         return pl.DataFrame(rows, schema=["method", "problem", "seconds"], orient="row")
 
     def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:

@@ -236,12 +236,13 @@ class _Plans(Kind):
 
     def compared_rows(self, block: LineTask, rows: pl.DataFrame) -> pl.DataFrame:
         """Return each plan separately; times of all plans together, because each was made once."""
-        each = rows.with_columns(seconds=pl.lit(None, pl.Float64))
+        solved = pl.col("status") == "solved"
+        each = rows.with_columns(duration=pl.when(solved).then("duration"), seconds=pl.lit(None, pl.Float64))
         together = rows.with_columns(
             method=pl.lit("all plans"), problem=pl.col("method"), status=pl.lit(None, pl.String),
             duration=pl.lit(None, pl.Float64),
         )  # fmt: skip
-        return pl.concat([each, together]).with_columns(solved=pl.col("status") == "solved")
+        return pl.concat([each, together]).with_columns(solved=solved)
 
     def prepare(self, block: LineTask, seed: int) -> None:
         check_line(block)
