@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ from benchmarks.records import RunFolder, slug
 from benchmarks.report.boards import Board
 from benchmarks.report.drawing import draw
 from benchmarks.report.run import Run
-from benchmarks.report.sections import built, failure_table
-from benchmarks.report.tables import Cell, Column, Table, csv_of, markdown_of, marked, tex_of
+from benchmarks.report.sections import asked_table, built, failure_table
+from benchmarks.report.tables import Table, csv_of, markdown_of, marked, tex_of
 from benchmarks.report.winners import overview, winners_table
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
@@ -22,20 +21,6 @@ MARKDOWN = "report.md"
 
 FIGURES_FOLDER, TABLES_FOLDER = "report-figures", "tables"
 """Folders in the run folder."""
-
-ASKED_COLUMNS = (
-    Column("label", "What", show="text"),
-    Column("where", "On", show="text"),
-    Column("value", "Measured"),
-    Column("asked", "Asked", show="text"),
-    Column("unit", "Unit", show="text"),
-    Column("held", "Held", show="text"),
-    Column("note", "From", show="text"),
-)
-"""Columns of the table of targets."""
-
-HELD_WORDS = {True: "yes", False: "no", None: "not measured"}
-"""Words of an outcome in a table for other formats."""
 
 
 @forbid_code()
@@ -124,20 +109,8 @@ def all_tables(run: Run) -> list[Table]:
     found = [winners_table(run)]
     for kind in run.suite.kinds:
         found += [*run.tables_of(kind.name), failure_table(kind, run)]
-    found.append(_asked_table(run))
+    found.append(asked_table(run))
     return list({table.id: table for table in found if table is not None}.values())
-
-
-def _asked_table(run: Run) -> Table | None:
-    """Return every acceptance target of the suite with its outcome."""
-    rows: list[dict[str, Cell]] = [
-        {
-            "label": o.what, "where": o.where, "value": None if math.isnan(o.value) else o.value, "asked": o.asked,
-            "unit": o.unit, "held": HELD_WORDS[o.held] + (" (a goal)" if o.target.goal else ""), "note": o.note,
-        }
-        for o in run.outcomes
-    ]  # fmt: skip
-    return Table("asked", "Acceptance targets", ASKED_COLUMNS, tuple(rows)) if rows else None
 
 
 def _parts(run: Run) -> Iterator[tuple[str, list[Board | Table]]]:

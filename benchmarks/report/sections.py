@@ -13,10 +13,9 @@ from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, Finding
 from benchmarks.experiments.counterparts import PAPER_TITLE
 from benchmarks.records import slug
 from benchmarks.report.base import Section, load_report
-from benchmarks.report.numbers import listed, number
+from benchmarks.report.numbers import listed
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
-from benchmarks.targets import Outcome
 from optik.registry import short_name
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -87,7 +86,34 @@ def asked(run: Run) -> dict[str, Any] | None:
     held, unknown = sum(o.held is True for o in found), sum(o.held is None for o in found)
     words = f"{held} of {len(found)} targets met"
     words += f", {unknown} not measured." if unknown else "."
-    return {"words": words, "targets": [target_row(o) for o in found]}
+    return {"words": [words], "tables": [asked_table(run)]}
+
+
+ASKED_COLUMNS = (
+    Column("label", "Measure", show="text"),
+    Column("where", "Block", show="text"),
+    Column("value", "value", show="mixed"),
+    Column("asked", "target", show="text"),
+    Column("unit", "unit", show="text"),
+    Column("held", "outcome", show="verdict"),
+    Column("note", "sample", show="text"),
+)
+"""Columns of the table of targets."""
+
+
+def asked_table(run: Run) -> Table | None:
+    """Return every acceptance target of the suite with its outcome."""
+    words = {True: "met", False: "missed", None: "not measured"}
+    rows: list[dict[str, Cell]] = [
+        {
+            "label": o.what, "where": o.where, "value": None if math.isnan(o.value) else o.value, "asked": o.asked,
+            "unit": o.unit or None, "note": o.note, "held": words[o.held] + (" (a goal)" if o.target.goal else ""),
+            "show": "exact" if o.measure.show == "exact" else "number",
+        }
+        for o in run.outcomes
+    ]  # fmt: skip
+    title = "Acceptance targets of the suite, and the values of this run"
+    return Table("asked", title, ASKED_COLUMNS, tuple(rows)) if rows else None
 
 
 def provenance(run: Run) -> dict[str, Any]:
@@ -131,25 +157,6 @@ def _plugin_words(row: Mapping[str, str]) -> str:
     if "sha256" in row:
         return f"{PurePath(row['path'].replace(chr(92), '/')).name}, SHA-256 {row['sha256']}"
     return f"{row['distribution']} {row['version']}"
-
-
-# ---------------------------------------------------------------- targets
-
-VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not measured", "none")}
-"""Words and look of an outcome."""
-
-
-def target_row(o: Outcome) -> dict[str, Any]:
-    """Return a target and its outcome as tables show them."""
-    words, look = VERDICTS[o.held]
-    if o.target.goal:
-        words += " (a goal)"
-        look = "partly" if o.held is False else look
-    value = f"{o.value:.7g}" if o.measure.show == "exact" and not math.isnan(o.value) else number(o.value)
-    return {
-        "where": o.where, "what": o.what, "value": value, "asked": o.asked, "unit": o.unit, "words": words, "look": look,
-        "note": o.note, "number": o.value,
-    }  # fmt: skip
 
 
 # ---------------------------------------------------------------- failures
@@ -225,7 +232,7 @@ CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
     Section("The paper's misprints", "misprints", misprints, _TEMPLATES / "misprints.html.j2", 110),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
-    Section("Acceptance targets", "asked", asked, _TEMPLATES / "asked.html.j2", 125),
+    Section("Acceptance targets", "asked", asked, order=125),
     Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),
 )
 """Last sections of every page, for all kinds."""

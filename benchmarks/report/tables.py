@@ -26,6 +26,10 @@ DECIMALS_OF_SHARES = 3
 """Most decimals of a percentage."""
 
 
+LOOKS = {"met": "good", "missed (a goal)": "partly", "missed": "bad"}
+"""Look of each verdict of a target on the page, by its first words."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One column of a table: the key of its values in the rows, its heading, and the look of its values."""
@@ -38,13 +42,18 @@ class Column:
     """``more`` or ``less``, where one value is better than another; else empty."""
     show: str = "number"
     """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with as
-    many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, or ``mixed`` (a share where the
-    row's ``unit`` is %, else a number)."""
+    many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or missed), or
+    ``mixed``: what the row's ``show`` says, else a share where its ``unit`` is %, else a number."""
     aside: bool = False
     """Whether the page shows it only on request: for columns that few readers ask for."""
     among: str = ""
     """Key of what a row must have (neither None nor empty) to be the best in this column; any row may where this is empty.
     A motion that breaks a limit must not be called the shortest."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its values are words, which stand at the left."""
+        return self.show in ("text", "verdict")
 
     @property
     def head(self) -> str:
@@ -91,6 +100,11 @@ class ShownCell:
     value: float | None = None
     best: bool = False
 
+    @property
+    def look(self) -> str:
+        """Look of a verdict on the page."""
+        return next((look for words, look in LOOKS.items() if self.text.startswith(words)), "none")
+
 
 def shown_rows(table: Table) -> list[list[ShownCell]]:
     """Return the cells of a table as text."""
@@ -106,7 +120,7 @@ def _own(column: Column, row: Mapping[str, Cell]) -> Column:
     if column.show != "mixed":
         return column
     unit = str(row.get("unit") or "")
-    return replace(column, unit=unit, show="share" if unit == "%" else "number")
+    return replace(column, unit=unit, show=str(row.get("show") or ("share" if unit == "%" else "number")))
 
 
 def shown_cell(column: Column, value: Cell, best: bool = False) -> ShownCell:
@@ -218,7 +232,7 @@ def markdown_of(table: Table) -> str:
     lines = [
         f"**{marked(table.title)}**\n",
         f"| {' | '.join(marked(c.head) for c in shown.columns)} |",
-        f"| {' | '.join('---' if c.show == 'text' else '---:' for c in shown.columns)} |",
+        f"| {' | '.join('---' if c.is_text else '---:' for c in shown.columns)} |",
         *(f"| {' | '.join(map(_marked_cell, row))} |" for row in shown_rows(shown)),
     ]
     return "\n".join(lines) + "\n" + (f"\n{marked(table.note)}\n" if table.note else "")
@@ -267,7 +281,7 @@ def tex_of(table: Table) -> str:
     rows = shown_rows(shown)
     size, widths = _widths(shown, rows)
     columns = [
-        rf">{{\{'raggedright' if c.show == 'text' else 'raggedleft'}\arraybackslash}}p{{{width:.3f}\linewidth}}"
+        rf">{{\{'raggedright' if c.is_text else 'raggedleft'}\arraybackslash}}p{{{width:.3f}\linewidth}}"
         for c, width in zip(shown.columns, widths, strict=True)
     ]
     gaps = f"{2 * (len(columns) - 1)}\\tabcolsep"

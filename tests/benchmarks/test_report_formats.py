@@ -29,6 +29,7 @@ from benchmarks.report.page import render
 from benchmarks.report.run import Run
 from benchmarks.report.tables import (
     Column,
+    ShownCell,
     Table,
     csv_of,
     escaped,
@@ -129,6 +130,14 @@ def test_only_rows_that_may_are_the_best() -> None:
     )
     shown = shown_rows(Table("t", "t", columns, rows))
     assert [row[1].best for row in shown] == [False, True, False]
+
+
+def test_verdicts_have_a_look_and_values_the_digits_of_their_measure() -> None:
+    words = ("met", "met (a goal)", "missed", "missed (a goal)", "not measured")
+    assert [ShownCell(text).look for text in words] == ["good", "good", "bad", "partly", "none"]
+    rows = tuple({"label": show, "v": 93.333333333, "unit": "%", "show": show} for show in ("exact", "number", ""))
+    shown = shown_rows(Table("t", "t", (Column("label", "x"), Column("v", "v", show="mixed")), rows))
+    assert [row[1].text for row in shown] == ["93.33333", "93.3", "93.3"]
 
 
 # ------------------------------------------------------------ read back
