@@ -37,44 +37,13 @@ def test_the_fingerprint_depends_on_the_settings_alone() -> None:
     assert suite_of("a", SMALL | {"seed": 8}).fingerprint != suite_of("a", SMALL).fingerprint
 
 
-def _changed(path: list[Any], value: Any, settings: dict[str, Any] = SMALL) -> dict[str, Any]:
+def _changed(path: list[Any], value: Any, settings: dict[str, Any]) -> dict[str, Any]:
     data = copy.deepcopy(settings)
     at: Any = data
     for key in path[:-1]:
         at = at[key]
     at[path[-1]] = value
     return data
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "error", "word"),
-    [
-        (["speed"], 1, InvalidInput, "speed"),
-        (["blocks", 0, "robott"], 1, InvalidInput, "robott"),
-        (["blocks", 0, "robot"], "paper7r", UnknownName, "paper6r"),
-        (["blocks", 0, "set"], "graph_papers", UnknownName, "graph_paper"),
-        (["blocks", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
-        (["blocks", 0, "budgets"], [3, 1], InvalidInput, "budgets"),
-        (["blocks", 0, "budgets"], [0], InvalidInput, "budgets"),
-        (["blocks", 0, "budgets"], 5, InvalidInput, "budgets"),
-        (["blocks", 0, "budgets"], [], InvalidInput, "budgets"),
-        (["line", "move_m"], [0.1, 0.0], InvalidInput, "move_m"),
-        (["line", "solvers"], "dls", InvalidInput, "solvers"),
-        (["blocks", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
-        (["blocks", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
-        (["blocks", 1, "id"], "workspace", InvalidInput, "id"),
-        (["blocks", 1, "id"], "Workspace", InvalidInput, "ids 'workspace' and 'Workspace'"),
-        (["blocks", 1, "id"], "(workspace!)", InvalidInput, "they name files"),
-        (["blocks", 1, "id"], "腕", InvalidInput, "the id '腕'"),
-        (["line", "laws"], ["quintics"], UnknownName, "quintic"),
-        (["line", "samples"], 1, InvalidInput, "samples"),
-        (["seed"], -1, InvalidInput, "seed"),
-        (["blocks", 0, "sweep"], "yes", InvalidInput, "sweep"),
-    ],
-)
-def test_a_wrong_setting_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
-    with pytest.raises(error, match=word):
-        suite_of("small", _changed(path, value))
 
 
 SPEED: dict[str, Any] = {
@@ -98,38 +67,6 @@ SPEED: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "error", "word"),
-    [
-        (["speed"], 1, InvalidInput, "speed"),
-        (["speed", 0], 1, InvalidInput, "speed block"),
-        (["speed", 0, "budgets"], [1], InvalidInput, "budgets"),
-        (["speed", 0, "robot"], "paper7r", UnknownName, "paper6r"),
-        (["speed", 0, "rounds"], 0, InvalidInput, "rounds"),
-        (["speed", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
-        (["speed", 0, "methods", 0, "max_problems"], 0, InvalidInput, "max_problems"),
-        (["speed", 0, "peers", 0, "peer"], "eiak", UnknownName, "did you mean eaik"),
-        (["speed", 0, "peers", 0, "label"], "dls", InvalidInput, "label"),
-        (["speed", 0, "targets", 0, "measure"], "speed", InvalidInput, "median_us"),
-        (["speed", 0, "targets", 0, "to"], "EAIK", InvalidInput, "a label of the block"),
-        (["speed", 0, "targets", 0, "at_least"], 0.1, InvalidInput, "either at_most or at_least"),
-        (["speed", 0, "targets", 0, "at_most"], "half", InvalidInput, "at_most"),
-        (["speed", 0, "targets", 0, "goal"], 1, InvalidInput, "goal"),
-        (["speed", 0, "targets", 0, "measure"], "mean_us", InvalidInput, "only there"),
-        (["batch", 0, "threads"], [0], InvalidInput, "threads"),
-        (["batch", 0, "repeats"], 0, InvalidInput, "repeats"),
-        (["batch", 0, "solver"], "dlss", UnknownName, "dls"),
-        (["batch", 0, "id"], "warm", InvalidInput, "id"),
-        (["batch", 0, "targets", 0, "measure"], "median_us", InvalidInput, "million_per_second"),
-        (["first_use", "solver"], "dlss", UnknownName, "dls"),
-        (["first_use", "robots"], 1, InvalidInput, "robots"),
-    ],
-)
-def test_a_wrong_setting_of_speed_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
-    with pytest.raises(error, match=word):
-        suite_of("speed", _changed(path, value, SPEED))
-
-
 TIMING: dict[str, Any] = {
     "timing": [
         {
@@ -146,33 +83,78 @@ TIMING: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "error", "word"),
+    ("settings", "path", "value", "error", "word"),
     [
-        (["timing", 0], 1, InvalidInput, "timing block"),
-        (["timing", 0, "line"], 1, InvalidInput, "'line'"),
-        (["timing", 0, "lines", 0, "robot"], "paper7r", UnknownName, "paper6r"),
-        (["timing", 0, "lines", 0, "kind"], "singular", InvalidInput, "near_singular"),
-        (["timing", 0, "lines", 0, "count"], 0, InvalidInput, "count"),
-        (["timing", 0, "limits", 0], {}, InvalidInput, "velocity"),
-        (["timing", 0, "limits", 0, "jerk"], -1, InvalidInput, "jerk"),
-        (["timing", 0, "laws", 0, "law"], "rukig", UnknownName, "ruckig"),
-        (["timing", 0, "laws", 1, "label"], "ruckig", InvalidInput, "label"),
-        (["timing", 0, "peers", 0, "peer"], "cop", UnknownName, "did you mean copp"),
-        (["timing", 0, "peers", 0, "max_lines"], 0, InvalidInput, "max_lines"),
-        (["timing", 0, "reference", "law"], "best", UnknownName, "optimal"),
-        (["timing", 0, "plan"], "toppra spline", InvalidInput, "ruckig, toppra"),
-        (["timing", 0, "solver"], "lmm", UnknownName, "lm"),
-        (["timing", 0, "rounds"], 0, InvalidInput, "rounds"),
-        (["timing", 0, "example"], {"limits": "(1, 2)"}, InvalidInput, "2.0, 10.0, 100.0"),
-        (["timing", 0, "targets", 0, "measure"], "median_us", InvalidInput, "median_ms"),
-        (["timing", 0, "targets", 0, "law"], "optimal", InvalidInput, "ruckig, toppra"),
-        (["timing", 0, "targets", 0, "group"], "ur5e", InvalidInput, "regular, paper6r"),
-        (["timing", 0, "targets", 0, "at_least"], 1, InvalidInput, "either at_most or at_least"),
+        (SMALL, ["speed"], 1, InvalidInput, "speed"),
+        (SMALL, ["blocks", 0, "robott"], 1, InvalidInput, "robott"),
+        (SMALL, ["blocks", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (SMALL, ["blocks", 0, "set"], "graph_papers", UnknownName, "graph_paper"),
+        (SMALL, ["blocks", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
+        (SMALL, ["blocks", 0, "budgets"], [3, 1], InvalidInput, "budgets"),
+        (SMALL, ["blocks", 0, "budgets"], [0], InvalidInput, "budgets"),
+        (SMALL, ["blocks", 0, "budgets"], 5, InvalidInput, "budgets"),
+        (SMALL, ["blocks", 0, "budgets"], [], InvalidInput, "budgets"),
+        (SMALL, ["line", "move_m"], [0.1, 0.0], InvalidInput, "move_m"),
+        (SMALL, ["line", "solvers"], "dls", InvalidInput, "solvers"),
+        (SMALL, ["blocks", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
+        (SMALL, ["blocks", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
+        (SMALL, ["blocks", 1, "id"], "workspace", InvalidInput, "id"),
+        (SMALL, ["blocks", 1, "id"], "Workspace", InvalidInput, "ids 'workspace' and 'Workspace'"),
+        (SMALL, ["blocks", 1, "id"], "(workspace!)", InvalidInput, "they name files"),
+        (SMALL, ["blocks", 1, "id"], "腕", InvalidInput, "the id '腕'"),
+        (SMALL, ["line", "laws"], ["quintics"], UnknownName, "quintic"),
+        (SMALL, ["line", "samples"], 1, InvalidInput, "samples"),
+        (SMALL, ["seed"], -1, InvalidInput, "seed"),
+        (SMALL, ["blocks", 0, "sweep"], "yes", InvalidInput, "sweep"),
+        (SPEED, ["speed"], 1, InvalidInput, "speed"),
+        (SPEED, ["speed", 0], 1, InvalidInput, "speed block"),
+        (SPEED, ["speed", 0, "budgets"], [1], InvalidInput, "budgets"),
+        (SPEED, ["speed", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (SPEED, ["speed", 0, "rounds"], 0, InvalidInput, "rounds"),
+        (SPEED, ["speed", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
+        (SPEED, ["speed", 0, "methods", 0, "max_problems"], 0, InvalidInput, "max_problems"),
+        (SPEED, ["speed", 0, "peers", 0, "peer"], "eiak", UnknownName, "did you mean eaik"),
+        (SPEED, ["speed", 0, "peers", 0, "label"], "dls", InvalidInput, "label"),
+        (SPEED, ["speed", 0, "targets", 0, "measure"], "speed", InvalidInput, "median_us"),
+        (SPEED, ["speed", 0, "targets", 0, "to"], "EAIK", InvalidInput, "a label of the block"),
+        (SPEED, ["speed", 0, "targets", 0, "at_least"], 0.1, InvalidInput, "either at_most or at_least"),
+        (SPEED, ["speed", 0, "targets", 0, "at_most"], "half", InvalidInput, "at_most"),
+        (SPEED, ["speed", 0, "targets", 0, "goal"], 1, InvalidInput, "goal"),
+        (SPEED, ["speed", 0, "targets", 0, "measure"], "mean_us", InvalidInput, "only there"),
+        (SPEED, ["batch", 0, "threads"], [0], InvalidInput, "threads"),
+        (SPEED, ["batch", 0, "repeats"], 0, InvalidInput, "repeats"),
+        (SPEED, ["batch", 0, "solver"], "dlss", UnknownName, "dls"),
+        (SPEED, ["batch", 0, "id"], "warm", InvalidInput, "id"),
+        (SPEED, ["batch", 0, "targets", 0, "measure"], "median_us", InvalidInput, "million_per_second"),
+        (SPEED, ["first_use", "solver"], "dlss", UnknownName, "dls"),
+        (SPEED, ["first_use", "robots"], 1, InvalidInput, "robots"),
+        (TIMING, ["timing", 0], 1, InvalidInput, "timing block"),
+        (TIMING, ["timing", 0, "line"], 1, InvalidInput, "'line'"),
+        (TIMING, ["timing", 0, "lines", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (TIMING, ["timing", 0, "lines", 0, "kind"], "singular", InvalidInput, "near_singular"),
+        (TIMING, ["timing", 0, "lines", 0, "count"], 0, InvalidInput, "count"),
+        (TIMING, ["timing", 0, "limits", 0], {}, InvalidInput, "velocity"),
+        (TIMING, ["timing", 0, "limits", 0, "jerk"], -1, InvalidInput, "jerk"),
+        (TIMING, ["timing", 0, "laws", 0, "law"], "rukig", UnknownName, "ruckig"),
+        (TIMING, ["timing", 0, "laws", 1, "label"], "ruckig", InvalidInput, "label"),
+        (TIMING, ["timing", 0, "peers", 0, "peer"], "cop", UnknownName, "did you mean copp"),
+        (TIMING, ["timing", 0, "peers", 0, "max_lines"], 0, InvalidInput, "max_lines"),
+        (TIMING, ["timing", 0, "reference", "law"], "best", UnknownName, "optimal"),
+        (TIMING, ["timing", 0, "plan"], "toppra spline", InvalidInput, "ruckig, toppra"),
+        (TIMING, ["timing", 0, "solver"], "lmm", UnknownName, "lm"),
+        (TIMING, ["timing", 0, "rounds"], 0, InvalidInput, "rounds"),
+        (TIMING, ["timing", 0, "example"], {"limits": "(1, 2)"}, InvalidInput, "2.0, 10.0, 100.0"),
+        (TIMING, ["timing", 0, "targets", 0, "measure"], "median_us", InvalidInput, "median_ms"),
+        (TIMING, ["timing", 0, "targets", 0, "law"], "optimal", InvalidInput, "ruckig, toppra"),
+        (TIMING, ["timing", 0, "targets", 0, "group"], "ur5e", InvalidInput, "regular, paper6r"),
+        (TIMING, ["timing", 0, "targets", 0, "at_least"], 1, InvalidInput, "either at_most or at_least"),
     ],
 )
-def test_a_wrong_setting_of_timing_is_named(path: list[Any], value: Any, error: type[Exception], word: str) -> None:
+def test_a_wrong_setting_is_named(
+    settings: dict[str, Any], path: list[Any], value: Any, error: type[Exception], word: str
+) -> None:
     with pytest.raises(error, match=word):
-        suite_of("timing", _changed(path, value, TIMING))
+        suite_of("wrong", _changed(path, value, settings))
 
 
 def test_a_timing_block_looks_closely_at_its_first_line_that_is_near_singular() -> None:
