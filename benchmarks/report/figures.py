@@ -148,7 +148,7 @@ def template() -> Template:
         "margin": {"l": 8, "r": 12, "t": 12, "b": 8}, "hoverlabel": {"font": {"size": 12}},
         "modebar": {"bgcolor": clear, "color": MUTED_COLOUR, "activecolor": INK_COLOUR},
         "xaxis": axes, "yaxis": axes,
-        "scene": {f"{a}axis": lines | {"showbackground": False} for a in "xyz"},
+        "scene": {f"{a}axis": lines | {"showbackground": False, "showline": True} for a in "xyz"},
     }  # fmt: skip
     return go.layout.Template(layout=layout)
 
