@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import copy
+import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,7 @@ from benchmarks.cli.app import main
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
+from tests.oracles import REPOSITORY
 
 START = [20, -35, 40, 25, 50, -30]
 
@@ -88,6 +91,13 @@ def typed(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) ->
         return status, *capfd.readouterr()
 
     return run
+
+
+def optik_process(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.cli", *arguments]
+    given = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "160"} | environment
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=REPOSITORY, env=given, check=False)
 
 
 def hide(patch: pytest.MonkeyPatch, package: str) -> None:

@@ -17,18 +17,10 @@ import optik
 import planners
 from benchmarks.cli.app import app
 from optik.registry import names
+from tests.benchmarks.conftest import optik_process
+from tests.oracles import REPOSITORY
 
 START = "20,-35,40,25,50,-30"
-
-
-def optik_command(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    root = Path(__file__).resolve().parents[2]
-    environment = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(root), "COLUMNS": "160", "HOME": str(Path.home())}
-    environment |= {name: value for name, value in os.environ.items() if name == "NUMBA_CACHE_DIR"}
-    return subprocess.run(
-        [sys.executable, "-m", "benchmarks.cli", *arguments],
-        capture_output=True, text=True, timeout=300, cwd=cwd or root, env=environment,
-    )  # fmt: skip
 
 
 def test_robots_lists_every_robot(typed: Any) -> None:
@@ -52,7 +44,7 @@ def test_no_solution_is_exit_status_one(typed: Any) -> None:
 
 def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:
     file = tmp_path / "plan.json"
-    done = optik_command("plan", "line", "--timing", "ruckig", "--out", str(file), "--json")
+    done = optik_process("plan", "line", "--timing", "ruckig", "--out", str(file), "--json")
     assert done.returncode == 0
     printed = json.loads(done.stdout)
     assert printed["certificate"]["is_valid"] is True
@@ -237,13 +229,8 @@ def test_what_ik_prints_for_a_sliding_joint_is_what_fk_takes(typed: Any) -> None
 
 def into(target: str, *arguments: str, unbuffered: str = "") -> tuple[int, str]:
     """Exit status and errors of a command whose standard output goes to a file, or to a reader that has gone."""
-    environment = {
-        "PATH": "/usr/bin:/bin",
-        "PYTHONPATH": str(Path(__file__).resolve().parents[2]),
-        "HOME": str(Path.home()),
-    }
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"} | {"PYTHONPATH": str(REPOSITORY)}
     environment |= {"PYTHONUNBUFFERED": unbuffered} if unbuffered else {}
-    environment |= {name: value for name, value in os.environ.items() if name == "NUMBA_CACHE_DIR"}
     if target:
         out = os.open(target, os.O_WRONLY)
     else:

@@ -2,14 +2,12 @@
 
 import importlib.metadata
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.benchmarks.conftest import optik_process
 from tests.oracles import REPOSITORY
 
 
@@ -36,9 +34,7 @@ def test_what_is_needed_is_usable_and_every_peer_is_named_with_what_to_type(
 
 
 def test_what_makes_everything_slow_is_a_problem_said_within_forty_columns() -> None:
-    given = os.environ | {"PYTHONPATH": str(REPOSITORY), "NUMBA_DISABLE_JIT": "1", "COLUMNS": "40", "TERM": "dumb"}
-    command = [sys.executable, "-m", "benchmarks.cli", "doctor"]
-    done = subprocess.run(command, capture_output=True, text=True, env=given, timeout=300, check=False)
+    done = optik_process("doctor", NUMBA_DISABLE_JIT="1", COLUMNS="40", TERM="dumb")
     assert (done.returncode, done.stderr) == (1, "")
     assert "NUMBA_DISABLE_JIT" in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 40

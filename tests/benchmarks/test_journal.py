@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,8 +18,8 @@ from benchmarks.blocks.ik.rounds import Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
+from tests.benchmarks.conftest import optik_process
 from tests.benchmarks.test_report import page_of
-from tests.oracles import REPOSITORY
 
 ARM = optik.load("paper6r")
 PROBLEMS = near_start(ARM, 5, count=4)
@@ -183,11 +181,8 @@ peers = [{{ peer = "{deadly}" }}]
 
 def run(tmp_path: Path, suite: str) -> subprocess.CompletedProcess[str]:
     (tmp_path / "suite.toml").write_text(suite)
-    command = [sys.executable, "-m", "benchmarks.cli", "bench", "run", str(tmp_path / "suite.toml")]
-    return subprocess.run(
-        [*command, "--out", str(tmp_path / "run"), "--allow-plugins"], cwd=REPOSITORY, capture_output=True, text=True,
-        check=False, env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
-    )  # fmt: skip
+    out = str(tmp_path / "run")
+    return optik_process("bench", "run", str(tmp_path / "suite.toml"), "--out", out, "--allow-plugins")
 
 
 def deadly(tmp_path: Path, how: str, nth: int, kind: str = "ik", base: str = "Peer") -> Path:

@@ -15,7 +15,7 @@ from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
 from optik.errors import InvalidInput
 from optik.plugins.files import digest
-from tests.benchmarks.test_cli import optik_command
+from tests.benchmarks.conftest import optik_process
 from tests.benchmarks.test_report import page_of
 from tests.oracles import REPOSITORY
 
@@ -71,7 +71,7 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
     assert ran(folder) == []
     assert "not run" in said("bench", "check", suite)[1]
 
-    done = optik_command(*run, "--allow-plugins", "--workers", "2")
+    done = optik_process(*run, "--allow-plugins", "--workers", "2")
     assert done.returncode == 0, done.stdout + done.stderr
     assert ran(folder) == ["beside", "jt"]
     recorded = {row["name"]: row for row in RunFolder(out).manifest()["plugins"]}
