@@ -11,6 +11,7 @@ from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Line, Polyline
+from planners.paths.polyline import SAME_POSE
 from tests import oracles
 from tests.planners.cases import pose_of, vectors
 
@@ -228,7 +229,8 @@ def test_every_waypoint_is_passed_within_its_tolerance_merged_or_not(seed: int, 
     for i, T in enumerate(poses):
         u = np.clip(np.einsum("ij,ij->i", T[:3, 3] - at[:-1], chords) / np.einsum("ij,ij->i", chords, chords), 0.0, 1.0)
         off = np.linalg.norm(at[:-1] + u[:, None] * chords - T[:3, 3], axis=1).min()
-        assert off <= (10.0**blend if 0 < i < 7 else 0.0) * (1.0 + 1e-3) + 1e-12
+        same = SAME_POSE if step < -8.0 else 0.0  # what is nearer than that is one pose, the first of them
+        assert off <= (10.0**blend if 0 < i < 7 else same) * (1.0 + 1e-3) + 1e-12
 
 
 # ---------------------------------------------------------------- turns
