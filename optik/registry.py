@@ -26,6 +26,7 @@ GROUPS = (
     "planners.timing",
     "planners.limits",
     "planners.paths",
+    "planners.freedom",
     "planners.files",
     "planners.cell.drives",
     "benchmarks.problems",

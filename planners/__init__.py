@@ -9,6 +9,7 @@ from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import Path, make_path, paths
 from planners.paths.arc import Arc
+from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
 from planners.paths.polyline import Polyline
@@ -21,6 +22,7 @@ from planners.trajectory import Trajectory
 __all__ = [
     "Arc",
     "Certificate",
+    "FreePath",
     "JointLine",
     "Line",
     "Motion",
@@ -33,6 +35,7 @@ __all__ = [
     "Trajectory",
     "certify",
     "follow",
+    "free",
     "laws",
     "load_motion",
     "load_trajectory",

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,19 +16,23 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
+from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.certificate import Certificate, plan_summary
+from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
-from planners.files import save
 from planners.fit import check_statics, fit, stretch_factor
 from planners.following.follow import DEFAULT_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits, check_path
-from planners.motion import Motion, PlanStatus
+from planners.motion import PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
+from planners.result import Plan, PlanSeconds
 from planners.timing import TimeLaw, law_for, make_law
+from planners.timing._free.choose import choose
 from planners.timing.base import StopKind
+from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
 
 __all__ = ["Plan", "PlanRequest", "PlanSeconds", "PlanStatus", "make_law", "path_to", "plan"]
@@ -38,185 +41,6 @@ PATH_FRACTION = 0.95
 """Fraction of the tolerance that the joint path may use. The law's polynomials in time use the remaining part."""
 MOST_SECONDS = 1e9
 """Longest duration that can be requested [s], 30 years: powers of much longer ones overflow."""
-
-
-class PlanSeconds(NamedTuple):
-    """Times of planning: following the path, finding the law's motion, and certifying it [s]."""
-
-    joints: float = 0.0
-    timing: float = 0.0
-    certificate: float = 0.0
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
-
-    Attributes
-    ----------
-    robot, path, limits
-        The arguments of the plan.
-    status : PlanStatus
-        How planning ended.
-    solver, law : str
-        The IK method and the time law.
-    prefix : JointPath or None
-        The joint path, or on failure its valid part.
-    failure : PlanFailure or None
-        Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
-    slowed : float
-        Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
-    span : (2,) tuple of float, or None
-        The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
-    speed : float or None
-        The constant tool speed [m/s; rad/s for a pure rotation] that the law was given.
-    scene : Scene or None
-        Obstacles, and the margin to them.
-    before : (2,) tuple, or None
-        Limits that hold until a time [s], if the motion respects `limits` only from then on: after `replan` with lower limits.
-    start_error : (3,) tuple of float, or None
-        Largest differences [rad, rad/s, rad/s², or m] between the measured state given to `replan` and the motion's own.
-    stop_kind : StopKind or None
-        Kind of a stop: the optimum, the sweep's stop, or the end of the motion if that comes first.
-    seconds : PlanSeconds
-        Durations of the parts of planning (after `replan` of the certificate only). They do not count in a comparison of plans.
-    """
-
-    robot: Robot
-    path: Path
-    limits: MotionLimits
-    status: PlanStatus
-    solver: str
-    law: str
-    prefix: JointPath | None
-    failure: PlanFailure | None
-    _trajectory: Trajectory | None
-    _certificate: Certificate | None
-    slowed: float = 1.0
-    span: tuple[float, float] | None = None
-    speed: float | None = None
-    scene: Scene | None = None
-    seconds: PlanSeconds = field(default=PlanSeconds(), compare=False)
-    before: tuple[MotionLimits, float] | None = None
-    start_error: tuple[float, float, float] | None = None
-    stop_kind: StopKind | None = None
-
-    @property
-    def within_limits_from(self) -> float:
-        """Time [s] from which the motion respects `limits`; before it, `before` has the limits that hold."""
-        return 0.0 if self.before is None else self.before[1]
-
-    def __bool__(self) -> bool:
-        return self.status is PlanStatus.SOLVED
-
-    def __str__(self) -> str:
-        path, why = self.path, self.failure
-        what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
-        failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
-        return plan_summary(f"{self.status}: {what}", path, failure, self._certificate, self.slowed)
-
-    @property
-    def has_motion(self) -> bool:
-        """Whether there is a motion; it may be invalid."""
-        return self._trajectory is not None
-
-    def _require_motion(self) -> None:
-        if self.failure is not None and not self.has_motion:
-            raise self.failure.to_error()
-
-    @property
-    def joint_path(self) -> JointPath:
-        """The whole joint path; raises `NoSolution` if there is none."""
-        self._require_motion()
-        assert self.prefix is not None
-        return self.prefix
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The timed motion; raises `NoSolution` with s, joint, reason and advice if there is none."""
-        self._require_motion()
-        assert self._trajectory is not None
-        return self._trajectory
-
-    @property
-    def certificate(self) -> Certificate:
-        """The certificate of the trajectory; raises `NoSolution` if there is no trajectory."""
-        self._require_motion()
-        assert self._certificate is not None
-        return self._certificate
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data for files and programs: the trajectory at its knots and the certificate, or the failure."""
-        out: dict[str, Any] = {
-            "format": "optik-plan/2",
-            "robot": self.robot.name,
-            "robot_fingerprint": self.robot.fingerprint,
-            "status": str(self.status),
-            "solver": self.solver,
-            "law": self.law,
-            "limits": self.limits.to_dict(self.robot.n),
-            "path": self.path.to_dict(),
-        }
-        if self.failure is not None:
-            why = self.failure
-            out |= {"s": why.s, "joint": why.joint, "reason": why.reason, "advice": why.advice}
-        if self._trajectory is None:
-            return out
-        motion, t = self._trajectory, self._trajectory.knots
-        return out | {
-            "duration": motion.duration,
-            "slowed": self.slowed,
-            "span": None if self.span is None else list(self.span),
-            "speed": self.speed,
-            "within_limits_from": self.within_limits_from,
-            "start_error": None if self.start_error is None else list(self.start_error),
-            "stop_kind": self.stop_kind,
-            "joint_names": list(self.robot.joint_names),
-            "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
-            "coefficients": motion.coefficients.tolist(),
-            "certificate": self.certificate.to_dict(),
-        }
-
-    @property
-    def motion(self) -> Motion:
-        """The motion with its path, limits, tolerance and scene, as files store it; raises `NoSolution` if there is none."""
-        proof = self.certificate
-        return Motion(
-            self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
-            self.speed, self.scene, self.before,
-        )  # fmt: skip
-
-    def save(
-        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
-        rate: float | None = None, allow: Allow = (),
-    ) -> None:  # fmt: skip
-        """Write the motion to a file, atomically, in the format of its suffix; `planners.load_motion` reads it.
-
-        Parameters
-        ----------
-        file : str or path
-            ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
-        format : str, optional
-            Name of the format, for a file with another suffix.
-        rate : float, optional
-            Points per second [1/s] in the table of a CSV; by default points at the knots.
-        allow : str or several
-            Violations to permit, as for `planners.save`.
-
-        Raises
-        ------
-        InvalidMotion
-            The motion is invalid, and ``allow`` does not permit it.
-        NoSolution
-            The plan failed: there is no motion. `to_dict` says why.
-        InvalidInput
-            A suffix that is not a format.
-        UnknownName
-            No format has that name.
-        OutputError
-            The file cannot be written.
-        """
-        save(self.motion, file, format=format, rate=rate, allow=allow)
 
 
 def plan(
@@ -274,16 +98,7 @@ def plan(
     """
     solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
     _check_options(duration, strict)
-    allowed = request.tolerance.scale(PATH_FRACTION)
-    started = perf_counter()
-    followed = follow(solver, request.path, q_start, branch=branch, samples=samples, tolerance=allowed, scene=scene)
-    return _add_seconds(started, perf_counter(), _time_path(request, followed, duration, strict))
-
-
-def _add_seconds(started: float, followed: float, found: Plan) -> Plan:
-    """Return the plan with the durations of its parts, from the times at which path following began and ended."""
-    proof = found.seconds.certificate
-    return replace(found, seconds=PlanSeconds(followed - started, perf_counter() - followed - proof, proof))
+    return _Planner(solver, request, samples, strict).run(q_start, branch, duration)
 
 
 def _build_request(
@@ -403,27 +218,76 @@ class PlanRequest:
         return self._fail(PlanStatus.LIMITS_EXCEEDED, joints, failure)
 
 
-def _time_path(request: PlanRequest, followed: FollowResult, duration: float | None, strict: bool) -> Plan:
-    """Return the plan of a joint path that is timed and certified, or its failure."""
-    if followed.failure is not None:
-        return request._fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure)
-    assert followed.joint_path is not None
-    joints, enforced = followed.joint_path, request.law.list_enforced(request.limits)
-    try:
-        check_statics(joints, request.limits, enforced)
-        raw = request.law.run_with_analysis(joints, request.limits)
-        factor = stretch_factor(raw, request.limits, enforced)
-        if factor > 1.0 and strict:
-            proof = certify(request.robot, request.path, raw.trajectory, request.limits, enforced=enforced)
-            return request._refuse(joints, proof, f"strict=False slows the motion by {factor:.9g}; or another law")
-        motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
-        trajectory, analysis = motion.trajectory, motion if duration is None else None
-        slowed = trajectory.duration / raw.trajectory.duration
+@dataclass(frozen=True)
+class _Planner:
+    """Follows, times and certifies paths under one request."""
+
+    solver: IKSolver
+    request: PlanRequest
+    samples: int
+    strict: bool
+
+    def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
+        """Return the plan along the requested path, with the durations of its parts."""
+        started, path = perf_counter(), self.request.path
+        followed = self._follow(path, q_start, branch)
+        ended = perf_counter()
+        if isinstance(path, FreePath):
+            found = self._choose(path, followed, q_start is not None, duration)
+        else:
+            found = self._time(path, followed, duration)[0]
+        proof = found.seconds.certificate
+        return replace(found, seconds=PlanSeconds(ended - started, perf_counter() - ended - proof, proof))
+
+    def _follow(self, path: Path, q: ArrayLike | None, branch: str | None) -> FollowResult:
+        """Return the joint path along a path."""
+        allowed = self.request.tolerance.scale(PATH_FRACTION)
+        return follow(
+            self.solver, path, q, branch=branch, samples=self.samples, tolerance=allowed, scene=self.request.scene
+        )  # fmt: skip
+
+    def _time(self, path: Path, followed: FollowResult, duration: float | None) -> tuple[Plan, Optimum | None]:
+        """Return the plan of a joint path that is timed and certified, or its failure; and the optimum if the law has one."""
+        request = self.request if path is self.request.path else replace(self.request, path=path)
+        if followed.failure is not None:
+            return request._fail(PlanStatus(followed.failure.status), followed.joint_path, followed.failure), None
+        assert followed.joint_path is not None
+        joints, law, optimum = followed.joint_path, request.law, None
+        enforced = law.list_enforced(request.limits)
+        try:
+            check_statics(joints, request.limits, enforced)
+            if isinstance(law, Optimal):
+                raw, optimum = law.run_with_optimum(joints, request.limits)
+            else:
+                raw = law.run_with_analysis(joints, request.limits)
+            factor = stretch_factor(raw, request.limits, enforced)
+            if factor > 1.0 and self.strict:
+                proof = certify(request.robot, path, raw.trajectory, request.limits, enforced=enforced)
+                advice = f"strict=False slows the motion by {factor:.9g}; or another law"
+                return request._refuse(joints, proof, advice), None
+            motion = fit(raw, request.limits, enforced) if factor > 1.0 else raw
+            trajectory, analysis = motion.trajectory, motion if duration is None else None
+            slowed = trajectory.duration / raw.trajectory.duration
+            if duration is not None:
+                trajectory = _scale_to_duration(trajectory, duration, law)
+        except NoSolution as error:
+            return request.infeasible(joints, error), None
+        return request.certify_motion(joints, trajectory, slowed, analysis), optimum
+
+    def _choose(self, path: FreePath, followed: FollowResult, starts_there: bool, duration: float | None) -> Plan:
+        """Return the fastest plan over the freedoms of a path, of this duration if one is given."""
+
+        def plan_along(chosen: FreePath, q: Array) -> Plan | None:
+            return self._time(chosen, self._follow(chosen, q, "start"), None)[0] or None
+
+        fixed, optimum = self._time(path, followed, None)
+        if not fixed:
+            return fixed
+        held = starts_there and path.hold_start
+        found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along)
         if duration is not None:
-            trajectory = _scale_to_duration(trajectory, duration, request.law)
-    except NoSolution as error:
-        return request.infeasible(joints, error)
-    return request.certify_motion(joints, trajectory, slowed, analysis)
+            found = self._time(found.path, FollowResult(found.joint_path, None), duration)[0]
+        return replace(found, freedom=result)
 
 
 def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

@@ -38,6 +38,7 @@ from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_moti
 from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
+from planners.paths.free_path import FreePath
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
@@ -231,6 +232,12 @@ class Follower:
         failure = find_rank_failure(robot)
         if failure is not None:
             return FollowResult(None, failure)
+        path = self.path
+        if robot.n > 6 and self.branch == "start" and isinstance(path, FreePath) and path.null_space is not None:
+            assert self.q is not None
+            course = Course(path, path.guide)  # the null-space motion is chosen
+            nodes = course.nodes(course.spread(self.grid, self.tolerance))
+            return self._finish(course, track(robot, course, nodes, self.q, self.tolerance), self.q)
         if robot.n > 6:
             return self._choose_null_space_motion()
         course = Course(self.path, make_empty_guide(robot.n))

@@ -17,7 +17,7 @@ from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_star
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.timing._optimal import iteration
-from planners.timing._optimal.newton import Problem
+from planners.timing._optimal.newton import Iterate, Problem
 from planners.timing._optimal.programme import (
     Programme,
     briefest,
@@ -95,6 +95,28 @@ class Optimal(AnalysingLaw):
         self.intervals = intervals
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
+        return self.run_with_optimum(joint_path, limits)[0]
+
+    def run_with_optimum(self, joint_path: JointPath, limits: MotionLimits) -> tuple[MotionAnalysis, Optimum]:
+        """Return the motion with its analysis, and the optimum with its multipliers.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Returns
+        -------
+        tuple
+            The motion, and the solved programme.
+
+        Raises
+        ------
+        NoSolution
+            The iteration found no motion.
+        """
         self.need(limits, joint_path.robot)
         enforced = self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
@@ -107,8 +129,8 @@ class Optimal(AnalysingLaw):
             if loaded:  # after slowing by the estimated factor, one proof is usually enough
                 slowed = motion.slowed(max(found.slower, 1.0) * (1.0 + FIRST_MARGIN))
                 if is_within(slowed, limits, enforced):
-                    return slowed
-            return fit(motion, limits, enforced)
+                    return slowed, found.optimum
+            return fit(motion, limits, enforced), found.optimum
         limit, joint, place, ratio = _find_worst_violation(start(joint_path, limits, self.intervals))
         raise NoSolution(
             f"the interior-point iteration found no motion; its start has {ratio:.4g} times the {limit} limit of {joint} at "
@@ -196,11 +218,19 @@ def _limit_ratios(problem: Problem, z: Array) -> Array:
     return c
 
 
+class Optimum(NamedTuple):
+    """Solution of the time-optimal programme on a fixed path: the programme, and the iterate with its multipliers."""
+
+    programme: Programme
+    at: Iterate
+
+
 class _Solution(NamedTuple):
-    """A motion, and the factor by which it must be stretched to respect every limit."""
+    """A motion, the factor by which it must be stretched to respect every limit, and the optimum that it is."""
 
     motion: Trajectory
     slower: float
+    optimum: Optimum
 
 
 def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
@@ -212,7 +242,8 @@ def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST
     while again < (TIGHTENINGS if close else 2 * TIGHTENINGS):
         problem = given.problem
         K, rows = problem.ds.size, problem.node.shape[1] + 2 * problem.edge.shape[2]
-        if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS) < 0:
+        at = iteration.make_iterate(K, rows)
+        if iteration.solve(problem, z, weight, GAP / (2.0 * rows), most if found is None else WARM_ITERATIONS, at) < 0:
             break
         motion = _motion(given, z)
         coarse = _find_departures(given, z) & (halvings < 4 * INTERVAL_HALVINGS)
@@ -229,7 +260,7 @@ def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST
             weight, found = FIRST_BARRIER if given.moving is not None else WARM_BARRIER, None
             continue
         tool = _tool_ratios(given, motion) * (1.0 if close else BETWEEN_SAMPLES)
-        found, again = _Solution(motion, excess.slower(tool)), again + 1
+        found, again = _Solution(motion, excess.slower(tool), Optimum(given, at)), again + 1
         if found.slower <= 1.0 + max(close, LIMIT_ROUNDING):
             return found
         _tighten(problem, excess, tool, 0.0 if close else 1e-6)

@@ -20,7 +20,8 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import copy_matrix
 from optik.types import Array
-from planners.timing._optimal.newton import Iterate, Problem, back, edge_slope, first, forth
+from planners.timing._optimal.border import Border, product
+from planners.timing._optimal.newton import Iterate, Problem, back, edge_slope, forth, rows_of
 
 MET = 1e-5
 """Accepted residual of the dynamics of an interval, over its length."""
@@ -60,7 +61,7 @@ def values(problem: Problem, z: Array, g: Array, c: Array) -> None:
 
 
 @compiled
-def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
+def slopes(problem: Problem, z: Array, d: Array, out: Array, border: Border | None) -> None:
     """Compute the first-order change of every limited value along d (K + 1, m + 2 e)."""
     node, edge = problem.node, problem.edge
     K, m, e = problem.ds.shape[0], node.shape[1], edge.shape[2]
@@ -76,6 +77,10 @@ def _slopes(problem: Problem, z: Array, d: Array, out: Array) -> None:
             out[k, m + i] = edge[k, 0, i, 0] * d[k, 3] + r * d[k, 1] + x * d[k, 0]
             x, r = edge_slope(edge, k, 1, i, w, b)
             out[k, m + e + i] = edge[k, 1, i, 0] * d[k, 3] + r * d[k + 1, 1] + x * d[k + 1, 0]
+    if border is not None:
+        for k in range(K + 1):
+            for i in range(m + 2 * e if k < K else m):
+                out[k, i] += product(border, border.columns[k, i], k)
 
 
 @inlined
@@ -84,23 +89,28 @@ def _cut(length: float, x: float, dx: float, keep: float) -> float:
     return -keep * x / dx if dx * length < -keep * x else length
 
 
+# More than 8 parameters: the workspace of the iteration, which allocates it once.
 @compiled
-def _lengths(
-    problem: Problem, at: Iterate, mu: float, d: Array, slope: Array, dslack: Array, ddual: Array, dbound: Array
-) -> tuple[float, float]:
+def lengths(
+    problem: Problem, at: Iterate, mu: float, d: Array, slope: Array, dslack: Array, ddual: Array, dbound: Array,
+    border: Border | None,
+) -> tuple[float, float]:  # fmt: skip
     """Compute the steps of slacks and duals; return the lengths of the primal and the dual step that keep them positive."""
-    K, rows = problem.ds.shape[0], at.c.shape[1]
+    K = problem.ds.shape[0]
     primal, dual, keep = 1.0, 1.0, max(0.99, 1.0 - mu)
-    for k in range(K):
-        weight = mu * problem.tau[k]
+    for k in range(K + 1):
+        weight = mu * problem.tau[min(k, K - 1)]
+        low, high = rows_of(k, problem, border)
         for side in range(2):
             sign = 1.0 - 2.0 * side
-            for i in range(first(k, problem), rows):
+            for i in range(low, high):
                 t, y = at.slack[k, side, i], at.dual[k, side, i]
                 dt = 1.0 - sign * (at.c[k, i] + slope[k, i]) - t
                 dy = (weight - y * dt) / t - y
                 dslack[k, side, i], ddual[k, side, i] = dt, dy
                 primal, dual = _cut(primal, t, dt, keep), _cut(dual, y, dy, keep)
+        if k == K:
+            break
         if k > 0:
             v, room = at.z[k, 0], problem.top[k] - at.z[k, 0]
             dbound[k, 0] = (weight - at.bound[k, 0] * d[k, 0]) / v - at.bound[k, 0]
@@ -114,30 +124,35 @@ def _lengths(
 
 
 @compiled
-def _merit(problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array) -> tuple[float, float]:
+def merit(
+    problem: Problem, mu: float, z: Array, g: Array, c: Array, slack: Array, border: Border | None
+) -> tuple[float, float]:  # fmt: skip
     """Return the barrier objective, and the sum of the residuals."""
-    K, rows = g.shape[0], c.shape[1]
+    K = g.shape[0]
     objective, off = 0.0, abs(z[K, 0] - problem.goal[0]) + abs(z[K, 1] - problem.goal[1])
-    for k in range(K):
-        tau, weight = problem.tau[k], mu * problem.tau[k]
-        objective += z[k, 2] - weight * log(z[k, 2] - problem.least[k])
-        off += (abs(g[k, 0]) + tau * (abs(g[k, 1]) + tau * abs(g[k, 2]))) / problem.ds[k]
-        if k > 0:
-            objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
-        product = 1.0  # one logarithm for several slacks
-        for i in range(first(k, problem), rows):
+    for k in range(K + 1):
+        weight = mu * problem.tau[min(k, K - 1)]
+        if k < K:
+            tau = problem.tau[k]
+            objective += z[k, 2] - weight * log(z[k, 2] - problem.least[k])
+            off += (abs(g[k, 0]) + tau * (abs(g[k, 1]) + tau * abs(g[k, 2]))) / problem.ds[k]
+            if k > 0:
+                objective -= weight * log(z[k, 0] * (problem.top[k] - z[k, 0]))
+        together = 1.0  # one logarithm for several slacks
+        low, high = rows_of(k, problem, border)
+        for i in range(low, high):
             above, below = slack[k, 0, i], slack[k, 1, i]
-            product *= above * below
-            if product < 1e-150 or product > 1e150:
-                objective -= weight * log(product)
-                product = 1.0
+            together *= above * below
+            if together < 1e-150 or together > 1e150:
+                objective -= weight * log(together)
+                together = 1.0
             off += abs(c[k, i] + above - 1.0) + abs(below - c[k, i] - 1.0)
-        objective -= weight * log(product)
+        objective -= weight * log(together)
     return objective, off
 
 
 @compiled
-def _is_better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
+def is_better(passed: Array, count: int, objective: float, off: float, small: float) -> bool:
     """Return whether a step is accepted by a filter (Nocedal and Wright, ch. 15.4).
 
     Compared with each earlier iterate at this barrier weight (2, count), its residual or its objective is lower.
@@ -152,9 +167,9 @@ def _is_better(passed: Array, count: int, objective: float, off: float, small: f
 
 
 @compiled
-def _initialise(problem: Problem, at: Iterate, mu: float) -> None:
-    """Move the initial guess inside its bounds, and set slacks and multipliers on the central path."""
-    K, rows = problem.ds.shape[0], at.c.shape[1]
+def move_inside(problem: Problem, at: Iterate, mu: float) -> None:
+    """Move the initial guess inside its bounds, and set their multipliers on the central path."""
+    K = problem.ds.shape[0]
     for k in range(K):
         weight = mu * problem.tau[k]
         if k > 0:
@@ -164,16 +179,22 @@ def _initialise(problem: Problem, at: Iterate, mu: float) -> None:
         at.z[k, 2] = max(at.z[k, 2], 1.02 * problem.least[k])
         at.bound[k, 2] = weight / (at.z[k, 2] - problem.least[k])
     values(problem, at.z, at.g, at.c)
-    for k in range(K):
+
+
+@compiled
+def centre(problem: Problem, at: Iterate, mu: float) -> None:
+    """Set slacks and multipliers of the limits on the central path."""
+    K, rows = problem.ds.shape[0], at.c.shape[1]
+    for k in range(K + 1):
         for side in range(2):
             sign = 1.0 - 2.0 * side
             for i in range(rows):
                 at.slack[k, side, i] = max(1.0 - sign * at.c[k, i], 1e-2)
-                at.dual[k, side, i] = mu * problem.tau[k] / at.slack[k, side, i]
+                at.dual[k, side, i] = mu * problem.tau[min(k, K - 1)] / at.slack[k, side, i]
 
 
 @compiled
-def _step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
+def step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) -> None:
     """Compute the unknowns and the slacks of the trial point after a step of length alpha."""
     K, rows = at.g.shape[0], at.c.shape[1]
     for k in range(K + 1):
@@ -185,7 +206,7 @@ def _step(at: Iterate, alpha: float, d: Array, dslack: Array, trial: Iterate) ->
 
 
 @compiled
-def _accept(
+def accept(
     at: Iterate, trial: Iterate, alpha: float, dual: float, lam: Array, ddual: Array, dbound: Array
 ) -> None:  # fmt: skip
     """Move to a trial point; a slack below the remaining range of its limit is set to that range."""
@@ -206,11 +227,17 @@ def _accept(
 
 
 @compiled
-def _gap(problem: Problem, at: Iterate) -> float:
+def gap_of(problem: Problem, at: Iterate, border: Border | None) -> float:
     """Return the duality gap, the sum of all slacks times multipliers; infinite if the dynamics are not satisfied."""
-    K, rows = problem.ds.shape[0], at.c.shape[1]
+    K = problem.ds.shape[0]
     gap = 0.0
-    for k in range(K):
+    for k in range(K + 1):
+        low, high = rows_of(k, problem, border)
+        for side in range(2):
+            for i in range(low, high):
+                gap += at.slack[k, side, i] * at.dual[k, side, i]
+        if k == K:
+            break
         tau, most = at.z[k, 2], 0.0
         left = (abs(at.g[k, 0]), tau * abs(at.g[k, 1]), tau * tau * abs(at.g[k, 2]))
         for side in range(2):
@@ -219,9 +246,6 @@ def _gap(problem: Problem, at: Iterate) -> float:
         jerk = (60.0 * left[0] + 36.0 * left[1] + 9.0 * left[2]) / tau**3  # of the quintic that leaves nothing
         if left[0] + left[1] + left[2] > MET * problem.ds[k] or jerk * most > TRUE:
             return np.inf
-        for side in range(2):
-            for i in range(first(k, problem), rows):
-                gap += at.slack[k, side, i] * at.dual[k, side, i]
         if k > 0:
             gap += at.z[k, 0] * at.bound[k, 0] + (problem.top[k] - at.z[k, 0]) * at.bound[k, 1]
         gap += (at.z[k, 2] - problem.least[k]) * at.bound[k, 2]
@@ -229,7 +253,8 @@ def _gap(problem: Problem, at: Iterate) -> float:
 
 
 @compiled
-def _iterate(K: int, rows: int) -> Iterate:
+def make_iterate(K: int, rows: int) -> Iterate:
+    """Return an iterate of zeros, for K intervals with so many limited values."""
     return Iterate(
         np.zeros((K + 1, 4)), np.zeros((K, 3)), np.zeros((K + 1, rows)), np.ones((K + 1, 2, rows)), np.ones((K + 1, 2, rows)),
         np.zeros((K + 1, 3)), np.zeros((K + 1, 3)),
@@ -237,41 +262,46 @@ def _iterate(K: int, rows: int) -> Iterate:
 
 
 @compiled
-def solve(problem: Problem, z: Array, mu: float, least: float, most: int) -> int:
+def solve(problem: Problem, z: Array, mu: float, least: float, most: int, at: Iterate) -> int:
     """Optimise z in place, with its first state and the problem's goal fixed; return the number of iterations, or −1.
 
-    Shapes and units: z (K + 1, 4) [as the problem].
+    The last iterate, with its multipliers, is left in ``at``. Shapes and units: z (K + 1, 4) [as the problem].
     """
     K, rows = problem.ds.shape[0], problem.node.shape[1] + 2 * problem.edge.shape[2]
-    at, trial = _iterate(K, rows), _iterate(K, rows)
+    trial = make_iterate(K, rows)
     copy_matrix(z, at.z)
-    _initialise(problem, at, mu)
+    move_inside(problem, at, mu)
+    centre(problem, at, mu)
     d, lam, slope = np.zeros((K + 1, 4)), np.zeros((K + 1, 3)), np.zeros((K + 1, rows))
     dslack, ddual, dbound = np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 2, rows)), np.zeros((K + 1, 3))
     models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
     passed, count, delta_before = np.empty((2, most)), 0, 0.0
     for iteration in range(most):
         delta = 0.0
-        while not back(problem, at, mu, delta, models, law, cost):
+        while not back(problem, at, mu, delta, models, law, cost, None):
             delta = max(4.0 * delta, delta_before / 3.0, 1e-6)
             if delta > 1e8:
                 return -1
         delta_before = delta
-        forth(problem, at, models, law, cost, d, lam)
-        _slopes(problem, at.z, d, slope)
-        alpha, dual = _lengths(problem, at, mu, d, slope, dslack, ddual, dbound)
-        passed[0, count], passed[1, count] = _merit(problem, mu, at.z, at.g, at.c, at.slack)
+        forth(problem, at, models, law, cost, d, lam, None)
+        slopes(problem, at.z, d, slope, None)
+        alpha, dual = lengths(problem, at, mu, d, slope, dslack, ddual, dbound, None)
+        passed[0, count], passed[1, count] = merit(problem, mu, at.z, at.g, at.c, at.slack, None)
         count, off = count + 1, 0.0
         for _ in range(12):
-            _step(at, alpha, d, dslack, trial)
+            step(at, alpha, d, dslack, trial)
             values(problem, trial.z, trial.g, trial.c)
-            objective, off = _merit(problem, mu, trial.z, trial.g, trial.c, trial.slack)
-            if _is_better(passed, count, objective, off, 1e-6 * K):
+            objective, off = merit(problem, mu, trial.z, trial.g, trial.c, trial.slack, None)
+            if is_better(passed, count, objective, off, 1e-6 * K):
                 break
             alpha *= 0.5
-        _accept(at, trial, alpha, dual, lam, ddual, dbound)
+        accept(at, trial, alpha, dual, lam, ddual, dbound)
         if alpha > 0.7 and dual > 0.7 and off <= 10.0 * mu * K:
-            if mu <= least and off < 1e-6 * K and _gap(problem, at) < 3.0 * (2 * rows + 3) * least * problem.tau.sum():
+            if (
+                mu <= least
+                and off < 1e-6 * K
+                and gap_of(problem, at, None) < 3.0 * (2 * rows + 3) * least * problem.tau.sum()
+            ):
                 copy_matrix(at.z, z)
                 return iteration + 1
             mu, count = max(least, min(0.2 * mu, mu**1.5)), 0

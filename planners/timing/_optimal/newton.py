@@ -1,7 +1,8 @@
 """Newton step of the barrier problem: linear-quadratic over the stages, solved by two sweeps; compiled.
 
 The backward sweep computes the cost to go (Riccati); the sign of every pivot shows whether the step is a descent direction. The
-forward sweep computes the step, and the multipliers of the dynamics.
+forward sweep computes the step, and the multipliers of the dynamics. The coefficients of a free path border the stages
+(`planners.timing._optimal.border`); without them the argument is None, and Numba leaves these branches out.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import numpy as np
 
 from optik.compiled import compiled, inlined
 from optik.types import Array
+from planners.timing._optimal import border as borders
+from planners.timing._optimal.border import Border
 
 TERMINAL = 1e4
 """Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.
@@ -61,9 +64,12 @@ class Iterate(NamedTuple):
 
 
 @inlined
-def first(k: int, problem: Problem) -> int:
-    """Return the first active limit of a stage: at the given first state, acceleration and torque are not limited."""
-    return int(problem.node.shape[1]) if k == 0 else 0
+def rows_of(k: int, problem: Problem, border: Border | None) -> tuple[int, int]:
+    """Return the range of the active limits of a stage: at the first and the last state, which are given, only those of p."""
+    m, K = problem.node.shape[1], problem.ds.shape[0]
+    if border is None:
+        return (m if k == 0 else 0), (m + 2 * problem.edge.shape[2] if k < K else 0)
+    return 0, (m + 2 * problem.edge.shape[2] if k < K else m)
 
 
 @inlined
@@ -77,7 +83,7 @@ def edge_slope(edge: Array, k: int, end: int, i: int, v: float, a: float) -> tup
 
 
 @inlined
-def _pull(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
+def pull_of(at: Iterate, k: int, i: int, mu: float) -> tuple[float, float, float]:
     """Return the weight of ∇c ∇cᵀ and the pull along ∇c in the model for both sides of a limit, and the multiplier of c."""
     above, below = 1.0 / at.slack[k, 0, i], 1.0 / at.slack[k, 1, i]
     up, down, c = at.dual[k, 0, i], at.dual[k, 1, i], at.c[k, i]
@@ -106,19 +112,19 @@ def _stage(k: int, problem: Problem, at: Iterate, mu: float, delta: float, M: Ar
         m0 += mu * (room - low)
         M00 += at.bound[k, 0] * low + at.bound[k, 1] * room
         for i in range(n):
-            weight, pull, y = _pull(at, k, i, mu)
+            weight, pull, y = pull_of(at, k, i, mu)
             p, q = node[k, i, 0], node[k, i, 1]
             x = 2.0 * q * v + node[k, i, 2]
             m0, m1 = m0 + pull * x, m1 + pull * p
             M00, M01, M11 = M00 + weight * x * x + 2.0 * q * y, M01 + weight * x * p, M11 + weight * p * p
     for i in range(e):
-        weight, pull, y = _pull(at, k, n + i, mu)
+        weight, pull, y = pull_of(at, k, n + i, mu)
         p, q, u = edge[k, 0, i, 0], edge[k, 0, i, 1], 6.0 * edge[k, 0, i, 2] * v + 2.0 * edge[k, 0, i, 5]
         x, r = edge_slope(edge, k, 0, i, v, a)
         m0, m1, m3 = m0 + pull * x, m1 + pull * r, m3 + pull * p
         M00, M01, M11 = M00 + weight * x * x + u * y, M01 + weight * x * r + q * y, M11 + weight * r * r
         M03, M13, M33 = M03 + weight * x * p, M13 + weight * r * p, M33 + weight * p * p
-        weight, pull, y = _pull(at, k, n + e + i, mu)
+        weight, pull, y = pull_of(at, k, n + e + i, mu)
         p, q, u = edge[k, 1, i, 0], edge[k, 1, i, 1], 6.0 * edge[k, 1, i, 2] * w + 2.0 * edge[k, 1, i, 5]
         x, r = edge_slope(edge, k, 1, i, w, b)
         m3, m4, m5 = m3 + pull * p, m4 + pull * x, m5 + pull * r
@@ -166,7 +172,9 @@ def _place_row(z: Array, row: Array) -> int:
 
 
 @compiled
-def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array) -> bool:
+def back(
+    problem: Problem, at: Iterate, mu: float, delta: float, models: Array, law: Array, cost: Array, border: Border | None
+) -> bool:  # fmt: skip
     """Sweep from the end: compute the model over (v, a, τ, j), the feedback and the cost to go of every stage.
 
     Shapes and units: models (K, 4, 5) [as the problem], law (K, 3) [as the problem], cost (K + 1, 5) [as the problem].
@@ -178,8 +186,12 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
     cost[K, 0], cost[K, 1], cost[K, 2] = TERMINAL * tau * (tau / ds) ** 2, 0.0, TERMINAL * tau * (tau**2 / ds) ** 2
     for i in range(2):
         cost[K, 3 + i] = cost[K, 2 * i] * (z[K, i] - problem.goal[i]) + at.lam[K, 1 + i]
+    if border is not None:
+        _end(problem, at, mu, border)
     for k in range(K - 1, -1, -1):
         _stage(k, problem, at, mu, delta, M, m)
+        if border is not None:
+            _border_stage(k, problem, at, mu, border)
         M[4, 4] += cost[k + 1, 0]
         M[4, 5] += cost[k + 1, 1]
         M[5, 5] += cost[k + 1, 2]
@@ -188,6 +200,8 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
         _fold(z[k], at.g[k], M, m, Q, q)
         pivot = _place_row(z[k], row)  # s⁺ is fixed: one of τ and j follows from the others
         free = 5 - pivot
+        if border is not None:
+            borders.fold(k, z[k], at.g[k], row, pivot, border)
         N[0], N[1], N[2] = -row[0] / row[pivot], -row[1] / row[pivot], -row[free] / row[pivot]
         for i in range(4):
             q[i] -= Q[i, pivot] * at.g[k, 0] / row[pivot]
@@ -207,11 +221,56 @@ def back(problem: Problem, at: Iterate, mu: float, delta: float, models: Array, 
         cost[k, 0], cost[k, 1] = R[0, 0] + R[0, 2] * law[k, 0], R[0, 1] + R[0, 2] * law[k, 1]
         cost[k, 2] = R[1, 1] + R[1, 2] * law[k, 1]
         cost[k, 3], cost[k, 4] = r[0] + R[0, 2] * law[k, 2], r[1] + R[1, 2] * law[k, 2]
+        if border is not None and not borders.eliminate(k, R, r[2], delta, cost[k], border):
+            return False
     return True
 
 
 @compiled
-def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array) -> None:
+def _end(problem: Problem, at: Iterate, mu: float, border: Border) -> None:
+    """Compute the model of the coefficients at the last grid point: limits that depend on the path alone."""
+    K, m = problem.ds.shape[0], problem.node.shape[1]
+    borders.clear(border, at.z.shape[0] - 1)
+    for i in range(m):
+        weight, pull, _y = pull_of(at, K, i, mu * problem.tau[K - 1])
+        borders.add(border, border.columns[K, i], weight, pull)
+
+
+@compiled
+def _border_stage(k: int, problem: Problem, at: Iterate, mu: float, border: Border) -> None:
+    """Add the limits of interval k to the model of the coefficients, alone and with (v, a, τ, j, v⁺, a⁺)."""
+    z, node, edge, columns = at.z, problem.node, problem.edge, border.columns
+    n, e = node.shape[1], edge.shape[2]
+    v, a, w, b = z[k, 0], z[k, 1], z[k + 1, 0], z[k + 1, 1]
+    mu *= problem.tau[k]
+    borders.shift(k, border)
+    mixed = border.mixed
+    for i in range(mixed.shape[1]):
+        mixed[0, i], mixed[1, i], mixed[3, i] = border.cross[k, 0, i], border.cross[k, 1, i], border.cross[k, 2, i]
+        mixed[2, i], mixed[4, i], mixed[5, i] = 0.0, border.cross[k, 3, i], border.cross[k, 4, i]
+    for i in range(n):
+        weight, pull, _y = pull_of(at, k, i, mu)
+        borders.add(border, columns[k, i], weight, pull)
+        if k > 0:
+            x = 2.0 * node[k, i, 1] * v + node[k, i, 2]
+            borders.mix(border, columns[k, i], (weight * x, weight * node[k, i, 0], 0.0, 0.0, 0.0))
+    for i in range(e):
+        for end in range(2):
+            at_row = n + end * e + i
+            weight, pull, _y = pull_of(at, k, at_row, mu)
+            borders.add(border, columns[k, at_row], weight, pull)
+            p = weight * edge[k, end, i, 0]
+            x, r = edge_slope(edge, k, end, i, w if end else v, b if end else a)
+            if end:
+                borders.mix(border, columns[k, at_row], (0.0, 0.0, p, weight * x, weight * r))
+            else:
+                borders.mix(border, columns[k, at_row], (weight * x, weight * r, p, 0.0, 0.0))
+
+
+@compiled
+def forth(
+    problem: Problem, at: Iterate, models: Array, law: Array, cost: Array, d: Array, lam: Array, border: Border | None
+) -> None:  # fmt: skip
     """Sweep from the start: compute the step and the new multipliers of the dynamics.
 
     Shapes and units: models, law, cost (K, 4, 5) [as the problem], d (K + 1, 4) [as the problem], lam (K + 1, 3)
@@ -225,11 +284,16 @@ def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array,
         pivot = _place_row(z[k], row)
         free = 5 - pivot
         d[k, free] = law[k, 0] * x + law[k, 1] * y + law[k, 2]
+        if border is not None:
+            borders.choose(k, x, y, border)
+            d[k, free] += borders.product(border, border.law[k], k)
         fixed = -g[k, 0] / row[pivot]
         d[k, pivot] = fixed - (row[0] * x + row[1] * y + row[free] * d[k, free]) / row[pivot]
         slope = models[k, pivot, 4]  # it holds the constant part already
         for i in range(4):
             slope += models[k, pivot, i] * (d[k, i] - (fixed if i == pivot else 0.0))
+        if border is not None:
+            slope += borders.product(border, border.pivots[k], k)
         lam[k, 0] = -slope / row[pivot]
         a, tau, j = z[k, 1], z[k, 2], z[k, 3]
         v_next = x + tau * y + (a + j * tau) * d[k, 2] + 0.5 * tau * tau * d[k, 3] + g[k, 1]
@@ -237,4 +301,7 @@ def forth(problem: Problem, at: Iterate, models: Array, law: Array, cost: Array,
         d[k + 1, 0], d[k + 1, 1] = v_next, a_next
         lam[k, 1] = cost[k + 1, 3] + cost[k + 1, 0] * v_next + cost[k + 1, 1] * a_next
         lam[k, 2] = cost[k + 1, 4] + cost[k + 1, 1] * v_next + cost[k + 1, 2] * a_next
+        if border is not None:
+            lam[k, 1] += borders.product(border, border.mixed_cost[k + 1, 0], k + 1)
+            lam[k, 2] += borders.product(border, border.mixed_cost[k + 1, 1], k + 1)
     lam[K, 0], lam[K, 1], lam[K, 2] = 0.0, lam[K - 1, 1], lam[K - 1, 2]

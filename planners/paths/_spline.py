@@ -1,0 +1,94 @@
+"""B-splines of degree 5 on [0, end] with clamped ends: basis functions, derivatives and bounds from the control points."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.types import Array, Indices
+
+DEGREE = 5
+"""Degree of the splines: their fourth derivatives are continuous, so that the jerk of a motion along them is."""
+
+
+class Basis(NamedTuple):
+    """Basis functions at points (k,): the first one that is not 0 there (k,), and values and derivatives of six (k, 4, 6)."""
+
+    first: Indices
+    values: Array
+
+    def combine(self, coefficients: Array) -> Array:
+        """Return the spline of coefficients (C, D) and its derivatives (k, 4, D)."""
+        window = coefficients[self.first[:, None] + np.arange(DEGREE + 1)]
+        return np.asarray(self.values @ window)
+
+
+class Spline:
+    """Clamped knots on [0, end], by default equally spaced.
+
+    Attributes
+    ----------
+    count : int
+        Number of control points.
+    """
+
+    def __init__(self, end: float, count: int, inner: Array | None = None) -> None:
+        inner = np.linspace(0.0, end, count - DEGREE + 1)[1:-1] if inner is None else inner
+        self.end, self.count = end, len(inner) + DEGREE + 1
+        self.knots: Array = np.concatenate([np.zeros(DEGREE + 1), inner, np.full(DEGREE + 1, end)])
+
+    @cached_property
+    def breaks(self) -> Array:
+        """The distinct knots."""
+        return self.knots[DEGREE : self.count + 1]
+
+    def basis(self, s: Array) -> Basis:
+        """Return the basis functions and their first three derivatives, by de Boor's recursion."""
+        t = self.knots
+        span = np.clip(np.searchsorted(t, s, side="right") - 1, DEGREE, self.count - 1)
+        windows = [np.ones((s.size, 1))]  # of degrees 0, 1, …
+        for p in range(1, DEGREE + 1):
+            low, below, above = self._neighbours(span, p, windows[-1])
+            left, right = (s[:, None] - t[low]) * below, (t[low + p + 1] - s[:, None]) * above
+            windows.append(left + right)
+        out = np.empty((s.size, 4, DEGREE + 1))
+        for order in range(4):
+            part = windows[DEGREE - order]
+            for p in range(DEGREE - order + 1, DEGREE + 1):
+                _low, below, above = self._neighbours(span, p, part)
+                part = p * (below - above)
+            out[:, order] = part
+        return Basis(span - DEGREE, out)
+
+    def _neighbours(self, span: Indices, p: int, before: Array) -> tuple[Indices, Array, Array]:
+        """Return the functions of degree p in a span, and for each two of degree p − 1 over the widths of their supports."""
+        t, low = self.knots, span[:, None] - p + np.arange(p + 1)
+        zero = np.zeros((len(span), 1))
+        first, second = t[low + p] - t[low], t[low + p + 1] - t[low + 1]
+        below = np.append(zero, before, axis=1) / np.where(first > 0.0, first, 1.0)
+        above = np.append(before, zero, axis=1) / np.where(second > 0.0, second, 1.0)
+        return low, below, above
+
+    def derivative_bounds(self, coefficients: Array, orders: int) -> Array:
+        """Return bounds on |f⁽ᵐ⁾|, m = 0 … orders, in each span (spans, orders + 1, D): the largest control points."""
+        t, spans, c = self.knots, self.count - DEGREE, coefficients
+        out = np.empty((spans, orders + 1, c.shape[1]))
+        for m in range(orders + 1):
+            if m:
+                p = DEGREE - m + 1
+                width = t[m + p : m + p + len(c) - 1] - t[m : m + len(c) - 1]
+                c = p * np.diff(c, axis=0) / np.where(width > 0.0, width, 1.0)[:, None]
+            size, reach = np.abs(c), DEGREE - m + 1
+            out[:, m] = np.max([size[i : i + spans] for i in range(reach)], axis=0)
+        return out
+
+    def fit(self, s: Array, values: Array) -> Array:
+        """Return the coefficients (C, D) of the least-squares spline through values (k, D), exact at the first and last one."""
+        first, basis = self.basis(s)[0], self.basis(s).values[:, 0]
+        A = np.zeros((s.size, self.count))
+        np.put_along_axis(A, first[:, None] + np.arange(DEGREE + 1), basis, axis=1)
+        ends = A[:, :1] * values[:1] + A[:, -1:] * values[-1:]
+        inner = np.linalg.lstsq(A[:, 1:-1], values - ends, rcond=None)[0]
+        return np.concatenate([values[:1], inner, values[-1:]])

@@ -1,0 +1,310 @@
+"""A path with freedoms: the tool of a given path, moved along screws by splines in s whose coefficients a planner chooses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from optik.arm.plain import numbers_to_list, read_numbers
+from optik.arm.robot import Robot
+from optik.check import check_count, check_flag
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.curve import BINOMIAL, bells
+from planners.freedom import Freedom, freedom_of
+from planners.freedom.base import Bounds
+from planners.paths._screws import move_along
+from planners.paths._spline import DEGREE, Spline
+from planners.paths.base import Path, fields
+
+FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3
+"""Default number of coefficients of each coordinate: at least so many, and so many for each segment of the given path. More
+shorten lines by less than 0.1 %."""
+MOST_GUESSES = 20
+"""Most initial guesses of the choice of the coefficients."""
+
+
+class NullSpace(NamedTuple):
+    """Null-space coordinates: rows (r, n) with rows · q(s) equal to the spline of coefficients (C, r)."""
+
+    rows: Array
+    coefficients: Array
+
+
+class CoordinateRange(NamedTuple):
+    """Range of one coordinate of a freedom along the path [as unit].
+
+    Attributes
+    ----------
+    name, unit : str
+        Name of the freedom, and unit of the coordinate.
+    allowed : tuple of float
+        Least and greatest allowed value; of a ``round`` freedom [0, greatest norm].
+    reached : tuple of float
+        Proved bounds: the least and the greatest coefficient of the spline; of a ``round`` freedom of their norms.
+    """
+
+    name: str
+    unit: str
+    allowed: tuple[float, float]
+    reached: tuple[float, float]
+
+
+class FreePath(Path):
+    """A path of the tool with freedoms, such as a turn about the tool's axis; `planners.free` makes it.
+
+    As an ordinary path it is the given one, moved by the present coefficients, at first the given path itself. A plan with the
+    law ``optimal`` chooses the coefficients together with the timing (`Plan.freedom`).
+
+    Parameters
+    ----------
+    path : Path
+        The given path of tool poses.
+    bounds : mapping
+        Least and greatest value of each freedom's coordinates, by its name, in the order in which they move the tool.
+    count : int, optional
+        Coefficients of each coordinate; by default 8, or 3 for each segment of the path if these are more.
+    hold_start : bool
+        Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
+    starts : int
+        Initial guesses that are tried: that of the given path, and turned ones.
+    coefficients : (count, d) array, optional
+        Values of the coordinates at the control points of their splines [rad, m]; by default the allowed values nearest to 0.
+    null_space : NullSpace, optional
+        Null-space coordinates of a redundant arm, once they are chosen.
+    """
+
+    name: ClassVar[str] = "free_path"
+
+    def __init__(
+        self, path: Path, bounds: Mapping[str, Bounds], *, count: int | None = None, hold_start: bool = True, starts: int = 3,
+        coefficients: Array | None = None, null_space: NullSpace | None = None,
+    ) -> None:  # fmt: skip
+        self.given, self.bounds = path, dict(bounds)
+        check_count(starts, "starts", 1, MOST_GUESSES)
+        count = max(FEWEST_COEFFICIENTS, PER_SEGMENT * path.segments) if count is None else count
+        check_count(count, "coefficients", DEGREE + 1)
+        self.hold_start, self.starts = check_flag(hold_start, "hold_start"), starts
+        self.unit, self.turns_only, self.segments = path.unit, path.turns_only, path.segments
+        self.spline, self.null_space = Spline(path.end, count), null_space
+        self.kinds: tuple[Freedom, ...] = tuple(freedom_of(name) for name in self.bounds)
+        self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
+        nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
+        start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
+        self.coefficients: Array = np.ascontiguousarray(start, dtype=np.float64).reshape(count, len(self.screws))
+
+    def with_coefficients(self, coefficients: Array, null_space: NullSpace | None) -> FreePath:
+        """Return the path with other coefficients of its coordinates.
+
+        Parameters
+        ----------
+        coefficients : (count, d) array
+            Values of the coordinates at the control points [rad, m].
+        null_space : NullSpace or None
+            Null-space coordinates of a redundant arm.
+
+        Returns
+        -------
+        FreePath
+            The path.
+        """
+        return FreePath(
+            self.given, self.bounds, count=self.spline.count, hold_start=self.hold_start, starts=self.starts,
+            coefficients=coefficients, null_space=null_space,
+        )  # fmt: skip
+
+    @property
+    def end(self) -> float:
+        """Length of the given path [m, or rad]."""
+        return self.given.end
+
+    @property
+    def breaks(self) -> Array:
+        """Breaks of the given path; the splines are smooth up to their fourth derivatives."""
+        return self.given.breaks
+
+    def least_on_pieces(self, values: Array) -> Array:
+        """Return values of the pieces between breaks, as the given path does."""
+        return self.given.least_on_pieces(values)
+
+    def coordinates(self, s: Array) -> Array:
+        """Return the coordinates of the tool along the path.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Path parameters [m, or rad].
+
+        Returns
+        -------
+        (k, 4, d) array
+            The coordinates and their first three derivatives in s [rad, m].
+        """
+        return self.spline.basis(s).combine(self.coefficients)
+
+    def guide(self, s: Array) -> tuple[Array, Array]:
+        """Return the rows of the null-space coordinates and their values along the path.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Path parameters [m, or rad].
+
+        Returns
+        -------
+        rows : (k, 4, r, n) array
+            Rows and their first three derivatives [1].
+        values : (k, 4, r) array
+            Values and their first three derivatives in s [rad, m].
+        """
+        assert self.null_space is not None
+        rows = np.zeros((s.size, 4, *self.null_space.rows.shape))
+        rows[:, 0] = self.null_space.rows
+        return rows, np.ascontiguousarray(self.spline.basis(s).combine(self.null_space.coefficients))
+
+    @cached_property
+    def ranges(self) -> tuple[CoordinateRange, ...]:
+        """Range of each coordinate of the tool: a spline lies in the convex hull of its coefficients."""
+        found, column = [], 0
+        for kind in self.kinds:
+            low, high = self.bounds[kind.name]
+            c = self.coefficients[:, column : column + len(kind.screws)]
+            column += len(kind.screws)
+            if kind.round:
+                norms = np.linalg.norm(c, axis=1)
+                found.append(CoordinateRange(kind.name, kind.unit, (0.0, high), (0.0, float(norms.max()))))
+                continue
+            for x in c.T:
+                found.append(CoordinateRange(kind.name, kind.unit, (low, high), (float(x.min()), float(x.max()))))
+        return tuple(found)
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        if not self.coefficients.any():
+            return self.given._evaluate(x, order)
+        poses, twists = self.given._evaluate(x, 0), np.zeros((x.size, 3, 6))
+        for i in range(order):
+            twists[:, i] = self.given._evaluate(x, i + 1)
+        poses = np.ascontiguousarray(poses).copy()
+        move_along(self.screws, self.coordinates(x), poses, twists, np.empty((x.size, len(self.screws), 4, 6)))
+        return twists[:, order - 1] if order else poses
+
+    def derivative_bounds(self) -> Array:
+        """Return bounds (2, 4) on the derivatives of position and rotation."""
+        return np.asarray(self.piece_bounds().max(axis=0))
+
+    def piece_bounds(self) -> Array:
+        """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
+        given, spans = self.given.known_bounds, self.spline.breaks
+        most = self.spline.derivative_bounds(self.coefficients, 4)  # (spans, 5, d)
+        first = np.clip(np.searchsorted(spans, self.breaks[:-1], side="right") - 1, 0, len(most) - 1)
+        last = np.clip(np.searchsorted(spans, self.breaks[1:], side="left") - 1, first, len(most) - 1)
+        f = np.stack([most[a : b + 1].max(axis=0) for a, b in zip(first, last, strict=True)])  # (k − 1, 5, d)
+        k = len(given)
+        position, rotation = np.zeros((k, 5)), np.ones((k, 5))
+        position[:, 1:], rotation[:, 1:] = given[:, 0], given[:, 1]
+        for d, screw in enumerate(self.screws):
+            speed, turning = float(np.linalg.norm(screw[:3])), float(np.linalg.norm(screw[3:]))
+            S, turn = np.zeros((k, 5)), np.empty((k, 5))
+            S[:, 1:] = f[:, 1:, d]
+            bells(turning * S, turn)  # |dᵐ exp(f ω)|
+            shift = np.zeros((k, 5))  # of the translation, whose derivative is exp(f ω) v f'
+            shift[:, 0] = speed * f[:, 0, d]
+            shift[:, 1:] = speed * _product(turn, np.append(S[:, 1:], np.zeros((k, 1)), axis=1))[:, :4]
+            position += _product(rotation, shift) * (np.arange(5) > 0)
+            rotation = _product(rotation, turn)
+        return np.stack([position[:, 1:], rotation[:, 1:]], axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files."""
+        null = self.null_space
+        return {
+            "path": self.name, "given": self.given.to_dict(),
+            "bounds": {name: numbers_to_list(np.array(pair)) for name, pair in self.bounds.items()},
+            "count": self.spline.count, "hold_start": self.hold_start, "starts": self.starts,
+            "coefficients": self.coefficients.tolist(),
+            "null_space": None if null is None else [null.rows.tolist(), null.coefficients.tolist()],
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
+        """Return the path that `to_dict` wrote."""
+        from planners.paths import path_of
+
+        names = "given", "bounds", "count", "hold_start", "starts", "coefficients", "null_space"
+        given, bounds, count, held, starts, coefficients, null = fields(data, cls.name, *names)
+        if not isinstance(bounds, Mapping):
+            raise InvalidInput("bounds", repr(bounds)[:60], "a mapping from the names of freedoms to pairs")
+        found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
+        pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
+        return cls(
+            path_of(given, robot), pairs, count=count, hold_start=bool(held), starts=starts,
+            coefficients=np.array(coefficients, dtype=np.float64),
+            null_space=None if null is None else NullSpace(*(np.array(x, dtype=np.float64) for x in null)),
+        )  # fmt: skip
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return bounds (k, 5) on the derivatives of a product, from those of its factors."""
+    return np.stack([sum(BINOMIAL[m, i] * a[:, i] * b[:, m - i] for i in range(m + 1)) for m in range(5)], axis=1)
+
+
+def free(
+    path: Path, *, coefficients: int | None = None, hold_start: bool = True, starts: int = 3, **freedoms: Any
+) -> FreePath:
+    """Return a path whose freedoms a plan with the law ``optimal`` chooses together with the timing.
+
+    Parameters
+    ----------
+    path : Path
+        The given path of tool poses.
+    coefficients : int, optional
+        Coefficients of each coordinate's spline; by default 8, or 3 for each segment of the path if these are more.
+    hold_start : bool
+        Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
+    starts : int
+        Initial guesses that are tried: that of the given path, and turned ones.
+    **freedoms
+        By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
+        tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),
+        True no bounds.
+
+    Returns
+    -------
+    FreePath
+        At first the given path.
+
+    Raises
+    ------
+    InvalidInput
+        No freedom, bounds that a freedom cannot have, or a path in joint space or with freedoms already.
+    UnknownName
+        No such freedom; the nearest names are offered.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import optik
+    >>> from planners import Line, MotionLimits, free, plan
+    >>> robot = optik.load("ur5e")
+    >>> q = np.array([0.4, -1.2, 1.6, -1.0, -1.3, 0.2])
+    >>> start, goal = robot.fk(q), robot.fk(q)
+    >>> goal[:3, 3] += [-0.1, 0.2, 0.1]
+    >>> free(Line(start, goal), turn=True).ranges[0].name
+    'turn'
+    """
+    if not isinstance(path, Path):
+        raise InvalidInput("path", repr(path)[:60], "a Path")
+    if isinstance(path, FreePath) or type(path).configurations is not Path.configurations:
+        raise InvalidInput(
+            "path", f"a {path.name}", "a path of tool poses without freedoms, such as a Line or a Polyline"
+        )
+    if not freedoms:
+        raise InvalidInput("freedoms", "none", "at least one, such as turn=True")
+    bounds = {name: freedom_of(name).check(value) for name, value in freedoms.items()}
+    return FreePath(path, bounds, count=coefficients, hold_start=hold_start, starts=starts)
+
+
+METHOD = FreePath

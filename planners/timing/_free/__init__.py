@@ -1,0 +1,1 @@
+"""Choice of the free coefficients of a path together with its timing."""

@@ -1,0 +1,262 @@
+"""Choice of a path's free coefficients: gradient, initial guesses, and the fastest motion that is proved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.types import Array, Flags
+from planners.following.joint_path import JointPath
+from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
+from planners.timing._free.programme import FreeProgramme, ToolCoordinates
+from planners.timing._free.solve import Bounds, FreeSolution, solve
+from planners.timing._optimal.newton import Iterate
+from planners.timing.optimal import Optimum
+from planners.trajectory import Trajectory
+
+WORTHLESS = 1e-4
+"""Fraction of the duration, by the gradient, that a freedom must promise for each radian or metre of its coordinates."""
+LEAST_GAIN = 1e-4
+"""Least fraction by which a chosen path must shorten the motion to be used."""
+FURTHER_TURNS = (np.radians(135.0), np.radians(-135.0), np.pi)
+"""Constant turns from the given path at which further initial guesses begin."""
+CONTINUATION_STEP = 0.25
+"""Step of the turn from one initial guess to the next [rad]: Newton's method stays on the branch."""
+REPORT_POINTS = 101
+"""Points along the path at which a result shows the coordinates."""
+NULL_STATIONS = 25
+"""Configurations along the path whose null spaces are averaged."""
+
+
+@dataclass(frozen=True)
+class FreedomResult:
+    """What a plan did with the freedoms of its path.
+
+    Attributes
+    ----------
+    fixed_duration : float
+        Duration of the motion along the initial path [s].
+    gain : float
+        Fraction of it that the choice saves; 0 if the initial path was kept.
+    outcome : str
+        In words: chosen, or why the initial path was kept.
+    ranges : tuple of CoordinateRange
+        Allowed and reached range of each coordinate; the latter is proved by the convex hull of the spline's coefficients.
+    s, values : (k,) and (k, d) arrays
+        Path parameters [m, or rad], and the coordinates there [as the ranges' units].
+    gradient : float
+        Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
+    starts, steps : int
+        Initial guesses that were tried, and Newton steps in all.
+    """
+
+    fixed_duration: float
+    gain: float
+    outcome: str
+    ranges: tuple[CoordinateRange, ...]
+    s: Array
+    values: Array
+    gradient: float = float("nan")
+    starts: int = 0
+    steps: int = 0
+
+
+class Choice:
+    """The choice of the coefficients of a path that a joint path follows, from the optimum along it."""
+
+    def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
+        robot, s = joint_path.robot, optimum.programme.s
+        if robot.n < 6:
+            raise InvalidInput(
+                "path", f"one with freedoms, for {robot.name} with {robot.n} joints", "an arm with 6 joints or more"
+            )
+        if path.spline.count > s.size:
+            allowed = f"at most {s.size}, the number of grid points of the law"
+            raise InvalidInput("coefficients", path.spline.count, allowed)
+        self.path, self.robot, self.joint_path, self.optimum, self.held = path, robot, joint_path, optimum, held
+        rows = _null_rows(robot, joint_path) if robot.n > 6 else np.empty((0, robot.n))
+        elbow = (
+            path.spline.fit(joint_path.knots, joint_path.q @ rows.T) if len(rows) else np.empty((path.spline.count, 0))
+        )
+        self.rows, self.tool_count = rows, len(path.screws)
+        self.p: Array = np.concatenate([path.coefficients, elbow], axis=1)
+        self.bounds, free = self._bound()
+        twists = np.stack([path.given(s, order) for order in (1, 2, 3)], axis=1)
+        tool = ToolCoordinates(path.screws, np.ascontiguousarray(path.given(s)), twists, rows)
+        self.programme = FreeProgramme(optimum.programme, path.spline.basis(s), free.ravel(), self.p.shape[1], tool)
+        self.near: Array = np.stack([joint_path(s, order) for order in range(4)])
+
+    def _bound(self) -> tuple[Bounds, Flags]:
+        """Return the bounds of the coefficients, and which of them are free."""
+        lower, upper = np.full(self.p.shape, -np.inf), np.full(self.p.shape, np.inf)
+        free, column, discs = np.ones(self.p.shape, np.bool_), 0, []
+        for kind in self.path.kinds:
+            (low, high), count = self.path.bounds[kind.name], len(kind.screws)
+            at = slice(column, column + count)
+            if kind.round:
+                discs.append((column, high))
+            else:
+                lower[:, at], upper[:, at] = low, high
+            column += count
+        if "elbow" in self.path.bounds:
+            low, high = self.path.bounds["elbow"]
+            lower[:, column:], upper[:, column:] = self.p[:, column:] + low, self.p[:, column:] + high
+        else:
+            free[:, column:] = False
+        if self.held:
+            free[0] = False
+        return Bounds(lower, upper, tuple(discs)), free
+
+    def gradient(self) -> Array:
+        """Return dT/dp (C, D) at the initial path, from the multipliers of the optimum along it."""
+        free, (fixed, at) = self.programme, self.optimum
+        place = free.place(self.p, self.near)
+        if place is None:
+            return np.full(self.p.shape, np.nan)
+        counts, m = free.scales.counts, fixed.problem.node.shape[1]
+        problem = free.problem(place)
+        own, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
+        own[0, :m], own[-1] = 0.0, 0.0  # not limited there
+        first = counts[0] + counts[1]
+        y[:, first : first + counts[2] + counts[3]] = own[:, : counts[2] + counts[3]]
+        y[:, free.rows :] = own[:, m:]
+        self._spread_speeds(problem.node, at, y)
+        border = free.make_border()
+        free.fill(place, at.z, y, border)
+        return (
+            free.gather(y, border).reshape(self.p.shape)
+            * fixed.units[1]
+            * self.programme.window.free.reshape(self.p.shape)
+        )
+
+    def _spread_speeds(self, node: Array, at: Iterate, y: Array) -> None:
+        """Add the multipliers of the greatest speeds to those of the joint or tool limit that bounds each."""
+        free = self.programme
+        counts, top = free.scales.counts, self.optimum.programme.problem.top
+        linear = np.abs(node[:, : counts[0], 2])
+        begin = free.rows - int(counts[5] + counts[6]) - bin(counts[4]).count("1")
+        square = np.sqrt(node[:, begin : begin + bin(counts[4]).count("1"), 1])
+        active = np.concatenate([linear, square], axis=1).argmax(axis=1)
+        for k in range(1, free.K):
+            i = int(active[k])
+            force = at.bound[k, 1] * top[k]
+            if i < counts[0]:
+                y[k, i] += force * np.sign(node[k, i, 2])
+            else:
+                y[k, begin + i - int(counts[0])] += 0.5 * force
+
+    def solve(self) -> Iterator[FreeSolution]:
+        """Yield the optima from the initial guesses."""
+        for p, near in self._guesses():
+            found = solve(self.programme, p, self.bounds, near)
+            if found is not None:
+                yield found
+
+    def _guesses(self) -> Iterator[tuple[Array, Array]]:
+        """Yield initial coefficients and configurations: the given path, and turned ones if its start is free."""
+        yield self.p, self.near
+        left = self.path.starts - 1
+        if self.held or not left or "turn" not in self.path.bounds:
+            return
+        column = sum(len(k.screws) for k in self.path.kinds[: [k.name for k in self.path.kinds].index("turn")])
+        low, high = self.path.bounds["turn"]
+        for turn in FURTHER_TURNS:
+            if left and low <= turn <= high and (found := self._turn(column, turn)) is not None:
+                left -= 1
+                yield found
+
+    def _turn(self, column: int, turn: float) -> tuple[Array, Array] | None:
+        """Return the path turned by a constant angle, by continuation; None if the arm cannot follow it inside its limits."""
+        p, near, limits = self.p.copy(), self.near, self.robot.limits
+        steps = int(np.ceil(abs(turn) / CONTINUATION_STEP))
+        for _ in range(steps):
+            p[:, column] += turn / steps
+            place = self.programme.place(p, near)
+            if place is None:
+                return None
+            near = place.path
+        near = near.copy()
+        middle = 0.5 * (near[0].min(axis=0) + near[0].max(axis=0))
+        wound = 2.0 * np.pi * np.round((limits.middle - middle) / (2.0 * np.pi))
+        near[0] += np.where(self.robot.prismatic | (len(self.rows) > 0) | ~limits.bounded, 0.0, wound)
+        inside = (near[0] >= limits.lower - LIMIT_TOLERANCE) & (near[0] <= limits.upper + LIMIT_TOLERANCE)
+        return (p, near) if inside.all() else None
+
+    def path_of(self, found: FreeSolution) -> FreePath:
+        """Return the path with the coefficients of a solution."""
+        d = self.tool_count
+        null = NullSpace(self.rows, found.p[:, d:]) if len(self.rows) else None
+        return self.path.with_coefficients(found.p[:, :d], null)
+
+
+def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
+    """Return the directions (r, n) nearest to the null spaces of the Jacobian along a joint path."""
+    q = joint_path(np.linspace(0.0, joint_path.end, NULL_STATIONS))
+    basis = np.linalg.svd(robot.jacobian(q))[2][:, 6:]
+    mean = np.einsum("kri,krj->ij", basis, basis)
+    return (
+        np.ascontiguousarray(np.linalg.eigh(mean)[1][:, : 5 - robot.n : -1].T)
+        if robot.n > 6
+        else np.empty((0, robot.n))
+    )
+
+
+class Timed(Protocol):
+    """A plan, as far as its duration is compared."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion."""
+
+
+P = TypeVar("P", bound=Timed)
+"""Type of the plans that are compared."""
+
+
+def choose(
+    path: FreePath, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
+    plan_along: Callable[[FreePath, Array], P | None],
+) -> tuple[P, FreedomResult]:  # fmt: skip
+    """Return the fastest of the plan along the initial path and of those along chosen ones, and what was done.
+
+    plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
+    """
+    duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
+    if optimum is None:
+        return fixed, _report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")
+    choice = Choice(path, joint_path, optimum, held=held)
+    gradient = float(np.abs(choice.gradient()).sum())
+    if gradient <= WORTHLESS * duration:
+        return fixed, _report(
+            path, duration, fixed, "the initial path: the freedoms cannot shorten the motion", gradient
+        )
+    found = []
+    for solution in choice.solve():
+        found.append(solution)
+        steps += solution.steps
+    tried, outcome = len(found), "the initial path: the iteration found no other"
+    for solution in sorted(found, key=lambda one: one.duration):
+        if solution.duration >= (1.0 - LEAST_GAIN) * duration:
+            outcome = "the initial path: no other is shorter in time"
+            break
+        better = plan_along(choice.path_of(solution), solution.path[0, 0])
+        if better is not None and better.trajectory.duration < (1.0 - LEAST_GAIN) * duration:
+            best, path, outcome = better, choice.path_of(solution), "chosen"
+            break
+        outcome = "the initial path: no other is proved and shorter in time"
+    return best, _report(path, duration, best, outcome, gradient, tried, steps)
+
+
+def _report(
+    path: FreePath, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0, steps: int = 0
+) -> FreedomResult:  # fmt: skip
+    """Return the result for a chosen path."""
+    s = np.linspace(0.0, path.end, REPORT_POINTS)
+    gain, values = 1.0 - best.trajectory.duration / fixed, path.coordinates(s)[:, 0]
+    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps)
