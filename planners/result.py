@@ -96,7 +96,8 @@ class Plan:
         path, why = self.path, self.failure
         what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
         failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
-        return plan_summary(f"{self.status}: {what}", path, failure, self._certificate, self.slowed)
+        summary = plan_summary(f"{self.status}: {what}", path, failure, self._certificate, self.slowed)
+        return summary if self.freedom is None else f"{summary}\n{self.freedom}"
 
     @property
     def has_motion(self) -> bool:

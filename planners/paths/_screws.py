@@ -41,11 +41,13 @@ def to_spatial(p: Array, twist: Array, V: Array) -> None:
 
 
 @inlined
-def from_spatial(V: Array, p: Array, twist: Array) -> None:
-    """Write spatial vectors V (3, 6) as twists (3, 6), (v, ω) of the point at p, and their derivatives."""
+def from_spatial(V: Array, p: Array, twist: Array, turns: bool) -> None:
+    """Write spatial vectors V (3, 6) as twists (3, 6), (v, ω) of the point at p; v stays exactly where the point only turns."""
     for order in range(3):
         for x in range(3):
             twist[order, 3 + x] = V[order, x]
+        if turns:
+            continue
         for x in range(3):
             y, z = (x + 1) % 3, (x + 2) % 3
             v = V[order, 3 + x] + V[order, y] * p[z] - V[order, z] * p[y]
@@ -86,7 +88,9 @@ def move_along(screws: Array, f: Array, poses: Array, twists: Array, fields: Arr
 
     fields (k, D, 4, 6) are the tool's spatial twists by a unit of each coordinate, and their derivatives along the path.
     """
-    V = np.empty((3, 6))
+    V, turns = np.empty((3, 6)), True
+    for d in range(screws.shape[0]):
+        turns = turns and screws[d, 0] == 0.0 and screws[d, 1] == 0.0 and screws[d, 2] == 0.0
     for k in range(poses.shape[0]):
         T = poses[k]
         to_spatial(T[:3, 3], twists[k], V)
@@ -108,4 +112,4 @@ def move_along(screws: Array, f: Array, poses: Array, twists: Array, fields: Arr
                     for x in range(6):
                         V[order, x] += CHOOSE[order, m] * E[m, x] * f[k, order + 1 - m, d]
             _advance(T, screws[d], f[k, 0, d])
-        from_spatial(V, T[:3, 3], twists[k])
+        from_spatial(V, T[:3, 3], twists[k], turns)

@@ -12,7 +12,7 @@ from optik.arm.plain import numbers_to_list, read_numbers
 from optik.arm.robot import Robot
 from optik.check import check_count, check_flag
 from optik.errors import InvalidInput
-from optik.types import Array
+from optik.types import Array, Indices
 from planners.curve import BINOMIAL, bells
 from planners.freedom import Freedom, freedom_of
 from planners.freedom.base import Bounds
@@ -23,6 +23,8 @@ from planners.paths.base import Path, fields
 FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3
 """Default number of coefficients of each coordinate: at least so many, and so many for each segment of the given path. More
 shorten lines by less than 0.1 %."""
+BREAK_APART = 1e-9
+"""Fraction of the path within which a knot of the splines is a break of the given path."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -123,12 +125,23 @@ class FreePath(Path):
 
     @property
     def breaks(self) -> Array:
-        """Breaks of the given path; the splines are smooth up to their fourth derivatives."""
-        return self.given.breaks
+        """Breaks of the given path, and the knots of the splines, whose fifth derivatives jump there."""
+        return self._pieces[0]
+
+    @cached_property
+    def _pieces(self) -> tuple[Array, Indices, Indices]:
+        """The breaks (k,), and for each piece between them the piece of the given path, and the span of the splines."""
+        given, spans = self.given.breaks, self.spline.breaks
+        breaks = given
+        if self.coefficients.any():
+            near = np.abs(spans[:, None] - given).min(axis=1) <= BREAK_APART * self.end
+            breaks = np.union1d(given, spans[~near])
+        middle = 0.5 * (breaks[1:] + breaks[:-1])
+        return breaks, np.searchsorted(given, middle) - 1, np.searchsorted(spans, middle) - 1
 
     def least_on_pieces(self, values: Array) -> Array:
-        """Return values of the pieces between breaks, as the given path does."""
-        return self.given.least_on_pieces(values)
+        """Return values of the pieces between breaks: those of the pieces of the given path that they are part of."""
+        return np.asarray(self.given.least_on_pieces(values)[self._pieces[1]])
 
     def coordinates(self, s: Array) -> Array:
         """Return the coordinates of the tool along the path.
@@ -197,11 +210,9 @@ class FreePath(Path):
 
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
-        given, spans = self.given.known_bounds, self.spline.breaks
-        most = self.spline.derivative_bounds(self.coefficients, 4)  # (spans, 5, d)
-        first = np.clip(np.searchsorted(spans, self.breaks[:-1], side="right") - 1, 0, len(most) - 1)
-        last = np.clip(np.searchsorted(spans, self.breaks[1:], side="left") - 1, first, len(most) - 1)
-        f = np.stack([most[a : b + 1].max(axis=0) for a, b in zip(first, last, strict=True)])  # (k − 1, 5, d)
+        _breaks, piece, span = self._pieces
+        given = self.given.known_bounds[piece]
+        f = self.spline.derivative_bounds(self.coefficients, 4)[span]  # (k − 1, 5, d)
         k = len(given)
         position, rotation = np.zeros((k, 5)), np.ones((k, 5))
         position[:, 1:], rotation[:, 1:] = given[:, 0], given[:, 1]
@@ -239,11 +250,25 @@ class FreePath(Path):
             raise InvalidInput("bounds", repr(bounds)[:60], "a mapping from the names of freedoms to pairs")
         found = {name: read_numbers(pair, (2,), f"bounds.{name}") for name, pair in bounds.items()}
         pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in found.items()}
+        path = cls(path_of(given, robot), pairs, count=count, hold_start=held, starts=starts)
+        shape = path.coefficients.shape
         return cls(
-            path_of(given, robot), pairs, count=count, hold_start=bool(held), starts=starts,
-            coefficients=np.array(coefficients, dtype=np.float64),
-            null_space=None if null is None else NullSpace(*(np.array(x, dtype=np.float64) for x in null)),
+            path.given, pairs, count=count, hold_start=held, starts=starts,
+            coefficients=read_numbers(coefficients, shape, "coefficients"), null_space=_read_null_space(null, count),
         )  # fmt: skip
+
+
+def _read_null_space(data: Any, count: int) -> NullSpace | None:
+    """Return the null-space coordinates from plain data."""
+    if data is None:
+        return None
+    if not isinstance(data, list) or len(data) != 2 or not all(isinstance(x, list) and x for x in data):
+        raise InvalidInput("null_space", repr(data)[:60], "None, or rows and coefficients")
+    rows, coefficients = data
+    n = len(rows[0]) if isinstance(rows[0], list) else 0
+    return NullSpace(
+        read_numbers(rows, (len(rows), n), "null_space"), read_numbers(coefficients, (count, len(rows)), "null_space")
+    )  # fmt: skip
 
 
 def _product(a: Array, b: Array) -> Array:

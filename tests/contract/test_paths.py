@@ -16,7 +16,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, Polyline, follow, make_path, plan
+from planners import Arc, JointLine, Line, Path, Polyline, follow, free, make_path, plan
 from planners.paths import path_of
 from tests import oracles
 from tests.contract import test_plans
@@ -90,6 +90,24 @@ def _joint_lines() -> dict[str, Path]:
     }
 
 
+def _free_paths() -> dict[str, Path]:
+    """Given paths, and those that drawn coefficients make of them."""
+    rng = np.random.default_rng(20261123)
+
+    def drawn(path: Path, size: float, **freedoms: Any) -> Path:
+        one = free(path, **freedoms)
+        coefficients = size * rng.normal(size=one.coefficients.shape)
+        coefficients[0] = 0.0  # the arm stands there
+        return one.with_coefficients(coefficients, None)
+
+    return {
+        "given": free(_lines()["moves and turns"], turn=True),
+        "turned line": drawn(_lines()["moves"], 0.1, turn=True),
+        "tilted arc": drawn(_arcs()["through"], 0.02, tilt=0.3, turn=(-2.0, 2.0)),
+        "turned corner": drawn(_polylines()["corner"], 0.02, turn=1.0),
+    }
+
+
 def _plugin(file: str) -> dict[str, Path]:
     """Paths of a plug-in, from the data in its EXAMPLES, with their start where the others have theirs."""
     module = sys.modules[load_method("planners.paths", file).__module__]
@@ -99,7 +117,13 @@ def _plugin(file: str) -> dict[str, Path]:
 
 @cache
 def examples() -> dict[str, dict[str, Path]]:
-    ours = {"arc": _arcs(), "joint_line": _joint_lines(), "line": _lines(), "polyline": _polylines()}
+    ours = {
+        "arc": _arcs(),
+        "free_path": _free_paths(),
+        "joint_line": _joint_lines(),
+        "line": _lines(),
+        "polyline": _polylines(),
+    }
     return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
 
 
@@ -305,6 +329,7 @@ TIGHT = {
     "arc": (1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-4),
     "polyline": (1.0 + 1e-9, 1.6, 3.0, 3.5),
     "joint_line": (1.3, 1.3, 2.0, np.inf),
+    "free_path": (2.5, 2.5, 3.0, 4.0),  # the sums of the bounds of all turns
 }
 """How much above the truth the bounds on the derivatives may be, order by order."""
 

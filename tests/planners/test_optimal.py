@@ -270,7 +270,7 @@ def test_the_barrier_of_many_tiny_slacks_is_the_sum_of_their_logarithms() -> Non
     for k in range(K):
         wanted += z[k, 2] - mu * np.log(z[k, 2] - 0.1) - mu * np.log(slack[k, :, n if k == 0 else 0 :]).sum()
         wanted -= mu * (np.log(z[k, 0]) + np.log(3.0 - z[k, 0])) if k else 0.0
-    objective, _ = iteration._merit(problem, mu, z, np.zeros((K, 3)), np.zeros((K + 1, 3 * n)), slack)
+    objective, _ = iteration.merit(problem, mu, z, np.zeros((K, 3)), np.zeros((K + 1, 3 * n)), slack, None)
     assert objective == pytest.approx(wanted, rel=1e-12)
 
 

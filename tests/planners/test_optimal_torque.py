@@ -213,7 +213,7 @@ def test_slopes_of_the_programme_are_those_of_its_values(seed: int) -> None:
     problem = newton.Problem(np.ones(K), np.ones(K), np.full(K, 0.1), np.full(K + 1, 9.0), node, edge, np.zeros(2))
     z, d = rng.uniform(0.5, 2.0, (K + 1, 4)), rng.normal(size=(K + 1, 4))
     (slope, above, below), g = np.zeros((3, K + 1, m + 2 * e)), np.zeros((K, 3))
-    iteration._slopes(problem, z, d, slope)
+    iteration.slopes(problem, z, d, slope, None)
     iteration.values(problem, z + 1e-5 * d, g, above)
     iteration.values(problem, z - 1e-5 * d, g, below)
     np.testing.assert_allclose(slope, (above - below) / 2e-5, rtol=0.0, atol=1e-7)

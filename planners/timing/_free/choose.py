@@ -66,16 +66,21 @@ class FreedomResult:
     starts: int = 0
     steps: int = 0
 
+    def __str__(self) -> str:
+        ranges = "; ".join(
+            f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}"
+            for one in self.ranges
+            if self.gain > 0.0
+        )
+        saved = f", {100.0 * self.gain:.3g} % shorter than {self.fixed_duration:.4g} s" if self.gain > 0.0 else ""
+        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}"
+
 
 class Choice:
     """The choice of the coefficients of a path that a joint path follows, from the optimum along it."""
 
     def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
         robot, s = joint_path.robot, optimum.programme.s
-        if robot.n < 6:
-            raise InvalidInput(
-                "path", f"one with freedoms, for {robot.name} with {robot.n} joints", "an arm with 6 joints or more"
-            )
         if path.spline.count > s.size:
             allowed = f"at most {s.size}, the number of grid points of the law"
             raise InvalidInput("coefficients", path.spline.count, allowed)
@@ -227,6 +232,12 @@ def choose(
 
     plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
     """
+    robot = joint_path.robot
+    if robot.n < 6 + ("elbow" in path.bounds):
+        expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
+        raise InvalidInput(
+            "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
+        )
     duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
         return fixed, _report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")

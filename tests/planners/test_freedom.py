@@ -1,0 +1,382 @@
+"""Path and time together: derivatives against differences, the Newton step against dense sums, plans over freedoms."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+from optik import Robot, dynamics
+from optik.arm.inertia import Inertia
+from optik.errors import InvalidInput, UnknownName
+from optik.ik import make_solver
+from optik.types import Array
+from planners import Line, MotionLimits, Polyline, follow, free, load_motion, plan, save
+from planners.paths.free_path import FreePath
+from planners.timing._free.choose import Choice
+from planners.timing._free.solve import Bounds, _Box, _Iteration, solve
+from planners.timing._free.torques import torque_changes
+from planners.timing._optimal import iteration
+from planners.timing._optimal.newton import back, forth
+from planners.timing.optimal import Optimal
+from tests import oracles
+from tests.planners.cases import START, paper6r
+
+LIMITS = MotionLimits(2.0, 10.0, 100.0)
+"""Limits of all joints: velocity, acceleration and jerk."""
+PANDA = np.array([0.2, -0.4, 0.1, -2.0, 0.2, 1.8, 0.5])
+"""A configuration of panda away from its limits."""
+
+
+@cache
+def torch() -> Robot:
+    """The paper's arm with a torch that leans by 45° from the axis of its last joint."""
+    c = np.sqrt(0.5)
+    return paper6r().with_tool(np.array([[c, 0, c, 0.05], [0, 1, 0, 0], [-c, 0, c, 0.1], [0, 0, 0, 1.0]]))
+
+
+def line(robot: Robot, q: Array, way: Any = (-0.1, 0.05, 0.15)) -> Line:
+    """A line from the tool of a configuration."""
+    return Line(robot.fk(q), oracles.moved(robot.fk(q), np.array(way), np.zeros(3)))
+
+
+CASES = {
+    "turn": (lambda: torch(), START, {"turn": True}, LIMITS),
+    "tilt and turn": (lambda: torch(), START, {"tilt": 0.2, "turn": (-1.0, 1.0)}, LIMITS),
+    "elbow": (lambda: optik.load("panda"), PANDA, {"elbow": True}, LIMITS),
+}
+"""Arm, start, freedoms and limits of plans."""
+
+
+# ---------------------------------------------------------------- derivatives
+
+
+def sliding() -> Robot:
+    """An arm with a sliding joint and drawn masses."""
+    rng, robot = np.random.default_rng(7), optik.load("irb910sc")
+    spread = rng.normal(size=(robot.n, 3, 3))
+    inertia = np.array([0.01 * (a @ a.T) + 0.1 * np.eye(3) for a in spread])
+    return robot.with_inertia(Inertia(rng.uniform(0.5, 3.0, robot.n), 0.1 * rng.normal(size=(robot.n, 3)), inertia))
+
+
+@pytest.mark.parametrize("make", [lambda: optik.load("panda").with_payload(2.0), lambda: optik.load("ur5e"), sliding])
+def test_torques_along_a_path_change_as_differences_of_them_do(make: Any) -> None:
+    robot, rng, h = make(), np.random.default_rng(0), 1e-6
+    load, path = robot.loads[0], rng.normal(size=(4, 5, robot.n))
+    out = np.empty((5, 6, robot.n, robot.n, 4))
+    torque_changes(robot.chain, load.bodies, path, out)
+
+    def torques(x: Array) -> Array:
+        found = np.empty((5, 6, robot.n))
+        dynamics.path_torques(robot.chain, load.bodies, np.ascontiguousarray(x), found)
+        return found
+
+    for j in range(robot.n):
+        for order in range(4):
+            step = np.zeros_like(path)
+            step[order, :, j] = h
+            change = (torques(path + step) - torques(path - step)) / (2.0 * h)
+            np.testing.assert_allclose(out[..., j, order], change, atol=2e-7 * max(1.0, float(np.abs(change).max())))
+
+
+def choice(robot: Robot, path: FreePath, q: Array, limits: MotionLimits, *, held: bool = False) -> Choice:
+    """The choice of a path's coefficients from the optimum along it."""
+    joints = follow(make_solver(robot, "lm"), path, q).joint_path
+    assert joints is not None
+    return Choice(path, joints, Optimal().run_with_optimum(joints, limits)[1], held=held)
+
+
+@cache
+def all_limits() -> Choice:
+    """All freedoms under all limits."""
+    robot = optik.load("panda").with_payload(2.0)
+    limits = replace(MotionLimits.of(robot), tool_speed=0.5, rotation_speed=1.0)
+    return choice(robot, free(line(robot, PANDA), tilt=0.3, turn=True, elbow=True), PANDA, limits)
+
+
+def limited_values(given: Choice, p: Array, near: Array, z: Array) -> Array:
+    place = given.programme.place(p, near)
+    assert place is not None
+    problem = given.programme.problem(place)
+    g, c = (
+        np.zeros((given.programme.K, 3)),
+        np.zeros((given.programme.K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2])),
+    )
+    iteration.values(problem, z, g, c)
+    return c
+
+
+def test_limited_values_change_with_the_coefficients_as_their_differences() -> None:
+    given, rng, h = all_limits(), np.random.default_rng(1), 1e-6
+    programme, z = given.programme, given.optimum.programme.start
+    p = given.p + 0.02 * rng.normal(size=given.p.shape)
+    place = programme.place(p, given.near)
+    assert place is not None
+    border = programme.make_border()
+    programme.fill(place, z, np.zeros_like(limited_values(given, p, place.path, z)), border)
+    seen = np.zeros(programme.rows, bool)
+    for i in rng.choice(p.size, 12, replace=False):
+        step = np.zeros(p.size)
+        step[i] = h
+        step = step.reshape(p.shape)
+        change = (limited_values(given, p + step, place.path, z) - limited_values(given, p - step, place.path, z)) / (
+            2 * h
+        )
+        for k in range(programme.K + 1):
+            at, rows = i - programme.begin[k], slice(None if k < programme.K else programme.rows)
+            column = border.columns[k, rows, at] if 0 <= at < programme.width else 0.0
+            np.testing.assert_allclose(column, change[k, rows], atol=1e-6)
+        seen |= (np.abs(change[:, : programme.rows]) > 1e-3).any(axis=0)
+    tool = int(programme.scales.counts[:4].sum())
+    assert seen.sum() == seen.size - 1  # every limit depends on the path somewhere
+    assert not seen[tool]  # but for the speed of the tool's point
+
+
+def test_cross_derivatives_are_those_of_the_columns() -> None:
+    given, rng, h = all_limits(), np.random.default_rng(2), 1e-5
+    programme, z = given.programme, given.optimum.programme.start
+    place = programme.place(given.p, given.near)
+    assert place is not None
+    y = rng.normal(size=limited_values(given, given.p, place.path, z).shape)
+    border = programme.make_border()
+    programme.fill(place, z, y, border)
+    m = programme.rows
+    e = (y.shape[1] - m) // 2
+
+    def columns(k: int, unknown: int, sign: float) -> Array:
+        moved, out = z.copy(), programme.make_border()
+        moved[k, unknown] += sign * h
+        programme.fill(place, moved, y, out)
+        return out.columns
+
+    for k in (1, 40, programme.K - 1):
+        for unknown, row in ((0, 0), (1, 1), (3, 2)):
+            change = (columns(k, unknown, 1.0) - columns(k, unknown, -1.0)) / (2.0 * h)
+            here = y[k, : m + e] @ change[k, : m + e] + (y[k, m + e :] @ change[k, m + e :] if unknown == 3 else 0.0)
+            np.testing.assert_allclose(border.cross[k, row], here, atol=1e-6)
+            if unknown < 3:
+                before = y[k - 1, m + e :] @ change[k - 1, m + e :]
+                np.testing.assert_allclose(border.cross[k - 1, 3 + row], before, atol=1e-6)
+
+
+# ---------------------------------------------------------------- the Newton step
+
+
+def test_the_bordered_sweeps_solve_the_system_of_the_newton_step() -> None:
+    """The model's gradient in every coefficient is zero after the step, written as a sum over all limited values."""
+    robot = torch()
+    given = choice(robot, free(line(robot, START), tilt=0.2, turn=True), START, LIMITS)
+    programme, mu = given.programme, 0.05
+    place = programme.place(given.p, given.near)
+    assert place is not None
+    problem, K = programme.problem(place), programme.K
+    rows = problem.node.shape[1] + 2 * problem.edge.shape[2]
+    at, border = iteration.make_iterate(K, rows), programme.make_border()
+    at.z[:] = given.optimum.programme.start
+    iteration.move_inside(problem, at, mu)
+    iteration.centre(problem, at, mu)
+    y = at.dual[:, 0] - at.dual[:, 1]
+    programme.fill(place, at.z, y, border)
+    box = _Box(given.bounds, programme.window.free, given.p, mu)
+
+    delta = 1e4
+
+    def step(damping: float) -> tuple[Array, Array]:
+        box.model(given.p, mu, border.own, border.pull, damping)
+        d, lam = np.zeros((K + 1, 4)), np.zeros((K + 1, 3))
+        models, law, cost = np.empty((K, 4, 5)), np.empty((K, 3)), np.empty((K + 1, 5))
+        assert back(problem, at, mu, delta, models, law, cost, border)
+        forth(problem, at, models, law, cost, d, lam, border)
+        return d, border.d.copy()
+
+    d, dp = step(1e-3)
+    slope = np.zeros((K + 1, rows))
+    iteration.slopes(problem, at.z, d, slope, border)
+    above, below = 1.0 / at.slack[:, 0], 1.0 / at.slack[:, 1]
+    up, down, c = at.dual[:, 0], at.dual[:, 1], at.c
+    weights = mu * problem.tau[np.minimum(np.arange(K + 1), K - 1)][:, None]
+    pull = (weights + up * (c - 1.0)) * above + up - (weights - down * (c + 1.0)) * below - down
+    force = pull + (up * above + down * below) * slope
+    force[K, programme.rows :] = 0.0
+    total = programme.gather(force, border)
+    for k in range(K):
+        begin, window = programme.begin[k], border.cross.shape[2]
+        change = np.array([d[k, 0], d[k, 1], d[k, 3], d[k + 1, 0], d[k + 1, 1]]) @ border.cross[k]
+        total[begin : begin + window] += change[: total.size - begin]
+    D = programme.D
+    for i in range(total.size):
+        group = i - i % D
+        total[i] += border.pull[i] + delta * dp[i]
+        total[i] += sum(
+            (border.own[i, j] if j <= i % D else border.own[group + j, i % D]) * dp[group + j] for j in range(D)
+        )
+    scale = np.abs(programme.gather(np.abs(force), border)).max()
+    assert np.abs(dp).max() > 1e-3
+    assert np.abs(total).max() < 1e-9 * scale
+    assert np.abs(step(1e12)[1]).max() < 1e-7  # a stiff coefficient stays
+
+
+@pytest.mark.parametrize("name", ["turn", "tilt and turn", "elbow"])
+def test_the_gradient_is_that_of_the_duration(name: str) -> None:
+    make, q, freedoms, limits = CASES[name]
+    robot = make()
+    given = choice(robot, free(line(robot, q), **freedoms), q, limits)
+
+    def barrier(p: Array) -> tuple[float, Array]:
+        """Least barrier objective with these coefficients, which is smooth in them, and its gradient by the multipliers."""
+        programme, place = given.programme, given.programme.place(p, given.near)
+        assert place is not None
+        one = _Iteration(programme, p, given.bounds, place, 1.0, 1e12)
+        for _ in range(60):
+            assert one._newton()
+            assert one._search() is not None
+            one.count = 0
+        at = one.at
+        value = iteration.merit(one.problem, one.mu, at.z, at.g, at.c, at.slack, one.border)
+        assert value[1] < 1e-8
+        y = at.dual[:, 0] - at.dual[:, 1]
+        programme.fill(one.place, at.z, y, one.border)
+        return value[0], programme.gather(y, one.border)
+
+    value = barrier(given.p)[1]
+    for way in (value.copy(), *np.random.default_rng(4).normal(size=(2, value.size))):
+        way /= np.linalg.norm(way)
+        step = 1e-5 * way.reshape(given.p.shape)
+        slope = (barrier(given.p + step)[0] - barrier(given.p - step)[0]) / 2e-5
+        assert float(value @ way) == pytest.approx(slope, abs=1e-4 * np.linalg.norm(value))
+    found = solve(given.programme, given.p, given.bounds, given.near, least=1e-9, damping=1e12)
+    assert found is not None
+    exact = found.gradient
+    rough = given.gradient()  # of the law's own multipliers, on its grid and with its greatest speeds
+    assert np.abs(rough - exact).max() <= 0.02 * np.abs(exact).max()
+
+
+# ---------------------------------------------------------------- plans
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("held", [True, False])
+def test_a_freedom_shortens_the_motion_inside_its_range_and_the_motion_is_proved(name: str, held: bool) -> None:
+    make, q, freedoms, limits = CASES[name]
+    robot = make()
+    given = line(robot, q)
+    fixed = plan(robot, given, q, limits=limits)
+    path = free(given, hold_start=held, **freedoms)
+    found = plan(robot, path, q, limits=limits)
+    assert found
+    result = found.freedom
+    assert result is not None
+    assert found.trajectory.duration < (0.97 if not held else 0.99) * fixed.trajectory.duration
+    assert result.gain == pytest.approx(1.0 - found.trajectory.duration / fixed.trajectory.duration, abs=2e-3)
+    assert result.outcome == "chosen"
+    if held:
+        np.testing.assert_allclose(found.trajectory(0.0), q, atol=1e-4)
+    t = np.linspace(0.0, found.trajectory.duration, 400)
+    poses = robot.fk(found.trajectory(t))
+    s = given.nearest(poses)
+    assert np.linalg.norm(poses[:, :3, 3] - given.pose(s)[:, :3, 3], axis=1).max() <= 2e-5
+    axes = np.einsum("ki,ki->k", poses[:, :3, 2], given.pose(s)[:, :3, 2])
+    assert np.arccos(np.clip(axes, -1.0, 1.0)).max() <= freedoms.get("tilt", 0.0) + 2e-4
+    for part in result.ranges:
+        low, high = part.allowed
+        assert low - 1e-9 <= part.reached[0] <= part.reached[1] <= high + 1e-9
+    for order, most in ((1, 2.0), (2, 10.0), (3, 100.0)):
+        assert np.abs(found.trajectory(t, order)).max() <= most * (1.0 + 1e-9)
+
+
+def test_a_seam_is_shortened_and_a_file_brings_it_back(tmp_path: Any) -> None:
+    robot = torch()
+    start = robot.fk(START)
+    corners = [
+        start,
+        *(oracles.moved(start, np.array(way), np.zeros(3)) for way in ((-0.1, 0, 0.05), (-0.1, 0.1, 0.1))),
+    ]
+    given = Polyline(corners, blend=5e-3)
+    fixed = plan(robot, given, START, limits=LIMITS)
+    found = plan(robot, free(given, turn=np.pi), START, limits=LIMITS)
+    assert found.trajectory.duration < 0.995 * fixed.trajectory.duration
+    save(found.motion, tmp_path / "seam.json")
+    again = load_motion(tmp_path / "seam.json")
+    s = np.linspace(0.0, given.end, 50)
+    assert (again.path.pose(s) == found.path.pose(s)).all()
+    assert again.certify().is_valid
+
+
+def test_a_freedom_that_cannot_shorten_the_motion_is_recognised_by_the_gradient() -> None:
+    robot = paper6r()  # its tool's axis is that of the last joint, which no limit holds back
+    given = line(robot, START)
+    found = plan(robot, free(given, turn=True), START, limits=LIMITS)
+    assert found.freedom is not None
+    assert "cannot shorten" in found.freedom.outcome
+    assert found.freedom.starts == 0
+    assert found.trajectory.duration == pytest.approx(
+        plan(robot, given, START, limits=LIMITS).trajectory.duration, rel=1e-9
+    )
+
+
+def test_other_laws_time_the_initial_coefficients_and_say_so() -> None:
+    robot = torch()
+    found = plan(robot, free(line(robot, START), turn=True), START, limits=LIMITS, timing="smooth")
+    assert found
+    assert found.freedom is not None
+    assert "only the law optimal" in found.freedom.outcome
+
+
+def test_a_duration_is_that_of_the_chosen_path_slowed() -> None:
+    robot = torch()
+    path = free(line(robot, START), turn=True)
+    fastest = plan(robot, path, START, limits=LIMITS)
+    slower = plan(robot, path, START, limits=LIMITS, duration=1.5 * fastest.trajectory.duration)
+    assert slower
+    assert slower.trajectory.duration == pytest.approx(1.5 * fastest.trajectory.duration)
+    assert slower.freedom is not None
+    assert slower.freedom.gain > 0.0
+
+
+def test_the_same_arguments_make_the_same_motion() -> None:
+    robot = torch()
+    one, two = (
+        plan(robot, free(line(robot, START), turn=True, hold_start=False), START, limits=LIMITS) for _ in range(2)
+    )
+    assert (one.trajectory.coefficients == two.trajectory.coefficients).all()
+
+
+@pytest.mark.parametrize(
+    ("freedoms", "kind", "said"),
+    [
+        ({}, InvalidInput, "at least one"),
+        ({"turn": (1.0, -1.0)}, InvalidInput, "lower < upper"),
+        ({"turn": "wide"}, InvalidInput, "turn"),
+        ({"turn": float("nan")}, InvalidInput, "turn"),
+        ({"tilt": True}, InvalidInput, "tilt"),
+        ({"tilt": (0.0, 0.1)}, InvalidInput, "tilt"),
+        ({"tilt": -0.1}, InvalidInput, "tilt"),
+        ({"trun": True}, UnknownName, "turn"),
+        ({"turn": True, "starts": 0}, InvalidInput, "starts"),
+        ({"turn": True, "coefficients": 3}, InvalidInput, "coefficients"),
+        ({"turn": True, "hold_start": "yes"}, InvalidInput, "hold_start"),
+    ],
+)
+def test_freedoms_that_no_path_can_have_are_refused(freedoms: dict[str, Any], kind: type, said: str) -> None:
+    with pytest.raises(kind, match=said):
+        free(line(torch(), START), **freedoms)
+
+
+def test_misuse_of_a_free_path_is_refused() -> None:
+    robot = torch()
+    path = free(line(robot, START), turn=True)
+    with pytest.raises(InvalidInput, match="without freedoms"):
+        free(path, turn=True)
+    with pytest.raises(InvalidInput, match="elbow"):
+        plan(robot, free(line(robot, START), elbow=True), START, limits=LIMITS)
+    with pytest.raises(InvalidInput, match="grid points"):
+        plan(robot, free(line(robot, START), turn=True, coefficients=2000), START, limits=LIMITS)
+
+
+def test_a_disc_bounds_the_norm_of_its_coordinates() -> None:
+    bounds = Bounds(np.full((3, 2), -np.inf), np.full((3, 2), np.inf), ((0, 0.5),))
+    p = np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.0]])
+    box = _Box(bounds, np.ones(6, np.bool_), p, 0.01)
+    np.testing.assert_allclose(box.values(p)[:, 2], [0.0, 1.0, 1.44])
