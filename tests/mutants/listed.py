@@ -58,6 +58,8 @@ FILES = (
 DRIVE = ("tests/planners/test_drive.py",)
 LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/contract/test_time_laws.py")
 
+FREEDOM = ("tests/planners/test_freedom.py", "tests/contract/test_paths.py")
+"""Tests of paths with freedoms."""
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
     "planners/certificate/_clearance.py": (EDGES, *CONTACT),
@@ -98,6 +100,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/effort.py": (EDGES, *TORQUE),
     "planners/timing/_optimal/rows.py": (*TORQUE[::-1], *LAWS),
     "planners/timing/_optimal/newton.py": LAWS,
+    "planners/timing/_optimal/border.py": FREEDOM,
+    "planners/timing/_free/torques.py": FREEDOM,
+    "planners/timing/_free/columns.py": FREEDOM,
+    "planners/timing/_free/choose.py": FREEDOM,
+    "planners/paths/free_path.py": FREEDOM,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
     "benchmarks/records/folder.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
@@ -188,6 +195,11 @@ DRAWS = {"drawn": (20251121, 80, DRAWN), "newer": (20261122, 100, NEWER)}
 """Changes that are drawn: seed, how many in all, and of which files, of each the same number but for one."""
 
 LISTED: tuple[tuple[str, str, str], ...] = (
+    ("planners/timing/_optimal/border.py", "slope[j] += x * slope[i]", "slope[j] -= x * slope[i]"),
+    ("planners/timing/_free/torques.py", "u[3] += 3.0 * u[1]", "u[3] += 2.0 * u[1]"),
+    ("planners/timing/_free/columns.py", "3.0 * f * v * a, f * v * v * v", "2.0 * f * v * a, f * v * v * v"),
+    ("planners/timing/_free/choose.py", "        if self.held:\n            free[0] = False\n", ""),
+    ("planners/paths/free_path.py", "rotation = _product(rotation, turn)", "rotation = turn"),
     ("planners/certificate/bounds.py", "fourth * h**4 / 384.0)", "fourth * h**4 / 3840.0)"),
     ("planners/certificate/path_error.py", "6.0 * a[2] * b[2]", "3.0 * a[2] * b[2]"),
     ("planners/certificate/path_error.py", "float(np.sqrt(3.0) * fourth)", "float(fourth)"),
@@ -216,7 +228,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "FollowStatus.UNREACHABLE",
     ),
     ("planners/timing/_optimal/newton.py", "TERMINAL = 1e4", "TERMINAL = 1e-1"),
-    ("planners/timing/_optimal/iteration.py", "if product < 1e-150 or product > 1e150:", "if product > 1e150:"),
+    ("planners/timing/_optimal/iteration.py", "if together < 1e-150 or together > 1e150:", "if together > 1e150:"),
     ("planners/curve.py", "(1.0, 3.0, 1.0))", "(1.0, 2.0, 1.0))"),
     ("optik/task.py", "c = 1.0 / 12.0 if", "c = 1.0 / 6.0 if"),
     ("planners/certificate/_clearance.py", "max(away[k, 0, base], away[k, 1, base])", "away[k, 0, base]"),
