@@ -13,6 +13,7 @@ import pytest
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite
+from optik import registry
 from optik.errors import InvalidInput
 from optik.plugins.files import digest
 from tests.benchmarks.conftest import optik_process
@@ -24,8 +25,9 @@ MARK = '\nimport pathlib; pathlib.Path(__file__).with_suffix(".ran").touch()\n'
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The example suite in a folder of its own, so that each test has other files; every file tells that it was run."""
+    monkeypatch.setattr(registry, "_loaded", {})  # other tests of this process load the examples where they are
     examples = tmp_path / "examples"
     shutil.copytree(REPOSITORY / "examples", examples, ignore=shutil.ignore_patterns("__pycache__", "*.ran"))
     for file in examples.glob("*.py"):
