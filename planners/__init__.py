@@ -9,9 +9,10 @@ from planners.limits import MotionLimits
 from planners.motion import Motion
 from planners.paths import Path, make_path, paths
 from planners.paths.arc import Arc
-from planners.paths.free_path import FreePath, free
+from planners.paths.free_path import free
 from planners.paths.joint_line import JointLine
 from planners.paths.line import Line
+from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, plan
 from planners.replan import replan
@@ -22,7 +23,6 @@ from planners.trajectory import Trajectory
 __all__ = [
     "Arc",
     "Certificate",
-    "FreePath",
     "JointLine",
     "Line",
     "Motion",
@@ -30,9 +30,11 @@ __all__ = [
     "Path",
     "Plan",
     "PlanStatus",
+    "PointToPoint",
     "Polyline",
     "TimeLaw",
     "Trajectory",
+    "ViaPoint",
     "certify",
     "follow",
     "free",

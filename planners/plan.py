@@ -28,6 +28,7 @@ from planners.motion import PlanStatus
 from planners.paths._goal import path_to
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
+from planners.paths.point_to_point import PointToPoint
 from planners.result import Plan, PlanSeconds
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing._free.choose import choose
@@ -232,7 +233,7 @@ class _Planner:
         started, path = perf_counter(), self.request.path
         followed = self._follow(path, q_start, branch)
         ended = perf_counter()
-        if isinstance(path, FreePath):
+        if isinstance(path, FreePath | PointToPoint):
             found = self._choose(path, followed, q_start is not None, duration)
         else:
             found = self._time(path, followed, duration)[0]
@@ -274,19 +275,28 @@ class _Planner:
             return request.infeasible(joints, error), None
         return request.certify_motion(joints, trajectory, slowed, analysis), optimum
 
-    def _choose(self, path: FreePath, followed: FollowResult, starts_there: bool, duration: float | None) -> Plan:
+    def _choose(
+        self, path: FreePath | PointToPoint, followed: FollowResult, starts_there: bool, duration: float | None
+    ) -> Plan:
         """Return the fastest plan over the freedoms of a path, of this duration if one is given."""
 
-        def plan_along(chosen: FreePath, q: Array) -> Plan | None:
+        def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan | None:
             return self._time(chosen, self._follow(chosen, q, "start"), None)[0] or None
 
         fixed, optimum = self._time(path, followed, None)
         if not fixed:
             return fixed
-        held = starts_there and path.hold_start
+        held = isinstance(path, FreePath) and starts_there and path.hold_start
         found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along)
         if duration is not None:
             found = self._time(found.path, FollowResult(found.joint_path, None), duration)[0]
+        missed = found.path.find_missed() if isinstance(found.path, PointToPoint) else None
+        if missed is not None:
+            reason = f"the path misses the via point at s = {missed.s:.6g} by more than its tolerance"
+            failure = PlanFailure(
+                PlanStatus.NOT_PROVED, missed.s, None, reason, "a wider tolerance, or via points farther apart"
+            )
+            found = self.request._fail(PlanStatus.NOT_PROVED, found.prefix, failure)
         return replace(found, freedom=result)
 
 

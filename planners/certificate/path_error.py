@@ -21,7 +21,7 @@ from planners.certificate.bounds import (
     repeat_ends,
     tool_bounds,
 )
-from planners.certificate.projection import BEND, Nearest, positions_along
+from planners.certificate.projection import BEND, Nearest, NearestJoints, positions_along
 from planners.certificate.violation import Violation
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -291,9 +291,12 @@ def path_error(
     at most 1.05 times the largest value found, or 1 nm (1 nrad).
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    nearest = Nearest(path)
+    nearest = NearestJoints(robot, path) if path.in_joints else Nearest(path)
     piece, left, right, knot = _first_intervals(bounds)
-    guess = positions_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
+    if isinstance(nearest, NearestJoints):
+        guess = nearest.guess(np.concatenate([left.joints[:, 0], right.joints[-1:, 0]]))
+    else:
+        guess = positions_along(path, np.concatenate([left.poses, right.poses[-1:]]), BEND)
     # One search for both ends.
     both = _compare(nearest, join_ends(left, right), np.concatenate([guess[:-1], guess[1:]]))
     first, last = (
@@ -306,7 +309,7 @@ def path_error(
     return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
-def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants:
+def _compare(nearest: Nearest | NearestJoints, side: Instants, guess: Array) -> ComparedInstants:
     """Return the tool at instants, and the nearest positions along the path from a guess."""
     return ComparedInstants(*side, *nearest.places(side, guess))
 
@@ -314,7 +317,9 @@ def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants
 class _Errors(SubdivisionBound[ComparedInstants]):
     """Distance and angle between tool and path, and the backward stretches of the motion."""
 
-    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, duration: float, floor: Array) -> None:
+    def __init__(
+        self, bounds: MotionBounds, path: Path, nearest: Nearest | NearestJoints, duration: float, floor: Array
+    ) -> None:
         super().__init__(duration, Closeness(ERROR_EXCESS, floor, ERROR_INTERVALS))
         self._bounds, self._nearest, self._end, self._limits = bounds, nearest, path.end, PieceBounds.of(path)
         self._fall = np.empty((0, 2))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import Instants
@@ -282,6 +283,50 @@ class Nearest:
             for old, x in zip((s, cost, speed, poses, twist), new, strict=True):
                 old[nearer] = x[nearer]
         return PathPositions(s, speed, poses, twist), cost
+
+
+JOINT_CELLS = 16
+"""Chords of each piece of a path in joint space, along which the first positions are searched."""
+
+
+class NearestJoints:
+    """Positions along a path in joint space that are nearest to the joints of a motion, by Gauss–Newton steps."""
+
+    def __init__(self, robot: Robot, path: Path) -> None:
+        self._robot, self._path = robot, path
+
+    def _joints(self, s: Array, order: int) -> Array:
+        found = self._path.configurations(self._robot, s, order)
+        assert found is not None
+        return found
+
+    def guess(self, q: Array) -> Array:
+        """Return the positions (k,) of a whole motion q (k, n) on the path's chords, in order; see `positions_along`."""
+        breaks, u = self._path.breaks, np.arange(JOINT_CELLS) / JOINT_CELLS
+        edges = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * u).ravel(), breaks[-1])
+        z, y, cell = np.ascontiguousarray(self._joints(edges, 0)), np.ascontiguousarray(q), np.empty(len(q), np.int64)
+        middle = 0.5 * (z[1:] + z[:-1])
+        off = float(np.linalg.norm(self._joints(0.5 * (edges[1:] + edges[:-1]), 0) - middle, axis=1).max())
+        room, size = CHORD_ROOM + 4.0 * off, float(np.ptp(np.concatenate([z, y]), axis=0).sum())
+        while _find_cheapest(z, y, room, MOST_PAIRS, cell) != FOUND:
+            if room > size:
+                return np.asarray(edges[np.linalg.norm(y[:, None] - z, axis=2).argmin(axis=1)])
+            room *= ROOM_FACTOR
+        return _nearest_on_chords(edges, z, y, cell)
+
+    def places(self, instants: Instants, guess: Array) -> PathPositions:
+        """Return the positions along the path that are nearest to the joints, near a guess."""
+        q, rate, s = instants.joints[:, 0], instants.joints[:, 1], np.clip(guess, 0.0, self._path.end)
+        for _ in range(NEAREST_STEPS):
+            q1 = self._joints(s, 1)
+            size = np.maximum((q1 * q1).sum(axis=1), PATH_STILL**2)
+            after = np.clip(s + ((q - self._joints(s, 0)) * q1).sum(axis=1) / size, 0.0, self._path.end)
+            step, s = float(np.abs(after - s).max(initial=0.0)), after
+            if step <= NEAREST_ENOUGH * self._path.end:
+                break
+        q1 = self._joints(s, 1)
+        speed = (q1 * rate).sum(axis=1) / np.maximum((q1 * q1).sum(axis=1), PATH_STILL**2)
+        return PathPositions(s, speed, *self._path.frames(s))
 
 
 def _misfit(tool: Array, motion: Array, poses: Array, twist: Array) -> Array:

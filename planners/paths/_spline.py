@@ -22,7 +22,10 @@ class Basis(NamedTuple):
     def combine(self, coefficients: Array) -> Array:
         """Return the spline of coefficients (C, D) and its derivatives (k, 4, D)."""
         window = coefficients[self.first[:, None] + np.arange(DEGREE + 1)]
-        return np.asarray(self.values @ window)
+        first = window[:, :1]  # its functions' derivatives add up to 0: without it less is lost to rounding
+        out: Array = self.values @ (window - first)
+        out[:, 0] += first[:, 0]
+        return out
 
 
 class Spline:
@@ -73,16 +76,21 @@ class Spline:
 
     def derivative_bounds(self, coefficients: Array, orders: int) -> Array:
         """Return bounds on |f⁽ᵐ⁾|, m = 0 … orders, in each span (spans, orders + 1, D): the largest control points."""
-        t, spans, c = self.knots, self.count - DEGREE, coefficients
-        out = np.empty((spans, orders + 1, c.shape[1]))
+        spans = self.count - DEGREE
+        out = np.empty((spans, orders + 1, coefficients.shape[1]))
         for m in range(orders + 1):
-            if m:
-                p = DEGREE - m + 1
-                width = t[m + p : m + p + len(c) - 1] - t[m : m + len(c) - 1]
-                c = p * np.diff(c, axis=0) / np.where(width > 0.0, width, 1.0)[:, None]
-            size, reach = np.abs(c), DEGREE - m + 1
-            out[:, m] = np.max([size[i : i + spans] for i in range(reach)], axis=0)
+            size = np.abs(self.control_points(coefficients, m))
+            out[:, m] = np.max([size[i : i + spans] for i in range(DEGREE - m + 1)], axis=0)
         return out
+
+    def control_points(self, coefficients: Array, order: int) -> Array:
+        """Return the control points (C − order, D) of a derivative."""
+        t, c = self.knots, coefficients
+        for m in range(1, order + 1):
+            p = DEGREE - m + 1
+            width = t[m + p : m + p + len(c) - 1] - t[m : m + len(c) - 1]
+            c = p * np.diff(c, axis=0) / np.where(width > 0.0, width, 1.0)[:, None]
+        return c
 
     def fit(self, s: Array, values: Array) -> Array:
         """Return the coefficients (C, D) of the least-squares spline through values (k, D), exact at the first and last one."""

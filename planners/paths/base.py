@@ -90,12 +90,15 @@ class Path(Curve):
         Whether s counts the tool's rotation [rad], because its point does not move.
     segments : int
         Number of segments with their own speed limits.
+    in_joints : bool
+        Whether a certificate finds s from the joints instead of the tool, which may rest on such a path.
     """
 
     parameter = "s"
     unit = "m"
     turns_only = False
     segments = 1
+    in_joints = False
     name: ClassVar[str]
 
     @property

@@ -16,7 +16,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.registry import load_method, short_name
 from optik.types import Array
-from planners import Arc, JointLine, Line, Path, Polyline, follow, free, make_path, plan
+from planners import Arc, JointLine, Line, Path, PointToPoint, Polyline, ViaPoint, follow, free, make_path, plan
 from planners.paths import path_of
 from tests import oracles
 from tests.contract import test_plans
@@ -108,6 +108,23 @@ def _free_paths() -> dict[str, Path]:
     }
 
 
+def _moves() -> dict[str, Path]:
+    """Joint paths: a straight line, through via points, and of drawn shape."""
+    rng, goal = np.random.default_rng(20261124), START + np.array([0.3, -0.2, 0.25, 0.4, -0.3, 0.5])
+    via = ViaPoint(reached((-0.04, 0.02, 0.03)), (5e-3, 0.09))
+    through = PointToPoint(paper6r(), START, via, goal)
+    drawn = through.coefficients + 0.01 * rng.normal(size=through.coefficients.shape)
+    drawn[[0, -1]] = through.coefficients[[0, -1]]
+    slide = PointToPoint(load("irb910sc"), [0.1, 0.3, 0.05, 0.2], [0.3, 0.1, 0.1, 0.5], [0.5, -0.4, 0.15, 1.0])
+    line = PointToPoint(paper6r(), START, goal)
+    return {
+        "straight": line,
+        "through a point": through,
+        "drawn": through.with_coefficients(drawn),
+        "a sliding joint": slide,
+    }
+
+
 def _plugin(file: str) -> dict[str, Path]:
     """Paths of a plug-in, from the data in its EXAMPLES, with their start where the others have theirs."""
     module = sys.modules[load_method("planners.paths", file).__module__]
@@ -122,6 +139,7 @@ def examples() -> dict[str, dict[str, Path]]:
         "free_path": _free_paths(),
         "joint_line": _joint_lines(),
         "line": _lines(),
+        "point_to_point": _moves(),
         "polyline": _polylines(),
     }
     return ours | {short_name(file): _plugin(file) for file in outside("planners.paths")}
@@ -132,7 +150,7 @@ every_path = pytest.mark.parametrize(("name", "kind"), CASES, ids=[f"{n}, {k}" f
 
 
 def arm(path: Path) -> Any:
-    return path.robot if isinstance(path, JointLine) else None
+    return path.robot if isinstance(path, JointLine | PointToPoint) else None
 
 
 def inside(path: Path, count: int = 40) -> tuple[Array, Array]:
@@ -329,6 +347,7 @@ TIGHT = {
     "arc": (1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-9, 1.0 + 1e-4),
     "polyline": (1.0 + 1e-9, 1.6, 3.0, 3.5),
     "joint_line": (1.3, 1.3, 2.0, np.inf),
+    "point_to_point": (1.3, 1.3, 2.0, np.inf),
     "free_path": (2.5, 2.5, 3.0, 4.0),  # the sums of the bounds of all turns
 }
 """How much above the truth the bounds on the derivatives may be, order by order."""
@@ -396,7 +415,7 @@ def test_only_a_path_in_the_joints_gives_configurations(name: str, kind: str) ->
     robot = arm(path) or paper6r()
     s = np.linspace(0.0, path.end, 5)
     q = path.configurations(robot, s)
-    if name != "joint_line":
+    if name not in ("joint_line", "point_to_point"):
         assert q is None
     else:
         assert q.shape == (5, robot.n)

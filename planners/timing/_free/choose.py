@@ -14,8 +14,10 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.following.joint_path import JointPath
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
+from planners.paths.point_to_point import PointToPoint
 from planners.timing._free.programme import FreeProgramme, ToolCoordinates
-from planners.timing._free.solve import Bounds, FreeSolution, solve
+from planners.timing._free.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
+from planners.timing._free.vias import ViaLimits, pass_through
 from planners.timing._optimal.newton import Iterate
 from planners.timing.optimal import Optimum
 from planners.trajectory import Trajectory
@@ -30,6 +32,8 @@ CONTINUATION_STEP = 0.25
 """Step of the turn from one initial guess to the next [rad]: Newton's method stays on the branch."""
 REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
+SHAPE_DAMPING = 1e-2
+"""Curvature that is added in each control point of a joint path [1/rad²]: motion along the path changes only its parameter."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -78,6 +82,8 @@ class FreedomResult:
 
 class Choice:
     """The choice of the coefficients of a path that a joint path follows, from the optimum along it."""
+
+    damping = LEAST_P_DAMPING
 
     def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
         robot, s = joint_path.robot, optimum.programme.s
@@ -159,7 +165,7 @@ class Choice:
     def solve(self) -> Iterator[FreeSolution]:
         """Yield the optima from the initial guesses."""
         for p, near in self._guesses():
-            found = solve(self.programme, p, self.bounds, near)
+            found = solve(self.programme, p, self.bounds, near, damping=self.damping)
             if found is not None:
                 yield found
 
@@ -193,11 +199,34 @@ class Choice:
         inside = (near[0] >= limits.lower - LIMIT_TOLERANCE) & (near[0] <= limits.upper + LIMIT_TOLERANCE)
         return (p, near) if inside.all() else None
 
-    def path_of(self, found: FreeSolution) -> FreePath:
+    def path_of(self, found: FreeSolution) -> FreePath | PointToPoint:
         """Return the path with the coefficients of a solution."""
         d = self.tool_count
         null = NullSpace(self.rows, found.p[:, d:]) if len(self.rows) else None
         return self.path.with_coefficients(found.p[:, :d], null)
+
+
+class JointChoice(Choice):
+    """The choice of the control points of a path in joint space."""
+
+    def __init__(self, path: PointToPoint, joint_path: JointPath, optimum: Optimum) -> None:
+        robot, s = joint_path.robot, optimum.programme.s
+        self.joints, self.robot, self.joint_path, self.optimum = path, robot, joint_path, optimum
+        self.p = path.coefficients
+        lower, upper = (np.tile(x, (len(self.p), 1)) for x in (robot.limits.lower, robot.limits.upper))
+        self.bounds, free = Bounds(lower, upper), np.ones(self.p.shape, np.bool_)
+        free[[0, -1]] = False
+        statics = ViaLimits(robot, path, s) if path.vias else None
+        self.programme = FreeProgramme(optimum.programme, path.spline.basis(s), free.ravel(), robot.n, None, statics)
+        self.near = np.stack([joint_path(s, order) for order in range(4)])
+        self.damping = SHAPE_DAMPING
+
+    def _guesses(self) -> Iterator[tuple[Array, Array]]:
+        yield self.p, self.near
+
+    def path_of(self, found: FreeSolution) -> PointToPoint:
+        """Return the path with the control points of a solution, through the via points."""
+        return self.joints.with_coefficients(pass_through(self.joints, found.p))
 
 
 def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
@@ -225,15 +254,15 @@ P = TypeVar("P", bound=Timed)
 
 
 def choose(
-    path: FreePath, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
-    plan_along: Callable[[FreePath, Array], P | None],
+    path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
+    plan_along: Callable[[FreePath | PointToPoint, Array], P | None],
 ) -> tuple[P, FreedomResult]:  # fmt: skip
     """Return the fastest of the plan along the initial path and of those along chosen ones, and what was done.
 
     plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
     """
     robot = joint_path.robot
-    if robot.n < 6 + ("elbow" in path.bounds):
+    if isinstance(path, FreePath) and robot.n < 6 + ("elbow" in path.bounds):
         expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
         raise InvalidInput(
             "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
@@ -241,7 +270,10 @@ def choose(
     duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
         return fixed, _report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")
-    choice = Choice(path, joint_path, optimum, held=held)
+    if isinstance(path, FreePath):
+        choice = Choice(path, joint_path, optimum, held=held)
+    else:
+        choice = JointChoice(path, joint_path, optimum)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration:
         return fixed, _report(
@@ -265,7 +297,8 @@ def choose(
 
 
 def _report(
-    path: FreePath, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0, steps: int = 0
+    path: FreePath | PointToPoint, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0,
+    steps: int = 0,
 ) -> FreedomResult:  # fmt: skip
     """Return the result for a chosen path."""
     s = np.linspace(0.0, path.end, REPORT_POINTS)

@@ -131,14 +131,13 @@ class Scales(NamedTuple):
 class Local(NamedTuple):
     """Derivatives at grid points; the last are empty if the coordinates are the joints themselves.
 
-    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), static limits (K + 1, x,
-    n), and the joints in the coordinates (K + 1, 4, D, n).
+    Of torques (L, K + 1, 6, n, n, 4), the tool's twists (K + 1, 6) and their changes (K + 1, 6, n, 2), and the joints in the
+    coordinates (K + 1, 4, D, n).
     """
 
     torques: Array
     twist: Array
     tool: Array
-    static: Array
     joints: Array
 
 
@@ -230,11 +229,6 @@ def _node(
     for j in range(counts[5]):
         G[j, 0] = scales.range[j]
         _spread(G, j, j + 1, to, local, window, out[row])
-        row += 1
-    for x in range(counts[6]):
-        for j in range(n):
-            G[j, 0] = local.static[k, x, j]
-        _spread(G, 0, n, to, local, window, out[row])
         row += 1
 
 

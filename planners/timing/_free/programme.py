@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from optik.arm.robot import Robot
-from optik.types import Array, Flags
+from optik.types import Array, Flags, Indices
 from planners.limits import PathPoints
 from planners.limits._kinds import torque_rate_rows, torque_rows
 from planners.limits._motion_limits import tool_limits_at
@@ -32,8 +31,21 @@ NO_SPEED_LIMIT = 1e6
 SURE_DIRECTION = 0.2
 """Fraction of the largest |q'| of the initial path above which a joint's direction of motion is taken as given."""
 
-Statics = Callable[[Array], tuple[Array, Array]]
-"""Limits on the configurations (k, n) at the grid points alone: values (k, x), each at most 1, and gradients (k, x, n)."""
+
+class Statics(Protocol):
+    """Further limits on the path alone, in rows of the grid points; each value is at most 1."""
+
+    count: int
+    bends: int
+
+    def values(self, p: Array) -> Array:
+        """Return the values (K + 1, count) for coefficients p (C, D); 0 where there is no limit."""
+
+    def write(self, p: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+        """Write the derivatives (K + 1, count, W) in the coefficients from the first one of each window on.
+
+        The sum of the squares of bends (K + 1, bends, W) is the curvature, with multipliers y (K + 1, count).
+        """
 
 
 class ToolCoordinates(NamedTuple):
@@ -46,8 +58,9 @@ class ToolCoordinates(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Joints at the grid points for some coefficients: path (4, K + 1, n), points for limits, fields of the coordinates."""
+    """Joints at the grid points for coefficients p: path (4, K + 1, n), points for limits, fields of the coordinates."""
 
+    p: Array
     path: Array
     points: PathPoints
     fields: Array
@@ -123,7 +136,7 @@ class FreeProgramme:
                 return None
             path = np.ascontiguousarray(np.swapaxes(q, 0, 1))
         points = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))
-        return Place(path, points, fields)
+        return Place(p, path, points, fields)
 
     # ------------------------------------------------------------ limited values
 
@@ -157,7 +170,7 @@ class FreeProgramme:
         counts = [
             n * self.has["velocity"], n * (loaded and self.has["velocity"]), n * self.has["acceleration"],
             n * len(loads) * self.has["torque"], int(tools[0]) + 2 * int(tools[1]), n * int(ranged),
-            0 if self.statics is None else self.statics(given.joint_path(given.s))[0].shape[1],
+            0 if self.statics is None else self.statics.count,
         ]  # fmt: skip
         peak = np.append(SPEED_PEAK * given.problem.tau * given.units[1], 0.0)
         viscous = np.array([load.viscous for load in loads]).reshape(-1, n)
@@ -202,7 +215,7 @@ class FreeProgramme:
             node[:, row : row + n, 3] = (q - self.robot.limits.middle) * scales.range
             row += n
         if self.statics is not None:
-            node[:, row:, 3] = self.statics(q)[0]
+            node[:, row:, 3] = self.statics.values(place.p)
         edge = np.zeros((self.K, 2, n * (1 + len(scales.rate)), 6))
         values = np.zeros((self.K + 1, n, 6))
         values[..., 0], values[..., 2] = q1 * (scales.jerk * j), q3 * (scales.jerk * v**3)
@@ -219,7 +232,8 @@ class FreeProgramme:
         """Return a border for the columns of this programme."""
         edges = 2 * self.n * (1 + len(self.scales.rate))
         columns, cross = np.zeros((self.K + 1, self.rows + edges, self.width)), np.zeros((self.K, 5, self.width))
-        return make_border(columns, cross, self.begin, self.stay, np.zeros((self.window.free.size, self.D)))
+        bends = np.zeros((self.K + 1, 0 if self.statics is None else self.statics.bends, self.width))
+        return make_border(columns, cross, bends, self.begin, self.stay, np.zeros((self.window.free.size, self.D)))
 
     def fill(self, place: Place, z: Array, y: Array, border: Border) -> None:
         """Write the derivatives of the limited values in the coefficients, with multipliers y (K + 1, m + 2 e)."""
@@ -235,10 +249,10 @@ class FreeProgramme:
         if scales.counts[4]:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
             tool_changes(chain, place.path, twist, tool)
-        static = np.empty((0, 0, n)) if self.statics is None else self.statics(place.path[0])[1]
-        fill(
-            z, y, scales, Local(torques, twist, tool, static, joints), self.window, self.D, border.columns, border.cross
-        )
+        fill(z, y, scales, Local(torques, twist, tool, joints), self.window, self.D, border.columns, border.cross)
+        if self.statics is not None:
+            rows = slice(self.rows - self.statics.count, self.rows)
+            self.statics.write(place.p, y[:, rows], border.columns[:, rows], border.bends, self.begin)
 
     def gather(self, y: Array, border: Border) -> Array:
         """Return Σ y ∂c/∂p (P,) over all limited values, from the columns of a border."""

@@ -22,13 +22,15 @@ class Border(NamedTuple):
     """Derivatives in the coefficients p (P,), and the workspace of the sweeps; W is the width of the window.
 
     columns (K + 1, m + 2 e, W) are the derivatives of the limited values of each stage, cross (K, 5, W) those of their sum
-    weighted by multipliers in p and v, a, j, v⁺, a⁺; begin (K + 1,) the window's first coefficient, stay (K + 1,) the first one
-    that is eliminated at the stage; own (P, D) Hessian and pull (P,) gradient of the coefficients' own limits, D adjacent ones
-    together. d (P,) is the step. The other fields are workspace.
+    weighted by multipliers in p and v, a, j, v⁺, a⁺; the squares of bends (K + 1, r, W) are curvature in p alone; begin (K +
+    1,) is the window's first coefficient, stay (K + 1,) the first one that is eliminated at the stage; own (P, D) are the
+    Hessian and pull (P,) the gradient of the coefficients' own limits, D adjacent ones together; d (P,) is the step. The
+    other fields are workspace.
     """
 
     columns: Array
     cross: Array
+    bends: Array
     begin: Indices
     stay: Indices
     own: Array
@@ -43,11 +45,11 @@ class Border(NamedTuple):
     gains: Array  # (P, 3 + W) feedback of each coefficient
 
 
-def make_border(columns: Array, cross: Array, begin: Indices, stay: Indices, own: Array) -> Border:
+def make_border(columns: Array, cross: Array, bends: Array, begin: Indices, stay: Indices, own: Array) -> Border:
     """Return a border with its workspace."""
     K, W, P = len(begin) - 1, columns.shape[2], len(own)
     return Border(
-        columns, cross, begin, stay, own, np.zeros(P), np.zeros(P), np.zeros((6, W)), np.zeros((W, W)), np.zeros(W),
+        columns, cross, bends, begin, stay, own, np.zeros(P), np.zeros(P), np.zeros((6, W)), np.zeros((W, W)), np.zeros(W),
         np.zeros((K, W)), np.zeros((K, W)), np.zeros((K + 1, 2, W)), np.zeros((P, 3 + W)),
     )  # fmt: skip
 

@@ -248,6 +248,8 @@ def _border_stage(k: int, problem: Problem, at: Iterate, mu: float, border: Bord
     for i in range(mixed.shape[1]):
         mixed[0, i], mixed[1, i], mixed[3, i] = border.cross[k, 0, i], border.cross[k, 1, i], border.cross[k, 2, i]
         mixed[2, i], mixed[4, i], mixed[5, i] = 0.0, border.cross[k, 3, i], border.cross[k, 4, i]
+    for i in range(border.bends.shape[1]):
+        borders.add(border, border.bends[k, i], 1.0, 0.0)
     for i in range(n):
         weight, pull, _y = pull_of(at, k, i, mu)
         borders.add(border, columns[k, i], weight, pull)

@@ -1,0 +1,380 @@
+"""Joint path of free shape between two configurations, through via points without stops."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import kinematics, newton, se3
+from optik.arm.plain import describe_difference, read_numbers
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput, NoSolution
+from optik.ik import Tolerance, make_solver
+from optik.ik._problem import check_start
+from optik.ik.base import ToleranceLike
+from optik.types import Array
+from planners.curve import BINOMIAL, bells
+from planners.paths._poses import rotation_derivative_norms
+from planners.paths._spline import DEGREE, Spline
+from planners.paths.base import Path, fields
+
+SPANS_DIRECT, SPANS_PER_LEG = 4, 3
+"""Spans of the spline from start to goal, and between via points. More shorten motions by less than 0.1 %."""
+BRANCH_DRAWS = 60
+"""Random initial guesses for the configurations of a pose."""
+CONTINUING_STEPS = 20
+"""Most Newton steps from a configuration of one point to the pose of the next."""
+BRANCH_APART = 1e-3
+"""Largest distance between two results of the IK that count as one [rad, m]."""
+SHORTEST_LEG = 1e-6
+"""Shortest distance between two configurations of the path [rad, m]."""
+STRAIGHT_RATE = 1e-12
+"""Largest difference of q' from that of a straight line [1]: rounding."""
+MISSED = 1e-9
+"""Largest distance of the joints from a via configuration that is passed exactly [rad, m]."""
+SPAN_SAMPLES = 24
+"""Samples of each span for the bounds on derivatives; between them a bound grows by half their distance times the next one."""
+
+
+class ViaPoint:
+    """A configuration or pose on the way.
+
+    Parameters
+    ----------
+    target : (n,) or (4, 4) array
+        Configuration [rad, m], or T_base_tool [m].
+    tolerance : Tolerance, or (2,) tuple of float, optional
+        Largest distance [m] and angle [rad] of the tool from the target; by default the configuration is passed exactly, and
+        a pose by the configuration that is chosen for it.
+    """
+
+    def __init__(self, target: ArrayLike, tolerance: ToleranceLike | None = None) -> None:
+        self.target: Array = np.array(target, dtype=np.float64)
+        if self.target.ndim != 1 and self.target.shape != (4, 4):
+            raise InvalidInput("target", f"shape {self.target.shape}", "a configuration (n,) or a pose (4, 4)")
+        self.tolerance = None if tolerance is None else Tolerance.of(tolerance)
+
+    @property
+    def is_pose(self) -> bool:
+        """Whether the target is a pose."""
+        return self.target.ndim == 2
+
+
+class Via(NamedTuple):
+    """A via point of a path: its path parameter, configuration and pose, and the tolerance of the tool or None for exactly."""
+
+    s: float
+    q: Array
+    pose: Array
+    tolerance: Tolerance | None
+
+
+class PointToPoint(Path):
+    """Joint path from a configuration to a goal, through via points that are passed without a stop.
+
+    q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the smoothest curve through the via
+    points. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s is the length of the
+    line through the via points in joint space. The control points stay inside the joint limits, so the path does.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    q_start : (n,) array
+        Configuration at the start [rad, m].
+    *points : ViaPoint, (n,) or (4, 4) array
+        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits with the
+        least joint motion over all points are chosen.
+
+    Raises
+    ------
+    InvalidInput
+        An invalid arm or point, a configuration outside the limits, two equal ones in a row, a goal with a tolerance.
+    NoSolution
+        A pose that no configuration reaches.
+    """
+
+    name: ClassVar[str] = "point_to_point"
+    in_joints = True
+
+    def __init__(self, robot: Robot, q_start: ArrayLike, *points: ViaPoint | ArrayLike) -> None:
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        if not points:
+            raise InvalidInput("points", "none", "a goal, with via points before it")
+        given = [point if isinstance(point, ViaPoint) else ViaPoint(point) for point in points]
+        if given[-1].tolerance is not None:
+            raise InvalidInput("points", "a goal with a tolerance", "a goal that is reached exactly")
+        self.robot, self.unit = robot, "m" if robot.prismatic.all() else "rad"
+        q = _choose_configurations(robot, check_start(robot, q_start, "q_start"), given)
+        legs = np.linalg.norm(np.diff(q, axis=0), axis=1)
+        if not legs.min() > SHORTEST_LEG:
+            i = int(legs.argmin())
+            raise InvalidInput("points", f"point {i} equal to the one before it", "points that differ in joint space")
+        s = np.append(0.0, np.cumsum(legs))
+        poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(given, q[1:], strict=True)]
+        self.vias = tuple(
+            Via(float(at), x, se3.nearest_pose(pose), point.tolerance)
+            for at, x, pose, point in zip(s[1:-1], q[1:-1], poses[:-1], given[:-1], strict=True)
+        )
+        parts = SPANS_DIRECT if len(legs) == 1 else SPANS_PER_LEG
+        inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
+        self.spline = Spline(float(s[-1]), 0, inner)
+        self.coefficients: Array = _interpolate(self.spline, s, q)
+        lower, upper = robot.limits.lower, robot.limits.upper
+        self.coefficients[1:-1] = np.clip(self.coefficients[1:-1], lower, upper)
+
+    def with_coefficients(self, coefficients: Array) -> PointToPoint:
+        """Return the path with other control points.
+
+        Parameters
+        ----------
+        coefficients : (C, n) array
+            Control points [rad, m].
+
+        Returns
+        -------
+        PointToPoint
+            The path.
+        """
+        path = object.__new__(PointToPoint)
+        path.robot, path.vias, path.spline, path.unit = self.robot, self.vias, self.spline, self.unit
+        path.coefficients = coefficients.copy()
+        return path
+
+    @property
+    def end(self) -> float:
+        """Length in joint space of the line through the points [rad, or m]."""
+        return self.spline.end
+
+    @property
+    def breaks(self) -> Array:
+        """Knots of the spline; the ends of a straight line."""
+        return self.spline.breaks[[0, -1]] if self._is_straight else self.spline.breaks
+
+    @cached_property
+    def _is_straight(self) -> bool:
+        """Whether the path is a straight line at a constant rate."""
+        rates = self.spline.control_points(self.coefficients, 1)
+        return bool(np.abs(rates - rates[0]).max() <= STRAIGHT_RATE)
+
+    def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
+        """Return configurations at s, or their derivatives."""
+        if robot != self.robot:
+            other = f"{robot!r}, which differs in {describe_difference(robot, self.robot)}"
+            raise InvalidInput("robot", other, f"the arm of this path, {self.robot!r}")
+        return self._joints(np.asarray(s, dtype=np.float64))[:, order]
+
+    @property
+    def ranges(self) -> tuple[()]:
+        """Nothing: the control points stay inside the joint limits."""
+        return ()
+
+    def coordinates(self, s: Array) -> Array:
+        """Return the joints along the path.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Path parameters [rad, or m].
+
+        Returns
+        -------
+        (k, 4, n) array
+            Configurations and their first three derivatives in s [rad, m].
+        """
+        return self._joints(s)
+
+    def find_missed(self) -> Via | None:
+        """Return the first via point that the path misses by more than its tolerance, or None."""
+        for via in self.vias:
+            q = self._joints(np.array([via.s]))[0, 0]
+            if via.tolerance is None:
+                if np.abs(q - via.q).max() > MISSED:
+                    return via
+                continue
+            e = se3.error(self.robot.fk(q)[None], via.pose[None])[0]
+            if np.linalg.norm(e[:3]) > via.tolerance.position or np.linalg.norm(e[3:]) > via.tolerance.rotation:
+                return via
+        return None
+
+    def _joints(self, s: Array) -> Array:
+        """Return configurations and their first three derivatives (k, 4, n)."""
+        return self.spline.basis(np.clip(s, 0.0, self.end)).combine(self.coefficients)
+
+    def _evaluate(self, x: Array, order: int) -> Array:
+        joints = self._joints(x)
+        q = np.ascontiguousarray(joints[:, 0])
+        return self.robot.fk(q) if order == 0 else self._twists(q, joints)[:, order - 1]
+
+    def _twists(self, q: Array, joints: Array) -> Array:
+        """Return the twists and their first two derivatives (k, 3, 6)."""
+        twists = np.empty((len(q), 3, 6))
+        kinematics.tool_motion_batch(self.robot.chain, q, np.ascontiguousarray(joints[:, 1:]), twists)
+        return twists
+
+    def derivative_bounds(self) -> Array:
+        """Return bounds (2, 4) on the derivatives of position and rotation."""
+        return np.asarray(self.piece_bounds().max(axis=0))
+
+    def piece_bounds(self) -> Array:
+        """Return bounds (k − 1, 2, 4) on the derivatives of position and rotation between the knots."""
+        # The fourth is by reach alone. A lower one is at most its largest sample, plus half the distance of the samples
+        # times the bound above it.
+        bounds, width = self._reach_bounds(), np.diff(self.breaks)
+        if self._is_straight:
+            bounds = bounds.max(axis=0, keepdims=True)
+        u = np.linspace(0.0, 1.0, SPAN_SAMPLES + 1)
+        joints = self._joints((self.breaks[:-1, None] + width[:, None] * u).ravel())
+        twists = self._twists(np.ascontiguousarray(joints[:, 0]), joints)
+        norms = np.stack([
+            np.linalg.norm(twists[:, :, :3], axis=2), rotation_derivative_norms(*np.swapaxes(twists[:, :, 3:], 0, 1))
+        ], axis=1)  # fmt: skip
+        sampled = norms.reshape(len(width), u.size, 2, 3).max(axis=1)
+        for k in (2, 1, 0):
+            between = (1.0 + 1e-12) * sampled[:, :, k] + 0.5 * width[:, None] / SPAN_SAMPLES * bounds[:, :, k + 1]
+            bounds[:, :, k] = np.minimum(bounds[:, :, k], between)
+        return bounds
+
+    def _reach_bounds(self) -> Array:
+        """Return bounds (k − 1, 2, 4) for any motion with such rates: a link turns at most at the sum of those before it."""
+        # A link vector t behind joint i gives |t_xy| Bᵢ + |t_z| Bᵢ₋₁, the Bell polynomials of the sums of |q⁽ᵐ⁾| of the
+        # revolute joints up to i, since joint i does not move points on its own axis; a prismatic joint gives a product.
+        robot, most = self.robot, self.spline.derivative_bounds(self.coefficients, 4)  # (k − 1, 5, n)
+        k = len(most)
+        turning = np.where(robot.prismatic, 0.0, most)
+        turning[:, 0] = 0.0
+        sums = np.concatenate([np.zeros((k, 5, 1)), np.cumsum(turning, axis=2)], axis=2)
+        turns = np.empty((robot.n + 1, k, 5))
+        for i in range(robot.n + 1):
+            bells(np.ascontiguousarray(sums[:, :, i]), turns[i])
+        links = np.concatenate([robot.fixed, robot.tool[None]])[:, :3, 3]
+        position = np.zeros((k, 5))
+        for i, link in enumerate(links):
+            position += float(np.hypot(link[0], link[1])) * turns[i] + abs(link[2]) * turns[max(i - 1, 0)]
+            if i < robot.n and robot.prismatic[i]:
+                for m in range(5):
+                    for j in range(m + 1):
+                        position[:, m] += BINOMIAL[m, j] * most[:, j, i] * turns[i][:, m - j]
+        return np.stack([position[:, 1:], turns[-1][:, 1:]], axis=1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files, with the name and fingerprint of the arm."""
+        vias = [
+            {
+                "s": via.s, "q": via.q.tolist(), "pose": via.pose.tolist(),
+                "tolerance": None if via.tolerance is None else [via.tolerance.position, via.tolerance.rotation],
+            }
+            for via in self.vias
+        ]  # fmt: skip
+        return {
+            "path": self.name, "robot": self.robot.name, "fingerprint": self.robot.fingerprint,
+            "knots": self.spline.breaks.tolist(), "coefficients": self.coefficients.tolist(), "vias": vias,
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
+        """Return the path that `to_dict` wrote, for the arm that it belongs to."""
+        name, fingerprint, knots, coefficients, vias = fields(
+            data, cls.name, "robot", "fingerprint", "knots", "coefficients", "vias"
+        )  # fmt: skip
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
+        if robot.fingerprint != fingerprint:
+            raise InvalidInput("robot", f"{robot!r} ({robot.fingerprint})", f"the arm {name} ({fingerprint})")
+        if not isinstance(knots, list) or len(knots) < 2 or not isinstance(vias, list):
+            raise InvalidInput("knots", repr(knots)[:60], "a list of at least two numbers, and a list of vias")
+        at = read_numbers(knots, (len(knots),), "knots")
+        if not (np.diff(at) > 0.0).all() or at[0] != 0.0:
+            raise InvalidInput("knots", repr(knots)[:60], "increasing numbers from 0")
+        path = object.__new__(cls)
+        path.robot, path.spline = robot, Spline(float(at[-1]), 0, at[1:-1])
+        path.unit = "m" if robot.prismatic.all() else "rad"
+        path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
+        path.vias = tuple(_read_via(via, robot.n) for via in vias)
+        return path
+
+
+def _read_via(data: Any, n: int) -> Via:
+    if not isinstance(data, Mapping) or set(data) != {"s", "q", "pose", "tolerance"}:
+        raise InvalidInput("vias", repr(data)[:60], "mappings with s, q, pose and tolerance")
+    tolerance = data["tolerance"]
+    return Via(
+        float(read_numbers(data["s"], (), "vias.s")), read_numbers(data["q"], (n,), "vias.q"),
+        read_numbers(data["pose"], (4, 4), "vias.pose"),
+        None if tolerance is None else Tolerance(*(float(x) for x in read_numbers(tolerance, (2,), "vias.tolerance"))),
+    )  # fmt: skip
+
+
+def _choose_configurations(robot: Robot, q: Array, points: list[ViaPoint]) -> Array:
+    """Return the start and one configuration for each point (k, n), with the least sum of squared joint motions."""
+    layers = [q[None]]
+    for i, point in enumerate(points):
+        if point.is_pose:
+            layers.append(_find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], i))
+        else:
+            layers.append(check_start(robot, point.target, f"point {i}")[None])
+    cost, before = np.zeros(1), []
+    for first, second in itertools.pairwise(layers):
+        total = cost[:, None] + ((first[:, None] - second) ** 2).sum(axis=2)
+        before.append(total.argmin(axis=0))
+        cost = total.min(axis=0)
+    chosen = [int(cost.argmin())]
+    for step in reversed(before):
+        chosen.append(int(step[chosen[-1]]))
+    return np.stack([layer[i] for layer, i in zip(layers, reversed(chosen), strict=True)])
+
+
+def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -> Array:
+    """Return different configurations (k, n) of a pose inside the limits, from those of the point before and random ones."""
+    target, limits = se3.nearest_pose(pose), robot.limits
+    on = before[:BRANCH_DRAWS].copy()
+    newton.polish_batch(robot.chain, on, np.repeat(target[None], len(on), axis=0), CONTINUING_STEPS)
+    on = on[
+        (np.abs(robot.pose_errors(on, np.repeat(target[None], len(on), axis=0))).max(axis=1) < MISSED)
+        & limits.contains(on)
+    ]
+    starts, several = (
+        limits.sample(np.random.default_rng(0), BRANCH_DRAWS),
+        np.repeat(target[None], BRANCH_DRAWS, axis=0),
+    )
+    found = make_solver(robot, "lm", max_restarts=3).solve_batch(several, starts, threads=1)
+    q = np.concatenate([on, found.q[found.solved]])
+    wound = q - 2.0 * np.pi * np.round((q - before[0]) / (2.0 * np.pi))
+    inside = (wound >= limits.lower) & (wound <= limits.upper) & ~robot.prismatic
+    kept: list[Array] = []
+    for x in np.where(inside, wound, q):
+        if all(np.abs(x - other).max() > BRANCH_APART for other in kept):
+            kept.append(x)
+    if not kept:
+        raise NoSolution(
+            f"no configuration inside the limits reaches the pose of point {which}, from {BRANCH_DRAWS} initial guesses",
+            advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
+        )
+    return np.array(kept)
+
+
+def _interpolate(spline: Spline, s: Array, q: Array) -> Array:
+    """Return the control points (C, n) of the line, or of the curve through configurations at s with the least ∫ |q'''|² ds."""
+    C = spline.count
+    if len(s) == 2:  # at the means of the knots (Greville), control points of a line are on it
+        at = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(C)])
+        return np.asarray(q[0] + at[:, None] / spline.end * (q[1] - q[0]))
+    u, width = (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1), np.diff(spline.breaks)
+    at = (spline.breaks[:-1, None] + width[:, None] * u).ravel()
+    basis, through = spline.basis(at), spline.basis(s)
+    third, A = np.zeros((at.size, C)), np.zeros((s.size, C))
+    weights = np.sqrt(np.repeat(width, u.size))[:, None]
+    np.put_along_axis(third, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 3], axis=1)
+    np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
+    H = third.T @ third * spline.end**5
+    system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
+    return np.asarray(np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C])
+
+
+METHOD = PointToPoint

@@ -1,0 +1,224 @@
+"""Joint paths of free shape: via points without stops, the choice of configurations, and what a certificate proves of them."""
+
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
+from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, load_motion, plan, save
+from planners.timing._free.choose import JointChoice
+from planners.timing.optimal import Optimal
+from tests import oracles
+
+HOME = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.78])
+"""A configuration of panda away from its limits."""
+LIMITS = MotionLimits(2.0, 10.0, 100.0)
+"""Limits of all joints: velocity, acceleration and jerk."""
+TOLERANCE = (5e-3, 0.09)
+"""Tolerance of via poses [m, rad]."""
+
+
+@cache
+def cycle() -> PointToPoint:
+    """Pick and place: over, at and over two places, and back."""
+    robot = optik.load("panda")
+    down = robot.fk(HOME)
+    ways = (
+        [0.1, 0.15, 0.0],
+        [0.1, 0.15, -0.1],
+        [0.1, 0.15, 0.0],
+        [0.1, -0.1, 0.0],
+        [0.1, -0.1, -0.1],
+        [0.1, -0.1, 0.0],
+    )
+    vias = [ViaPoint(oracles.moved(down, np.array(way), np.zeros(3)), TOLERANCE) for way in ways]
+    return PointToPoint(robot, HOME, *vias, HOME)
+
+
+@cache
+def planned() -> Plan:
+    return plan(cycle().robot, cycle(), limits=LIMITS)
+
+
+def nearest_passes(found: Plan, poses: list[Array]) -> list[tuple[float, float, float]]:
+    """For each pose the time at which the tool is nearest to it after the one before, the distance and the angle."""
+    passes, after = [], 0.0
+    for pose in poses:
+        t = np.linspace(after, found.trajectory.duration, 4001)
+        tool = found.robot.fk(found.trajectory(t))
+        distance = np.linalg.norm(tool[:, :3, 3] - pose[:3, 3], axis=1)
+        turn = np.arccos(np.clip((np.einsum("kij,ij->k", tool[:, :3, :3], pose[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+        inside = np.flatnonzero((distance <= TOLERANCE[0]) & (turn <= TOLERANCE[1]))
+        assert inside.size, (distance.min(), turn.min())
+        i = int(inside[0])
+        passes.append((float(t[i]), float(distance[i]), float(turn[i])))
+        after = float(t[i])
+    return passes
+
+
+def test_via_poses_are_passed_in_order_within_their_tolerance_and_without_stops() -> None:
+    found = planned()
+    assert found
+    path = found.path
+    assert isinstance(path, PointToPoint)
+    nearest_passes(found, [via.pose for via in path.vias])
+    q = [HOME, *(via.q for via in path.vias), HOME]
+    lines = [JointLine(path.robot, a, b) for a, b in pairwise(q)]
+    stops = sum(plan(path.robot, one, limits=LIMITS).trajectory.duration for one in lines)
+    assert found.trajectory.duration < 0.7 * stops
+    t = np.linspace(0.05, 0.95, 500) * found.trajectory.duration
+    assert np.abs(found.trajectory(t, 1)).max(axis=1).min() > 1e-3
+    for order, most in ((1, 2.0), (2, 10.0), (3, 100.0)):
+        t = np.linspace(0.0, found.trajectory.duration, 5000)
+        assert np.abs(found.trajectory(t, order)).max() <= most * (1.0 + 1e-9)
+    q_end = found.trajectory(found.trajectory.duration)
+    np.testing.assert_allclose(q_end, HOME, atol=1e-12)
+
+
+def test_the_control_points_stay_inside_the_joint_limits() -> None:
+    path, limits = planned().path, planned().robot.limits
+    assert isinstance(path, PointToPoint)
+    assert (path.coefficients >= limits.lower - 1e-9).all()
+    assert (path.coefficients <= limits.upper + 1e-9).all()
+
+
+@pytest.mark.parametrize("tight", [True, False])
+def test_a_via_configuration_is_passed_exactly(tight: bool) -> None:
+    robot, rng = optik.load("ur5e"), np.random.default_rng(5)
+    start = np.array([0.2, -1.4, 1.7, -1.9, -1.57, 0.1])
+    way = [start + 0.5 * rng.uniform(-1.0, 1.0, 6) for _ in range(2)]
+    limits = LIMITS if tight else MotionLimits(2.0, 50.0, 2000.0)
+    found = plan(robot, PointToPoint(robot, start, *way, start), limits=limits)
+    assert found
+    t = np.linspace(0.0, found.trajectory.duration, 200_001)
+    q = found.trajectory(t)
+    for one in way:
+        assert np.abs(q - one).max(axis=1).min() < 3.0 * limits.arrays(6)["velocity"].max() * (t[1] - t[0])
+    path = found.path
+    assert isinstance(path, PointToPoint)
+    assert path.find_missed() is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_direct_move_is_never_slower_than_the_straight_line_and_faster_with_torque(seed: int) -> None:
+    robot, rng = optik.load("panda").with_payload(3.0), np.random.default_rng(seed)
+    limits = MotionLimits.of(robot)
+    low, span = robot.limits.lower, robot.limits.upper - robot.limits.lower
+    while True:
+        q, goal = (low + span * rng.uniform(0.2, 0.8, 7) for _ in range(2))
+        line = plan(robot, JointLine(robot, q, goal), q, limits=limits)
+        if line:
+            break
+    found = plan(robot, PointToPoint(robot, q, goal), limits=limits)
+    assert found
+    assert found.trajectory.duration <= line.trajectory.duration * (1.0 + 1e-6)
+
+
+def test_a_straight_path_takes_the_time_of_the_line() -> None:
+    robot = optik.load("ur5e")
+    q, goal = np.zeros(6), np.array([0.5, -0.4, 0.3, 0.2, -0.1, 0.4])
+    line, free = plan(robot, JointLine(robot, q, goal), limits=LIMITS), PointToPoint(robot, q, goal)
+    found = plan(robot, free, limits=LIMITS, timing="smooth")
+    assert found
+    assert found.freedom is not None
+    assert "only the law optimal" in found.freedom.outcome
+    best = plan(robot, free, limits=LIMITS)
+    assert best.trajectory.duration <= line.trajectory.duration * (1.0 + 1e-8)
+
+
+def test_a_motion_of_the_elbow_with_a_resting_tool_is_proved() -> None:
+    """The tool says nothing of the position along the path; the joints do."""
+    robot = optik.load("panda")
+    N = np.linalg.svd(robot.jacobian(HOME))[2][6]
+    q = HOME.copy()
+    for _ in range(20):
+        q = q + 0.02 * np.linalg.svd(robot.jacobian(q))[2][6] * np.sign(np.linalg.svd(robot.jacobian(q))[2][6] @ N)
+    found = plan(robot, PointToPoint(robot, HOME, q), limits=LIMITS)
+    assert found
+    assert found.certificate.path_error.distance < 1e-8
+    assert found.certificate.is_valid
+
+
+def test_limits_of_via_points_change_with_the_control_points_as_their_differences() -> None:
+    path = cycle()
+    robot, rng = path.robot, np.random.default_rng(0)
+    joints = plan(robot, path, limits=LIMITS, timing="smooth").joint_path
+    optimum = Optimal().run_with_optimum(joints, LIMITS)[1]
+    programme = JointChoice(path, joints, optimum).programme
+    p = path.coefficients + 0.02 * rng.normal(size=path.coefficients.shape)
+    p[[0, -1]] = path.coefficients[[0, -1]]
+    place = programme.place(p, np.zeros((4, programme.K + 1, robot.n)))
+    assert place is not None
+    rows = slice(programme.rows - 2, programme.rows)
+
+    def values(x: Array) -> Array:
+        moved = programme.place(x, place.path)
+        assert moved is not None
+        return programme.problem(moved).node[:, rows, 3]
+
+    problem, border = programme.problem(place), programme.make_border()
+    y = np.ones((programme.K + 1, problem.node.shape[1] + 2 * problem.edge.shape[2]))
+    programme.fill(place, optimum.programme.start, y, border)
+    assert np.abs(values(p)).max() > 1.0
+    limited = np.flatnonzero(np.abs(values(p)).max(axis=1) > 0.0)
+    assert limited.size == 6
+    for i in rng.choice(np.arange(robot.n, p.size - robot.n), 20, replace=False):
+        step = np.zeros(p.size)
+        step[i] = 1e-4
+        step = step.reshape(p.shape)
+        below, here, above = values(p - step), values(p), values(p + step)
+        for k in limited:
+            c = i - programme.begin[k]
+            inside = 0 <= c < programme.width
+            slope = border.columns[k, rows, c] if inside else np.zeros(2)
+            np.testing.assert_allclose(slope, (above - below)[k] / 2e-4, atol=1e-3)
+            bend = (border.bends[k, :, c] ** 2).reshape(2, 3).sum(axis=1) if inside else np.zeros(2)
+            exact = (above - 2.0 * here + below)[k] / 1e-8
+            assert (np.abs(bend - exact) <= 0.2 * np.abs(exact) + 10.0).all()  # without the curvature of the kinematics
+
+
+def test_a_file_brings_it_back(tmp_path: Any) -> None:
+    found = planned()
+    save(found.motion, tmp_path / "cycle.npz")
+    again = load_motion(tmp_path / "cycle.npz")
+    assert isinstance(again.path, PointToPoint)
+    assert isinstance(found.path, PointToPoint)
+    s = np.linspace(0.0, found.path.end, 50)
+    assert (again.path.pose(s) == found.path.pose(s)).all()
+    assert [via.tolerance for via in again.path.vias] == [via.tolerance for via in found.path.vias]
+    assert again.certify().is_valid
+
+
+def test_the_same_points_make_the_same_motion() -> None:
+    again = plan(cycle().robot, cycle(), limits=LIMITS)
+    assert (again.trajectory.coefficients == planned().trajectory.coefficients).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "kind", "said"),
+    [
+        ((), InvalidInput, "goal"),
+        ((HOME,), InvalidInput, "differ"),
+        ((ViaPoint(HOME + 0.1, TOLERANCE),), InvalidInput, "tolerance"),
+        ((np.zeros(3),), InvalidInput, "7"),
+        ((HOME + 9.0,), InvalidInput, "limits"),
+        ((np.full(7, np.nan),), InvalidInput, "point 0"),
+        ((np.diag([1.0, 1.0, 2.0, 1.0]),), InvalidInput, "point 0"),
+        ((oracles.moved(np.eye(4), np.array([5.0, 0.0, 0.0]), np.zeros(3)),), NoSolution, "point 0"),
+    ],
+)
+def test_points_that_no_path_can_have_are_refused(points: Any, kind: type, said: str) -> None:
+    with pytest.raises(kind, match=said):
+        PointToPoint(optik.load("panda"), HOME, *points)
+
+
+def test_misuse_of_via_points_and_arms_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="shape"):
+        ViaPoint(np.zeros((3, 3)))
+    with pytest.raises(InvalidInput, match="arm of this path"):
+        plan(optik.load("iiwa14"), cycle(), limits=LIMITS)
