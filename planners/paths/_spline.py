@@ -7,10 +7,40 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optik.compiled import compiled
 from optik.types import Array, Indices
 
 DEGREE = 5
 """Degree of the splines: their fourth derivatives are continuous, so that the jerk of a motion along them is."""
+
+
+@compiled
+def _fill_basis(t: Array, s: Array, span: Indices, out: Array) -> None:
+    """Write the functions that are not 0 in the spans of points, and their first three derivatives (k, 4, 6)."""
+    of_degree = np.zeros((DEGREE + 1, DEGREE + 1))  # functions of degrees 0, 1, … that are not 0 in the span
+    of_degree[0, 0] = 1.0
+    part, before = np.zeros(DEGREE + 1), np.zeros(DEGREE + 1)
+    for k in range(s.size):
+        for p in range(1, DEGREE + 1):
+            for r in range(p + 1):
+                i, value = span[k] - p + r, 0.0
+                if r > 0:
+                    value += (s[k] - t[i]) * (of_degree[p - 1, r - 1] / (t[i + p] - t[i]))
+                if r < p:
+                    value += (t[i + p + 1] - s[k]) * (of_degree[p - 1, r] / (t[i + p + 1] - t[i + 1]))
+                of_degree[p, r] = value
+        for order in range(4):
+            part[:] = of_degree[DEGREE - order]
+            for p in range(DEGREE - order + 1, DEGREE + 1):
+                before[:] = part
+                for r in range(p + 1):
+                    i, value = span[k] - p + r, 0.0
+                    if r > 0:
+                        value += before[r - 1] / (t[i + p] - t[i])
+                    if r < p:
+                        value -= before[r] / (t[i + p + 1] - t[i + 1])
+                    part[r] = p * value
+            out[k, order] = part
 
 
 class Basis(NamedTuple):
@@ -49,30 +79,10 @@ class Spline:
 
     def basis(self, s: Array) -> Basis:
         """Return the basis functions and their first three derivatives, by de Boor's recursion."""
-        t = self.knots
-        span = np.clip(np.searchsorted(t, s, side="right") - 1, DEGREE, self.count - 1)
-        windows = [np.ones((s.size, 1))]  # of degrees 0, 1, …
-        for p in range(1, DEGREE + 1):
-            low, below, above = self._neighbours(span, p, windows[-1])
-            left, right = (s[:, None] - t[low]) * below, (t[low + p + 1] - s[:, None]) * above
-            windows.append(left + right)
+        span = np.clip(np.searchsorted(self.knots, s, side="right") - 1, DEGREE, self.count - 1)
         out = np.empty((s.size, 4, DEGREE + 1))
-        for order in range(4):
-            part = windows[DEGREE - order]
-            for p in range(DEGREE - order + 1, DEGREE + 1):
-                _low, below, above = self._neighbours(span, p, part)
-                part = p * (below - above)
-            out[:, order] = part
+        _fill_basis(self.knots, np.ascontiguousarray(s), span, out)
         return Basis(span - DEGREE, out)
-
-    def _neighbours(self, span: Indices, p: int, before: Array) -> tuple[Indices, Array, Array]:
-        """Return the functions of degree p in a span, and for each two of degree p − 1 over the widths of their supports."""
-        t, low = self.knots, span[:, None] - p + np.arange(p + 1)
-        zero = np.zeros((len(span), 1))
-        first, second = t[low + p] - t[low], t[low + p + 1] - t[low + 1]
-        below = np.append(zero, before, axis=1) / np.where(first > 0.0, first, 1.0)
-        above = np.append(before, zero, axis=1) / np.where(second > 0.0, second, 1.0)
-        return low, below, above
 
     def derivative_bounds(self, coefficients: Array, orders: int) -> Array:
         """Return bounds on |f⁽ᵐ⁾|, m = 0 … orders, in each span (spans, orders + 1, D): the largest control points."""

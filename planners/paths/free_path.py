@@ -25,6 +25,8 @@ FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3
 shorten lines by less than 0.1 %."""
 BREAK_APART = 1e-9
 """Fraction of the path within which a knot of the splines is a break of the given path."""
+IN_RANGE = 1e-9
+"""Largest rounding error of a coordinate outside its range [as its unit]."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -97,6 +99,10 @@ class FreePath(Path):
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
         start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
         self.coefficients: Array = np.ascontiguousarray(start, dtype=np.float64).reshape(count, len(self.screws))
+        for one in self.ranges:
+            if not (one.reached[0] >= one.allowed[0] - IN_RANGE and one.reached[1] <= one.allowed[1] + IN_RANGE):
+                at = f"{one.reached[0]:.6g} to {one.reached[1]:.6g} {one.unit} for {one.name}"
+                raise InvalidInput("coefficients", at, f"{one.allowed[0]:.6g} to {one.allowed[1]:.6g}")
 
     def with_coefficients(self, coefficients: Array, null_space: NullSpace | None) -> FreePath:
         """Return the path with other coefficients of its coordinates.
@@ -193,6 +199,16 @@ class FreePath(Path):
             for x in c.T:
                 found.append(CoordinateRange(kind.name, kind.unit, (low, high), (float(x.min()), float(x.max()))))
         return tuple(found)
+
+    @property
+    def most_deviation(self) -> tuple[float, float]:
+        """Proved bounds on the tool's distance from the given path: position [m] and rotation [rad]."""
+        sizes = [np.linalg.norm(np.reshape(k.screws, (-1, 2, 3)), axis=2) for k in self.kinds]
+        sizes = [
+            size.max(axis=0, keepdims=True) if k.round else size for size, k in zip(sizes, self.kinds, strict=True)
+        ]
+        most = np.array([max(np.abs(one.reached)) for one in self.ranges]) @ np.concatenate(sizes)
+        return float(most[0]), float(most[1])
 
     def _evaluate(self, x: Array, order: int) -> Array:
         if not self.coefficients.any():

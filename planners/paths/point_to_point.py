@@ -297,6 +297,11 @@ class PointToPoint(Path):
         path.unit = "m" if robot.prismatic.all() else "rad"
         path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
         path.vias = tuple(_read_via(via, robot.n) for via in vias)
+        missed = path.find_missed()
+        if missed is not None:
+            raise InvalidInput(
+                "coefficients", f"a path that misses the via point at s = {missed.s:.6g}", "one that passes it"
+            )
         return path
 
 

@@ -113,14 +113,14 @@ def _moves() -> dict[str, Path]:
     rng, goal = np.random.default_rng(20261124), START + np.array([0.3, -0.2, 0.25, 0.4, -0.3, 0.5])
     via = ViaPoint(reached((-0.04, 0.02, 0.03)), (5e-3, 0.09))
     through = PointToPoint(paper6r(), START, via, goal)
-    drawn = through.coefficients + 0.01 * rng.normal(size=through.coefficients.shape)
-    drawn[[0, -1]] = through.coefficients[[0, -1]]
-    slide = PointToPoint(load("irb910sc"), [0.1, 0.3, 0.05, 0.2], [0.3, 0.1, 0.1, 0.5], [0.5, -0.4, 0.15, 1.0])
     line = PointToPoint(paper6r(), START, goal)
+    drawn = line.coefficients + 0.01 * rng.normal(size=line.coefficients.shape)
+    drawn[[0, -1]] = line.coefficients[[0, -1]]
+    slide = PointToPoint(load("irb910sc"), [0.1, 0.3, 0.05, 0.2], [0.3, 0.1, 0.1, 0.5], [0.5, -0.4, 0.15, 1.0])
     return {
         "straight": line,
         "through a point": through,
-        "drawn": through.with_coefficients(drawn),
+        "drawn": line.with_coefficients(drawn),
         "a sliding joint": slide,
     }
 

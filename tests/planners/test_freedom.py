@@ -375,6 +375,41 @@ def test_misuse_of_a_free_path_is_refused() -> None:
         plan(robot, free(line(robot, START), turn=True, coefficients=2000), START, limits=LIMITS)
 
 
+def test_the_tool_stays_in_the_cone_of_its_tilt_and_within_the_stated_distance_of_the_given_path() -> None:
+    """The iteration leaves the disc by its last residual on this line, by 1.8e-4 rad."""
+    robot = torch()
+    low, high = robot.limits.lower, robot.limits.upper
+    rng = np.random.default_rng([20261123, 4, 21])
+    while True:
+        q = low + (high - low) * rng.uniform(0.25, 0.75, robot.n)
+        way = rng.normal(size=3)
+        given = line(robot, q, 0.25 * way / np.linalg.norm(way))
+        if plan(robot, given, q, limits=LIMITS):
+            break
+    found = plan(robot, free(given, hold_start=False, tilt=0.2, turn=(-1.0, 1.0)), q, limits=LIMITS)
+    assert found.freedom is not None
+    assert found.freedom.outcome == "chosen"
+    tilt, turn = found.freedom.ranges
+    assert tilt.reached[1] <= 0.2 * (1.0 + 1e-12)
+    assert -1.0 <= turn.reached[0] <= turn.reached[1] <= 1.0
+    tool = robot.fk(found.trajectory(np.linspace(0.0, found.trajectory.duration, 500)))
+    nearest = given.pose(given.nearest(tool))
+    axes = np.einsum("ki,ki->k", tool[:, :3, 2], nearest[:, :3, 2])
+    assert (np.arccos(np.clip(axes, -1.0, 1.0)) <= 0.2 + 1e-7).all()
+    angle = np.arccos(np.clip((np.einsum("kij,kij->k", tool[:, :3, :3], nearest[:, :3, :3]) - 1.0) / 2.0, -1.0, 1.0))
+    assert np.linalg.norm(tool[:, :3, 3] - nearest[:, :3, 3], axis=1).max() <= found.freedom.distance <= 1e-5
+    assert angle.max() <= found.freedom.angle <= 1.2 + 1e-5
+
+
+def test_coefficients_outside_their_range_are_refused() -> None:
+    path = free(line(torch(), START), tilt=0.2, turn=(-1.0, 1.0))
+    inside = np.tile([0.12, 0.16, 1.0], (path.spline.count, 1))
+    assert path.with_coefficients(inside, None).ranges[0].reached[1] <= 0.2
+    for factor, said in (([1.01, 1.01, 1.0], "tilt"), ([1.0, 1.0, 1.01], "turn")):
+        with pytest.raises(InvalidInput, match=f"for {said}"):
+            path.with_coefficients(inside * factor, None)
+
+
 def test_a_disc_bounds_the_norm_of_its_coordinates() -> None:
     bounds = Bounds(np.full((3, 2), -np.inf), np.full((3, 2), np.inf), ((0, 0.5),))
     p = np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.0]])

@@ -194,6 +194,14 @@ def test_a_file_brings_it_back(tmp_path: Any) -> None:
     assert again.certify().is_valid
 
 
+def test_a_file_whose_path_misses_a_via_point_is_refused() -> None:
+    data = planned().path.to_dict()
+    coefficients = np.array(data["coefficients"])
+    coefficients[4:-4] += 0.02
+    with pytest.raises(InvalidInput, match="misses the via point"):
+        PointToPoint.from_dict({**data, "coefficients": coefficients.tolist()}, planned().robot)
+
+
 def test_the_same_points_make_the_same_motion() -> None:
     again = plan(cycle().robot, cycle(), limits=LIMITS)
     assert (again.trajectory.coefficients == planned().trajectory.coefficients).all()

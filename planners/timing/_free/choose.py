@@ -12,6 +12,7 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
+from planners.certificate.certificate import Certificate
 from planners.following.joint_path import JointPath
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
@@ -58,6 +59,8 @@ class FreedomResult:
         Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
     starts, steps : int
         Initial guesses that were tried, and Newton steps in all.
+    distance, angle : float
+        Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
     """
 
     fixed_duration: float
@@ -69,6 +72,8 @@ class FreedomResult:
     gradient: float = float("nan")
     starts: int = 0
     steps: int = 0
+    distance: float = float("nan")
+    angle: float = float("nan")
 
     def __str__(self) -> str:
         ranges = "; ".join(
@@ -201,9 +206,11 @@ class Choice:
 
     def path_of(self, found: FreeSolution) -> FreePath | PointToPoint:
         """Return the path with the coefficients of a solution."""
-        d = self.tool_count
-        null = NullSpace(self.rows, found.p[:, d:]) if len(self.rows) else None
-        return self.path.with_coefficients(found.p[:, :d], null)
+        p, d = np.clip(found.p, self.bounds.lower, self.bounds.upper), self.tool_count
+        for at, radius in self.bounds.discs:  # the iteration may end outside by its last residual
+            p[:, at : at + 2] /= np.maximum(np.linalg.norm(p[:, at : at + 2], axis=1) / radius, 1.0)[:, None]
+        null = NullSpace(self.rows, p[:, d:]) if len(self.rows) else None
+        return self.path.with_coefficients(p[:, :d], null)
 
 
 class JointChoice(Choice):
@@ -242,11 +249,15 @@ def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
 
 
 class Timed(Protocol):
-    """A plan, as far as its duration is compared."""
+    """A plan, as far as the choice needs it."""
 
     @property
     def trajectory(self) -> Trajectory:
         """The motion."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """Its certificate."""
 
 
 P = TypeVar("P", bound=Timed)
@@ -303,4 +314,6 @@ def _report(
     """Return the result for a chosen path."""
     s = np.linspace(0.0, path.end, REPORT_POINTS)
     gain, values = 1.0 - best.trajectory.duration / fixed, path.coordinates(s)[:, 0]
-    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps)
+    most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
+    near = off.distance + most[0], off.angle + most[1]
+    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near)

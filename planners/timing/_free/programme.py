@@ -145,7 +145,8 @@ class FreeProgramme:
         robot, n, K, bounds = self.robot, self.n, self.K, self.bounds
         low, high = sides(bounds["acceleration"])
         free = np.isinf(high)
-        half, middle = np.where(free, np.inf, 0.5 * (high - low)), np.where(free, 0.0, 0.5 * (high + low))
+        least, most = np.where(free, -1.0, low), np.where(free, 1.0, high)
+        half, middle = np.where(free, np.inf, 0.5 * (most - least)), 0.5 * (most + least)
         loads = robot.loads if self.has["torque"] or self.has["torque_rate"] else ()
         torque, offset = np.zeros((len(loads), K + 1, n)), np.zeros((len(loads), K + 1, n))
         q1 = given.joint_path(given.s, 1)
@@ -256,10 +257,8 @@ class FreeProgramme:
 
     def gather(self, y: Array, border: Border) -> Array:
         """Return Σ y ∂c/∂p (P,) over all limited values, from the columns of a border."""
-        total = np.zeros(self.window.free.size)
-        for k in range(self.K + 1):
-            rows = slice(None) if k < self.K else slice(self.rows)
-            part = y[k, rows] @ border.columns[k, rows]
-            begin = self.begin[k]
-            total[begin : begin + part.size] += part[: total.size - begin]
-        return total
+        part = np.einsum("kr,krw->kw", y[:, : self.rows], border.columns[:, : self.rows])
+        part[:-1] += np.einsum("kr,krw->kw", y[:-1, self.rows :], border.columns[:-1, self.rows :])
+        total = np.zeros(self.window.free.size + self.width)
+        np.add.at(total, self.begin[:, None] + np.arange(self.width), part)
+        return total[: self.window.free.size]
