@@ -27,6 +27,7 @@ GROUPS = (
     "planners.limits",
     "planners.paths",
     "planners.freedom",
+    "planners.search",
     "planners.files",
     "planners.cell.drives",
     "benchmarks.problems",

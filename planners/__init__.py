@@ -17,6 +17,7 @@ from planners.paths.polyline import Polyline
 from planners.plan import Plan, PlanStatus, plan
 from planners.replan import replan
 from planners.ros.export import to_ros
+from planners.search import SearchResult, SearchStatus, find_path
 from planners.timing import TimeLaw, laws, make_law
 from planners.trajectory import Trajectory
 
@@ -32,10 +33,13 @@ __all__ = [
     "PlanStatus",
     "PointToPoint",
     "Polyline",
+    "SearchResult",
+    "SearchStatus",
     "TimeLaw",
     "Trajectory",
     "ViaPoint",
     "certify",
+    "find_path",
     "follow",
     "free",
     "laws",

@@ -13,7 +13,7 @@ from tests.oracles import REPOSITORY
 
 PACKAGES = ("optik", "planners", "benchmarks")
 FILES = sorted(f for package in PACKAGES for f in (REPOSITORY / package).rglob("*.py"))
-MOST_AT_TOP = {"optik": 20, "planners": 17, "benchmarks": 16}
+MOST_AT_TOP = {"optik": 20, "planners": 18, "benchmarks": 16}
 """Files and folders of a package besides ``__init__.py`` and ``py.typed``."""
 LONGEST_FILE, LONGEST_FUNCTION, MOST_POSITIONAL = 450, 60, 8
 BUILT = {"__pycache__", "_kernels"}

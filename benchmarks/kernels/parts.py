@@ -50,12 +50,13 @@ def lines() -> None:
 
 
 def panda() -> None:
-    """Plan with torque limits, a payload and a scene."""
+    """Plan with torque limits, a payload and a scene, and search around an object."""
     robot = optik.load("panda")
     box = (optik.se3.pose(p=[0.6, 0.0, 0.1]), np.array([0.3, 0.6, 0.2]))
     scene = optik.Scene(margin=0.02, boxes=(box,), planes=((np.array([0.0, 0.0, -0.05]), np.array([0.0, 0.0, 1.0])),))
     optik.solve_ik(robot, robot.fk(REST), REST, scene=scene)
     planners.plan(robot, REST + np.array([0.5, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0]), REST, scene=scene)
+    planners.find_path(robot, REST, REST * [-1, 1, 1, 1, 1, 1, 1] + [1.0, 0, 0, 0, 0, 0, 0], scene=scene)
     loaded = robot.with_payload(3.0)
     loaded.torques(REST, 0 * REST, 0 * REST), loaded.gravity_torques(REST), loaded.mass_matrix(REST)
     start = robot.fk(REST)

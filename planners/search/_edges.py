@@ -1,0 +1,190 @@
+"""Compiled checks of an arm among objects: one configuration, and all configurations near a straight joint motion."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from optik import kinematics
+from optik.compiled import compiled, inlined
+from optik.distance import DISTANCE_ROUNDING, NearestPoint
+from optik.kinematics import Chain
+from optik.scene.contact import ROUND, SELF, Bodies, find_nearest, read_row, transform_point
+from optik.types import Array, Indices
+from planners.certificate._clearance import EndMotion, _length, _locate_capsule, _middle, _sphere_distance
+
+Body = tuple[Chain, Bodies, float]
+"""An arm, its capsules with the scene and the checked pairs, and the margin to the scene [m]."""
+Work = tuple[Array, Array, EndMotion, Array, Array, Indices, Array, Indices]
+"""Memory of the checks: joint frames (n, 4, 4), joint motion (4, n), motion of the ends of capsules, spheres (m, 4),
+configuration (n,), and the intervals that are not yet proved: open pairs (depth, pairs), ends (depth, 2), and number of
+open pairs (depth,)."""
+FINEST_PROOF = 1e-4
+"""Smallest joint motion [rad, m] of a proof: an edge that needs a smaller one passes within about 0.1 mm of a body."""
+MOST_OPEN = 40
+"""Most intervals of an edge that wait for their proof. Each is at most half as long as the one before."""
+
+
+def make_work(body: Body) -> Work:
+    """Return the memory of the checks."""
+    chain, (capsules, _scene, pairs), _margin = body
+    n, m = len(chain[1]), len(capsules[0])
+    moved = (np.empty((m, 2, 3)), np.zeros((m, 2, n + 1, 3)), np.zeros((m, 2, n + 1)), np.zeros((m, 2, n + 1)))
+    spans, counts = np.empty((MOST_OPEN, 2)), np.empty(MOST_OPEN, np.int64)
+    open_ = np.empty((MOST_OPEN, max(len(pairs), 1)), np.int64)
+    return np.empty((n, 4, 4)), np.zeros((4, n)), moved, np.empty((m, 4)), np.empty(n), open_, spans, counts
+
+
+@inlined
+def _find_radius(body: Body, k: int, i: int, kind: int) -> float:
+    """Return the distance of axes at which a pair is in contact or within the margin, with the rounding of distances [m]."""
+    (_link, _a, _b, radius), scene, _pairs = body[1]
+    if kind == SELF:
+        return float(radius[k] + radius[i] + DISTANCE_ROUNDING)
+    return float(radius[k]) + body[2] + DISTANCE_ROUNDING + (scene[4][i] if kind == ROUND else 0.0)
+
+
+@compiled
+def find_blocked(body: Body, q: Array, work: Work) -> int:
+    """Return the first pair in contact or within the margin at a configuration, −1 if there is none.
+
+    Shapes and units: q (n,) [rad, m].
+    """
+    chain, ((link, ends_a, ends_b, _radius), scene, pairs), _margin = body
+    frame, places, spheres = work[0], work[2][0], work[3]
+    kinematics.frames(chain, q, frame)
+    for k in range(link.shape[0]):
+        a = transform_point(frame, link[k], read_row(ends_a, k))
+        b = transform_point(frame, link[k], read_row(ends_b, k))
+        places[k, 0, 0], places[k, 0, 1], places[k, 0, 2] = a
+        places[k, 1, 0], places[k, 1, 1], places[k, 1, 2] = b
+        spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
+        spheres[k, 3] = 0.5 * _length(a, b)
+    for p in range(pairs.shape[0]):
+        k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+        thick = _find_radius(body, k, i, kind)
+        if _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) > thick:
+            continue
+        if find_nearest((k, i, kind), scene, places)[0] <= thick:
+            return p
+    return -1
+
+
+@inlined
+def _free_half(
+    near: NearestPoint, gap: float, moved: EndMotion, k: int, base: int, h: float, slack: bool
+) -> tuple[float, float]:  # fmt: skip
+    """Return the half length ≤ h of the interval in which a pair stays apart, and the speed of its nearest point outwards.
+
+    The motions of the ends are those of an interval of half length h. The bounds are those of `planners.certificate.clearance`.
+    gap: distance less the radii. slack: the motion may deviate, so that its displacement does not vanish with the interval.
+    """
+    places, velocity, away, bent = moved
+    distance, share, w = near  # the distance is above 0, because the gap is
+    rate = max(away[k, 0, base], away[k, 1, base])  # displacement within h
+    if gap > rate or slack:
+        return (h if gap > rate else 0.0), 0.0
+    free = h * gap / rate
+    n0, n1, n2 = w[0] / distance, w[1] / distance, w[2] / distance
+    a, b = places[k, 0], places[k, 1]
+    along = n0 * (b[0] - a[0]) + n1 * (b[1] - a[1]) + n2 * (b[2] - a[2])
+    best, outwards = h, 0.0
+    for e in range(2):
+        v, fraction = velocity[k, e, base], share if e == 1 else 1.0 - share
+        speed = n0 * v[0] + n1 * v[1] + n2 * v[2]
+        outwards += fraction * speed
+        ahead = gap + ((1.0 - share) * along if e == 1 else -share * along)
+        if ahead <= 0.0:
+            best = 0.0
+            break
+        root = abs(speed) + sqrt(speed * speed + 2.0 * bent[k, e, base] * ahead)
+        if best * root > 2.0 * ahead:
+            best = 2.0 * ahead / root
+    return max(free, best), outwards
+
+
+@inlined
+def _set_interval(chain: Chain, a: Array, b: Array, deviation: Array, t: float, h: float, work: Work) -> None:
+    """Compute the joint motion of the interval t ± h of the segment a–b; the capsules are not located yet."""
+    frame, joint, spheres, q = work[0], work[1], work[3], work[4]
+    for j in range(a.shape[0]):
+        d = b[j] - a[j]
+        q[j], joint[0, j], joint[2, j] = a[j] + t * d, d, abs(d)
+        joint[1, j] = h * abs(d) + deviation[j]
+    kinematics.frames(chain, q, frame)
+    for k in range(spheres.shape[0]):
+        spheres[k, 3] = -1.0
+
+
+@inlined
+def _measure(a: Array, b: Array, deviation: Array) -> tuple[float, bool]:
+    """Return the length of a segment, and whether there is a deviation."""
+    square, slack = 0.0, False
+    for j in range(a.shape[0]):
+        slack = slack or bool(deviation[j] > 0.0)
+        square += (b[j] - a[j]) * (b[j] - a[j])
+    return sqrt(square), slack
+
+
+@compiled
+def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) -> int:
+    """Return a pair that prevents the proof that a straight joint motion is free, −1 if all is proved.
+
+    The proof covers every configuration of which each joint is within its deviation of some point of the segment a–b. There is
+    no step size: distances in the middle of an interval bound how far the joints can move before contact. The parts on both
+    sides that remain are examined in the same way. Without a deviation the end b is examined first.
+
+    Shapes and units: a, b, deviation (n,) [rad, m].
+    """
+    chain, ((link, ends_a, ends_b, _radius), scene, pairs), _margin = body
+    frame, joint, moved, spheres, _q, open_, spans, counts = work
+    away, axes = moved[2], (link, ends_a, ends_b)
+    length, slack = _measure(a, b, deviation)
+    if not slack:
+        last = find_blocked(body, b, work)
+        if last >= 0:
+            return last
+    spans[0, 0], spans[0, 1], counts[0], top = 0.0, 1.0, pairs.shape[0], 0
+    for p in range(pairs.shape[0]):
+        open_[0, p] = p
+    while top >= 0:
+        low, high, number = spans[top, 0], spans[top, 1], counts[top]
+        t, h = 0.5 * (low + high), 0.5 * (high - low)
+        _set_interval(chain, a, b, deviation, t, h, work)
+        left, least, last, outwards = 0, h, -1, 0.0
+        for entry in range(number):
+            p = open_[top, entry]
+            k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+            if spheres[k, 3] < 0.0:
+                _locate_capsule(k, chain, frame, axes, joint, moved, spheres)
+            if kind == SELF and spheres[i, 3] < 0.0:
+                _locate_capsule(i, chain, frame, axes, joint, moved, spheres)
+            base = link[i] if kind == SELF else 0
+            thick, shift = _find_radius(body, k, i, kind), max(away[k, 0, base], away[k, 1, base])
+            if _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) > thick + shift:
+                continue
+            near = find_nearest((k, i, kind), scene, moved[0])
+            gap = near[0] - thick
+            if gap <= 0.0:
+                return int(p)
+            free, speed = _free_half(near, gap, moved, k, base, h, slack)
+            if free < h:
+                open_[top, left] = p
+                left += 1
+                if free < least or last < 0:
+                    least, last, outwards = free, p, speed
+        if left == 0:
+            top -= 1
+            continue
+        if (least if not slack else h) * length < FINEST_PROOF or top + 1 >= MOST_OPEN:
+            return int(last)
+        first, second = (t + least, high), (low, t - least)
+        if outwards > 0.0:  # first the part in which the nearest pair approaches: it probably has the contact
+            first, second = second, first
+        for entry in range(left):
+            open_[top + 1, entry] = open_[top, entry]
+        spans[top, 0], spans[top, 1], counts[top] = second[0], second[1], left
+        top += 1
+        spans[top, 0], spans[top, 1], counts[top] = first[0], first[1], left
+    return -1

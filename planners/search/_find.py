@@ -1,0 +1,184 @@
+"""find_path(): collision-free joint paths from a configuration to a goal."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik import se3
+from optik.arm.robot import Robot
+from optik.check import check_count
+from optik.errors import InvalidInput, NoSolution
+from optik.ik._problem import check_start
+from optik.registry import build_method
+from optik.scene import Scene
+from optik.scene.contact import find_contact
+from optik.types import Array
+from planners.paths.point_to_point import _find_configurations
+from planners.search.base import JointSpace, Search, SearchResult, SearchStatus, measure_length
+
+SAME_PATH = 0.05
+"""Two paths are the same if points at equal fractions of their lengths differ by at most this distance [rad, m]."""
+COMPARED_POINTS = 33
+"""Number of points at which two paths are compared."""
+MOST_PATHS, MOST_SHORTCUTS = 1_000, 1_000_000
+"""Largest numbers of paths and of shortcuts that can be requested: more would take hours."""
+
+
+def find_path(
+    robot: Robot,
+    q_start: ArrayLike,
+    goal: ArrayLike,
+    *,
+    scene: Scene, search: str | os.PathLike[str] | Search = "rrt_connect", seed: int = 0, max_samples: int | None = None,
+    shortcuts: int = 300, paths: int = 1,
+) -> SearchResult:  # fmt: skip
+    """Find joint paths that are proved to be collision-free, and shorten them.
+
+    Each path consists of straight joint motions. Each motion is proved by bounds on how far links move, without a step size.
+    Equal arguments give equal paths.
+
+    Parameters
+    ----------
+    robot : Robot
+        An arm with shapes.
+    q_start : (n,) array
+        Start [rad, m].
+    goal : (n,) array, or (k, n) array, or (4, 4) array
+        Configuration [rad, m]; several, of which one is reached; or a pose of the tool, reached in any configuration.
+    scene : Scene
+        Obstacles, and the margin to them; the arm's own links are checked too. An empty scene checks the links alone.
+    search : str or Search
+        Method by name, by the path of a file, or built.
+    seed : int
+        Key of the random numbers.
+    max_samples : int, optional
+        Largest number of random configurations for each path; 20,000 by default.
+    shortcuts : int
+        Number of random shortcuts that are tried on each path; 0 returns the path as found.
+    paths : int
+        Number of searches, each with random numbers of its own. Equal paths are returned once.
+
+    Returns
+    -------
+    SearchResult
+        The paths, the shortest first; or the reason why there is none.
+
+    Raises
+    ------
+    InvalidInput
+        An invalid argument; a start or goal outside the limits; an arm without shapes.
+    UnknownName
+        An unknown method.
+    """
+    if not isinstance(scene, Scene):
+        raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
+    space, start = JointSpace(robot, scene), np.ascontiguousarray(check_start(robot, q_start, "q_start"))
+    for name, count, least, most in (
+        ("seed", seed, 0, None), ("shortcuts", shortcuts, 0, MOST_SHORTCUTS), ("paths", paths, 1, MOST_PATHS),
+    ):  # fmt: skip
+        check_count(count, name, least, most)
+    method = _get_search(search, max_samples)
+    try:
+        goals = _list_goals(robot, start, goal)
+    except NoSolution as error:
+        return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, str(error), "a pose within reach")
+    return _search(space, start, goals, method, (seed, shortcuts, paths))
+
+
+def _search(
+    space: JointSpace, start: Array, goals: Array, method: Search, options: tuple[int, int, int]
+) -> SearchResult:
+    """Search paths to the goals that are free, shorten them, and return the different ones."""
+    if not space.is_free(start):
+        return _refuse(space, SearchStatus.START_IN_CONTACT, "start", start)
+    free = np.array([space.is_free(q) for q in goals])
+    if not free.any():
+        nearest = goals[np.argmin(np.linalg.norm(goals - start, axis=1))]
+        return _refuse(space, SearchStatus.GOAL_IN_CONTACT, "goal" if len(goals) == 1 else "nearest goal", nearest)
+    goals, (seed, shortcuts, paths) = goals[free], options
+    found: list[Array] = []
+    samples = 0
+    for k in range(paths):
+        vertices, used = method.search(space, start, goals, (seed, k))
+        samples += used
+        if vertices is not None:
+            _check_path(space, vertices, start, goals, method)
+            if shortcuts:
+                vertices = space.shorten(vertices, np.random.default_rng((seed, k, 0)).random((shortcuts, 2)))
+            if not any(_is_same_way(vertices, other) for other in found):
+                found.append(vertices)
+    if found:
+        return SearchResult(SearchStatus.FOUND, tuple(sorted(found, key=measure_length)), samples)
+    reason = f"no path found with {samples} random configurations; that does not prove that there is none"
+    return SearchResult(
+        SearchStatus.NO_PATH_FOUND, (), samples, reason, "a larger max_samples, another seed, or a smaller scene.margin"
+    )
+
+
+def _check_path(space: JointSpace, vertices: Array, start: Array, goals: Array, method: Search) -> None:
+    """Raise InvalidInput unless a path joins the start and a goal, and its edges are proved."""
+    expected = "a path from the start to a goal"
+    if vertices.shape != (len(vertices), space.robot.n) or not space.robot.limits.contains(vertices).all():
+        raise InvalidInput(
+            f"path of {type(method).__name__}", f"shape {vertices.shape}", f"{expected} inside the limits"
+        )
+    if (vertices[0] != start).any() or not (vertices[-1] == goals).all(axis=1).any():
+        raise InvalidInput(f"path of {type(method).__name__}", "other ends", expected)
+    for i, (a, b) in enumerate(pairwise(vertices)):  # an edge of the goals' tree was proved from its other end
+        if not space.is_edge_free(a, b) and not (space.is_free(a) and space.is_edge_free(b, a)):
+            raise InvalidInput(
+                f"path of {type(method).__name__}", f"edge {i} is not proved free", "edges that are proved"
+            )
+
+
+def _get_search(search: str | os.PathLike[str] | Search, max_samples: int | None) -> Search:
+    """Return a built search."""
+    if isinstance(search, Search):
+        if max_samples is not None:
+            raise InvalidInput("max_samples", max_samples, "no value here if the search is built: it has its own")
+        return search
+    options = {} if max_samples is None else {"max_samples": max_samples}
+    built: Search = build_method("planners.search", search, "search", **options)
+    return built
+
+
+def _list_goals(robot: Robot, start: Array, goal: ArrayLike) -> Array:
+    """Return the goal configurations (k, n), those of a pose by inverse kinematics."""
+    expected = f"{robot.n} joints, several rows of them, or a pose (4, 4)"
+    try:
+        array = np.asarray(goal, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput("goal", repr(goal)[:60], expected) from None
+    if array.shape == (4, 4):
+        return np.ascontiguousarray(_find_configurations(robot, se3.check_pose(array, "goal"), start[None], 0))
+    if array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
+        raise InvalidInput("goal", f"shape {array.shape}", expected)
+    rows: Iterable[Array] = array.reshape(-1, robot.n)
+    return np.ascontiguousarray([check_start(robot, q, "goal") for q in rows])
+
+
+def _refuse(space: JointSpace, status: SearchStatus, which: str, q: Array) -> SearchResult:
+    """Return the result for a start or goal in contact."""
+    near = find_contact(space.robot, space.scene, q)
+    margin = f", and the margin is {1e3 * space.scene.margin:.3g} mm" if near.distance > 0.0 else ""
+    gap = f"{1e3 * near.distance:.3g} mm" if near.distance > 0.0 else "contact"
+    reason = f"the {which} is in collision: {gap} between {near.pair[0]} and {near.pair[1]}{margin}"
+    advice = "another configuration, or a smaller margin; or this pair in scene.allow, if it may be in contact"
+    return SearchResult(status, (), 0, reason, advice)
+
+
+def _is_same_way(a: Array, b: Array) -> bool:
+    """Return whether two paths are nearly the same."""
+    u = np.linspace(0.0, 1.0, COMPARED_POINTS)
+    return bool(np.linalg.norm(_points_along(a, u) - _points_along(b, u), axis=1).max() <= SAME_PATH)
+
+
+def _points_along(vertices: Array, fractions: Array) -> Array:
+    """Return points (k, n) of a path at fractions of its length."""
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(vertices, axis=0), axis=1)))
+    return np.stack([np.interp(fractions * s[-1], s, column) for column in vertices.T], axis=1)

@@ -1,0 +1,55 @@
+"""RRT-Connect: two trees of proved edges, from the start and from the goals, grow towards random configurations."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from optik.check import check_count, check_number
+from optik.types import Array
+from planners.search._trees import connect, trace
+from planners.search.base import Attempt, JointSpace, Search
+
+NODES_OF_A_SAMPLE = 4
+"""Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
+
+
+class RRTConnect(Search):
+    """RRT-Connect (Kuffner and LaValle 2000) with proved edges.
+
+    Parameters
+    ----------
+    max_samples : int
+        Largest number of random configurations.
+    step : float
+        Longest edge in joint space [rad, m].
+    restart : int
+        Number of samples after which both trees start anew: the time of a search varies much, and long ones rarely end well.
+    """
+
+    name: ClassVar[str] = "rrt_connect"
+
+    def __init__(self, max_samples: int = 20_000, step: float = 1.0, restart: int = 5_000) -> None:
+        super().__init__(max_samples)
+        self.step = check_number(step, "step", "a joint motion above 0 [rad, m]", above=0.0)
+        check_count(restart, "restart", 1)
+        self.restart = restart
+
+    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
+        used, attempt = 0, 0
+        while used < self.max_samples:
+            count = min(self.restart, self.max_samples - used)
+            attempt += 1
+            samples = space.robot.limits.sample(np.random.default_rng((*seed, attempt)), count)
+            most = NODES_OF_A_SAMPLE * count + len(goals) + 2
+            trees = np.empty((2, most, len(start))), np.full((2, most), -1), np.array([1, len(goals)])
+            trees[0][0, 0], trees[0][1, : len(goals)] = start, goals
+            done, first, last = connect(space.body, trees, samples, self.step, space.work)
+            used += done
+            if first >= 0:
+                return Attempt(trace(trees, first, last), used)
+        return Attempt(None, used)
+
+
+METHOD = RRTConnect
