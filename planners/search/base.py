@@ -117,6 +117,23 @@ class JointSpace:
         """Memory of the kernels, for one thread."""
         return make_work(self.body)
 
+    def find_range(self, ends: Array) -> tuple[Array, Array]:
+        """Return the range of joint values in which a search samples.
+
+        Parameters
+        ----------
+        ends : (k, n) array
+            Start and goals [rad, m].
+
+        Returns
+        -------
+        tuple of (n,) arrays
+            The limits; where there is none, half a turn or 3 m beyond the start and the goals [rad, m].
+        """
+        limits, beyond = self.robot.limits, np.pi
+        lower = np.where(np.isfinite(limits.lower), limits.lower, ends.min(axis=0) - beyond)
+        return lower, np.where(np.isfinite(limits.upper), limits.upper, ends.max(axis=0) + beyond)
+
     def is_free(self, q: Array) -> bool:
         """Return whether no links are in contact, and all keep more than the margin from the scene.
 

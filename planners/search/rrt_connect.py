@@ -37,11 +37,11 @@ class RRTConnect(Search):
         self.restart = restart
 
     def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
-        used, attempt = 0, 0
+        used, attempt, (lower, upper) = 0, 0, space.find_range(np.array([start, *goals]))
         while used < self.max_samples:
             count = min(self.restart, self.max_samples - used)
             attempt += 1
-            samples = space.robot.limits.sample(np.random.default_rng((*seed, attempt)), count)
+            samples = np.random.default_rng((*seed, attempt)).uniform(lower, upper, (count, len(start)))
             most = NODES_OF_A_SAMPLE * count + len(goals) + 2
             trees = np.empty((2, most, len(start))), np.full((2, most), -1), np.array([1, len(goals)])
             trees[0][0, 0], trees[0][1, : len(goals)] = start, goals

@@ -1,6 +1,7 @@
 """Search: proved edges against dense samples of distances, corners, determinism, contacts, closed boxes, and own searches."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -264,3 +265,30 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
     with pytest.raises(InvalidInput, match="other ends"):
         find_path(panda(), LEFT, LEFT + 0.1, scene=Scene(), search=Straight())
     assert planners.search.Search is Search
+
+
+def test_ompl_finds_proved_paths_that_the_seed_determines() -> None:
+    pytest.importorskip("ompl")
+    first, other = (
+        find_path(panda(), LEFT, RIGHT, scene=wall(), search="ompl", seed=seed, shortcuts=0) for seed in (1, 2)
+    )
+    again = find_path(panda(), LEFT, RIGHT, scene=wall(), search="ompl", seed=1, shortcuts=0)
+    assert np.array_equal(first.vertices, again.vertices)
+    assert not np.array_equal(first.vertices, other.vertices)
+    check(panda(), wall(), first.vertices)
+    robot, scene = scara(), Scene(boxes=[(pose((0.2, 0.0, 0.0)), (0.05, 0.05, 1.0))])
+    start, goal = np.array([-1.0, 0.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.1, 0.0])
+    refused = find_path(robot, start, goal, scene=scene, search="ompl", max_samples=300)
+    assert (refused.status, refused.samples) == (SearchStatus.NO_PATH_FOUND, 300)
+
+
+@pytest.mark.parametrize("search", ["rrt_connect", "ompl"])
+def test_a_joint_without_limits_and_a_locked_one_are_searched(search: str) -> None:
+    if search == "ompl":
+        pytest.importorskip("ompl")
+    limits = scara().limits.replace(lower=[-np.inf, -2.6, 0.0, 0.0], upper=[np.inf, 2.6, 0.18, 0.0])
+    robot, scene = replace(scara(), limits=limits), Scene(spheres=[((0.6 * np.cos(8.0), 0.6 * np.sin(8.0), 0.0), 0.1)])
+    start, goal = np.array([7.0, 0.0, 0.1, 0.0]), np.array([9.0, 0.0, 0.1, 0.0])
+    result = find_path(robot, start, goal, scene=scene, search=search)
+    assert len(result.vertices) > 2
+    check(robot, scene, result.vertices)
