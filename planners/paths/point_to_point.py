@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -17,7 +17,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance, make_solver
 from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import DEGREE, Spline
@@ -29,6 +29,8 @@ BRANCH_DRAWS = 60
 """Random initial guesses for the configurations of a pose."""
 CONTINUING_STEPS = 20
 """Most Newton steps from a configuration of one point to the pose of the next."""
+POLISHING_STEPS = 3
+"""Newton steps after the IK, so that a pose is reached to rounding."""
 BRANCH_APART = 1e-3
 """Largest distance between two results of the IK that count as one [rad, m]."""
 SHORTEST_LEG = 1e-6
@@ -90,6 +92,8 @@ class PointToPoint(Path):
     *points : ViaPoint, (n,) or (4, 4) array
         Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits with the
         least joint motion over all points are chosen.
+    usable : callable, optional
+        Says which of configurations (k, n) may be chosen for a pose; by default all. If none may, all may.
 
     Raises
     ------
@@ -101,8 +105,11 @@ class PointToPoint(Path):
 
     name: ClassVar[str] = "point_to_point"
     in_joints = True
+    points: Sequence[ViaPoint] = ()
 
-    def __init__(self, robot: Robot, q_start: ArrayLike, *points: ViaPoint | ArrayLike) -> None:
+    def __init__(
+        self, robot: Robot, q_start: ArrayLike, *points: ViaPoint | ArrayLike, usable: Callable[[Array], Flags] | None = None
+    ) -> None:  # fmt: skip
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], "a Robot")
         if not points:
@@ -111,7 +118,8 @@ class PointToPoint(Path):
         if given[-1].tolerance is not None:
             raise InvalidInput("points", "a goal with a tolerance", "a goal that is reached exactly")
         self.robot, self.unit = robot, "m" if robot.prismatic.all() else "rad"
-        q = _choose_configurations(robot, check_start(robot, q_start, "q_start"), given)
+        q = _choose_configurations(robot, check_start(robot, q_start, "q_start"), given, usable)
+        self.points = given
         legs = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if not legs.min() > SHORTEST_LEG:
             i = int(legs.argmin())
@@ -145,6 +153,35 @@ class PointToPoint(Path):
         path = object.__new__(PointToPoint)
         path.robot, path.vias, path.spline, path.unit = self.robot, self.vias, self.spline, self.unit
         path.coefficients = coefficients.copy()
+        return path
+
+    def along(self, legs: Sequence[Array], inner: Array) -> PointToPoint:
+        """Return the path near polylines in joint space.
+
+        The control points are on the polylines, so the path stays in the convex hull of six at a time, and as near to their
+        corners as the knots are dense.
+
+        Parameters
+        ----------
+        legs : sequence of (k, n) arrays
+            A polyline for each leg, from the start or a via point to the next one or the goal [rad, m].
+        inner : (m,) array
+            Knots between start and goal [rad, or m], of the length along the polylines.
+
+        Returns
+        -------
+        PointToPoint
+            The path; it passes the via points within their tolerance only where the knots are dense.
+        """
+        corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
+        s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+        at = s[np.cumsum([len(leg) - 1 for leg in legs])]
+        spline = Spline(float(s[-1]), 0, inner)
+        greville = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(spline.count)])
+        path = object.__new__(PointToPoint)
+        path.robot, path.spline, path.unit = self.robot, spline, self.unit
+        path.vias = tuple(via._replace(s=float(x)) for via, x in zip(self.vias, at[:-1], strict=True))
+        path.coefficients = np.stack([np.interp(greville, s, x) for x in corners.T], axis=1)
         return path
 
     @property
@@ -316,12 +353,16 @@ def _read_via(data: Any, n: int) -> Via:
     )  # fmt: skip
 
 
-def _choose_configurations(robot: Robot, q: Array, points: list[ViaPoint]) -> Array:
+def _choose_configurations(
+    robot: Robot, q: Array, points: Sequence[ViaPoint], usable: Callable[[Array], Flags] | None
+) -> Array:  # fmt: skip
     """Return the start and one configuration for each point (k, n), with the least sum of squared joint motions."""
     layers = [q[None]]
     for i, point in enumerate(points):
         if point.is_pose:
-            layers.append(_find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], i))
+            found = _find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], i)
+            may = np.ones(len(found), np.bool_) if usable is None else usable(found)
+            layers.append(found[may] if may.any() else found)
         else:
             layers.append(check_start(robot, point.target, f"point {i}")[None])
     cost, before = np.zeros(1), []
@@ -349,7 +390,9 @@ def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -
         np.repeat(target[None], BRANCH_DRAWS, axis=0),
     )
     found = make_solver(robot, "lm", max_restarts=3).solve_batch(several, starts, threads=1)
-    q = np.concatenate([on, found.q[found.solved]])
+    reached = np.ascontiguousarray(found.q[found.solved])
+    newton.polish_batch(robot.chain, reached, several[: len(reached)], POLISHING_STEPS)
+    q = np.concatenate([on, reached[limits.contains(reached)]])
     wound = q - 2.0 * np.pi * np.round((q - before[0]) / (2.0 * np.pi))
     inside = (wound >= limits.lower) & (wound <= limits.upper) & ~robot.prismatic
     kept: list[Array] = []

@@ -14,9 +14,10 @@ from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
 from planners.following.joint_path import JointPath
+from planners.paths._spline import Basis
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
-from planners.timing._free.programme import FreeProgramme, ToolCoordinates
+from planners.timing._free.programme import FreeProgramme, Statics, ToolCoordinates
 from planners.timing._free.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
 from planners.timing._free.vias import ViaLimits, pass_through
 from planners.timing._optimal.newton import Iterate
@@ -35,6 +36,8 @@ REPORT_POINTS = 101
 """Points along the path at which a result shows the coordinates."""
 SHAPE_DAMPING = 1e-2
 """Curvature that is added in each control point of a joint path [1/rad²]: motion along the path changes only its parameter."""
+ELBOW_SWINGS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
+"""Constant changes of the null-space coordinate [rad] at which guesses begin where the others stay in contact."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -85,10 +88,15 @@ class FreedomResult:
         return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}"
 
 
+Parts = tuple[Basis, Flags, int, ToolCoordinates | None]
+"""Arguments of `FreeProgramme` after the given programme."""
+
+
 class Choice:
     """The choice of the coefficients of a path that a joint path follows, from the optimum along it."""
 
     damping = LEAST_P_DAMPING
+    statics: tuple[Statics, ...] = ()
 
     def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
         robot, s = joint_path.robot, optimum.programme.s
@@ -96,6 +104,7 @@ class Choice:
             allowed = f"at most {s.size}, the number of grid points of the law"
             raise InvalidInput("coefficients", path.spline.count, allowed)
         self.path, self.robot, self.joint_path, self.optimum, self.held = path, robot, joint_path, optimum, held
+        self.initial: FreePath | PointToPoint = path
         rows = _null_rows(robot, joint_path) if robot.n > 6 else np.empty((0, robot.n))
         elbow = (
             path.spline.fit(joint_path.knots, joint_path.q @ rows.T) if len(rows) else np.empty((path.spline.count, 0))
@@ -105,7 +114,8 @@ class Choice:
         self.bounds, free = self._bound()
         twists = np.stack([path.given(s, order) for order in (1, 2, 3)], axis=1)
         tool = ToolCoordinates(path.screws, np.ascontiguousarray(path.given(s)), twists, rows)
-        self.programme = FreeProgramme(optimum.programme, path.spline.basis(s), free.ravel(), self.p.shape[1], tool)
+        self.parts: Parts = path.spline.basis(s), free.ravel(), self.p.shape[1], tool
+        self.programme = FreeProgramme(optimum.programme, *self.parts)
         self.near: Array = np.stack([joint_path(s, order) for order in range(4)])
 
     def _bound(self) -> tuple[Bounds, Flags]:
@@ -169,12 +179,12 @@ class Choice:
 
     def solve(self) -> Iterator[FreeSolution]:
         """Yield the optima from the initial guesses."""
-        for p, near in self._guesses():
+        for p, near in self.guesses():
             found = solve(self.programme, p, self.bounds, near, damping=self.damping)
             if found is not None:
                 yield found
 
-    def _guesses(self) -> Iterator[tuple[Array, Array]]:
+    def guesses(self) -> Iterator[tuple[Array, Array]]:
         """Yield initial coefficients and configurations: the given path, and turned ones if its start is free."""
         yield self.p, self.near
         left = self.path.starts - 1
@@ -186,6 +196,14 @@ class Choice:
             if left and low <= turn <= high and (found := self._turn(column, turn)) is not None:
                 left -= 1
                 yield found
+
+    def swings(self) -> Iterator[tuple[Array, Array]]:
+        """Yield the given path with the elbow swung by constant amounts, for an elbow that must keep clear of something."""
+        if "elbow" in self.path.bounds and not self.held:
+            for swing in ELBOW_SWINGS:
+                found = self._turn(self.tool_count, swing)
+                if found is not None:
+                    yield found
 
     def _turn(self, column: int, turn: float) -> tuple[Array, Array] | None:
         """Return the path turned by a constant angle, by continuation; None if the arm cannot follow it inside its limits."""
@@ -204,11 +222,9 @@ class Choice:
         inside = (near[0] >= limits.lower - LIMIT_TOLERANCE) & (near[0] <= limits.upper + LIMIT_TOLERANCE)
         return (p, near) if inside.all() else None
 
-    def path_of(self, found: FreeSolution) -> FreePath | PointToPoint:
+    def path_of(self, p: Array) -> FreePath | PointToPoint:
         """Return the path with the coefficients of a solution."""
-        p, d = np.clip(found.p, self.bounds.lower, self.bounds.upper), self.tool_count
-        for at, radius in self.bounds.discs:  # the iteration may end outside by its last residual
-            p[:, at : at + 2] /= np.maximum(np.linalg.norm(p[:, at : at + 2], axis=1) / radius, 1.0)[:, None]
+        p, d = self.bounds.clip(p), self.tool_count  # the iteration may end outside by its last residual
         null = NullSpace(self.rows, p[:, d:]) if len(self.rows) else None
         return self.path.with_coefficients(p[:, :d], null)
 
@@ -219,21 +235,26 @@ class JointChoice(Choice):
     def __init__(self, path: PointToPoint, joint_path: JointPath, optimum: Optimum) -> None:
         robot, s = joint_path.robot, optimum.programme.s
         self.joints, self.robot, self.joint_path, self.optimum = path, robot, joint_path, optimum
+        self.initial = path
         self.p = path.coefficients
         lower, upper = (np.tile(x, (len(self.p), 1)) for x in (robot.limits.lower, robot.limits.upper))
         self.bounds, free = Bounds(lower, upper), np.ones(self.p.shape, np.bool_)
         free[[0, -1]] = False
-        statics = ViaLimits(robot, path, s) if path.vias else None
-        self.programme = FreeProgramme(optimum.programme, path.spline.basis(s), free.ravel(), robot.n, None, statics)
+        self.parts = path.spline.basis(s), free.ravel(), robot.n, None
+        self.statics = (ViaLimits(robot, path, s),) if path.vias else ()
+        self.programme = FreeProgramme(optimum.programme, *self.parts, *self.statics)
         self.near = np.stack([joint_path(s, order) for order in range(4)])
         self.damping = SHAPE_DAMPING
 
-    def _guesses(self) -> Iterator[tuple[Array, Array]]:
+    def guesses(self) -> Iterator[tuple[Array, Array]]:
         yield self.p, self.near
 
-    def path_of(self, found: FreeSolution) -> PointToPoint:
+    def swings(self) -> Iterator[tuple[Array, Array]]:
+        return iter(())
+
+    def path_of(self, p: Array) -> PointToPoint:
         """Return the path with the control points of a solution, through the via points."""
-        return self.joints.with_coefficients(pass_through(self.joints, found.p))
+        return self.joints.with_coefficients(pass_through(self.joints, p))
 
 
 def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
@@ -248,6 +269,19 @@ def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
     )
 
 
+def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum, *, held: bool) -> Choice:
+    """Return the choice of a path's coefficients, after checking that the arm has its freedoms."""
+    if not isinstance(path, FreePath):
+        return JointChoice(path, joint_path, optimum)
+    robot = joint_path.robot
+    if robot.n < 6 + ("elbow" in path.bounds):
+        expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
+        raise InvalidInput(
+            "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
+        )
+    return Choice(path, joint_path, optimum, held=held and path.hold_start)
+
+
 class Timed(Protocol):
     """A plan, as far as the choice needs it."""
 
@@ -258,6 +292,10 @@ class Timed(Protocol):
     @property
     def certificate(self) -> Certificate:
         """Its certificate."""
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is a motion."""
 
 
 P = TypeVar("P", bound=Timed)
@@ -272,22 +310,13 @@ def choose(
 
     plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
     """
-    robot = joint_path.robot
-    if isinstance(path, FreePath) and robot.n < 6 + ("elbow" in path.bounds):
-        expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
-        raise InvalidInput(
-            "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
-        )
     duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
-        return fixed, _report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")
-    if isinstance(path, FreePath):
-        choice = Choice(path, joint_path, optimum, held=held)
-    else:
-        choice = JointChoice(path, joint_path, optimum)
+        return fixed, report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")
+    choice = choice_for(path, joint_path, optimum, held=held)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration:
-        return fixed, _report(
+        return fixed, report(
             path, duration, fixed, "the initial path: the freedoms cannot shorten the motion", gradient
         )
     found = []
@@ -299,15 +328,15 @@ def choose(
         if solution.duration >= (1.0 - LEAST_GAIN) * duration:
             outcome = "the initial path: no other is shorter in time"
             break
-        better = plan_along(choice.path_of(solution), solution.path[0, 0])
+        better = plan_along(choice.path_of(solution.p), solution.path[0, 0])
         if better is not None and better.trajectory.duration < (1.0 - LEAST_GAIN) * duration:
-            best, path, outcome = better, choice.path_of(solution), "chosen"
+            best, path, outcome = better, choice.path_of(solution.p), "chosen"
             break
         outcome = "the initial path: no other is proved and shorter in time"
-    return best, _report(path, duration, best, outcome, gradient, tried, steps)
+    return best, report(path, duration, best, outcome, gradient, tried, steps)
 
 
-def _report(
+def report(
     path: FreePath | PointToPoint, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0,
     steps: int = 0,
 ) -> FreedomResult:  # fmt: skip

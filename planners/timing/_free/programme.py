@@ -32,22 +32,6 @@ SURE_DIRECTION = 0.2
 """Fraction of the largest |q'| of the initial path above which a joint's direction of motion is taken as given."""
 
 
-class Statics(Protocol):
-    """Further limits on the path alone, in rows of the grid points; each value is at most 1."""
-
-    count: int
-    bends: int
-
-    def values(self, p: Array) -> Array:
-        """Return the values (K + 1, count) for coefficients p (C, D); 0 where there is no limit."""
-
-    def write(self, p: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
-        """Write the derivatives (K + 1, count, W) in the coefficients from the first one of each window on.
-
-        The sum of the squares of bends (K + 1, bends, W) is the curvature, with multipliers y (K + 1, count).
-        """
-
-
 class ToolCoordinates(NamedTuple):
     """Coordinates of a tool: screws (d, 6), the given poses and twists at the grid points, rows (r, n) of null-space ones."""
 
@@ -64,6 +48,23 @@ class Place(NamedTuple):
     path: Array
     points: PathPoints
     fields: Array
+
+
+class Statics(Protocol):
+    """Further limits on the path alone, in rows of the grid points; each value is at most 1."""
+
+    count: int
+    bends: int
+
+    def values(self, place: Place) -> Array:
+        """Return the values (K + 1, count); 0 or less where there is no limit."""
+
+    def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+        """Write the derivatives (K + 1, count, W) in the coefficients from the first one of each window on.
+
+        joints (K + 1, 4, D, n) are those of the joints in the coordinates, empty if these are the joints. The sum of the
+        squares of bends (K + 1, bends, W) is the curvature, with multipliers y (K + 1, count).
+        """
 
 
 class LinePath(NamedTuple):
@@ -91,12 +92,12 @@ class FreeProgramme:
         Whether a coefficient is free, of D for each control point.
     tool : ToolCoordinates, optional
         Coordinates of the tool; without them the coefficients are those of the joints.
-    statics : Statics, optional
+    *statics : Statics
         Further limits on the configurations.
     """
 
     def __init__(
-        self, given: Programme, basis: Basis, free: Flags, D: int, tool: ToolCoordinates | None, statics: Statics | None = None
+        self, given: Programme, basis: Basis, free: Flags, D: int, tool: ToolCoordinates | None, *statics: Statics
     ) -> None:  # fmt: skip
         robot, self.limits, self.s = given.joint_path.robot, given.limits, given.s
         self.given, self.basis, self.D, self.tool, self.statics = given, basis, D, tool, statics
@@ -171,7 +172,7 @@ class FreeProgramme:
         counts = [
             n * self.has["velocity"], n * (loaded and self.has["velocity"]), n * self.has["acceleration"],
             n * len(loads) * self.has["torque"], int(tools[0]) + 2 * int(tools[1]), n * int(ranged),
-            0 if self.statics is None else self.statics.count,
+            sum(one.count for one in self.statics),
         ]  # fmt: skip
         peak = np.append(SPEED_PEAK * given.problem.tau * given.units[1], 0.0)
         viscous = np.array([load.viscous for load in loads]).reshape(-1, n)
@@ -215,8 +216,9 @@ class FreeProgramme:
         if counts[5]:
             node[:, row : row + n, 3] = (q - self.robot.limits.middle) * scales.range
             row += n
-        if self.statics is not None:
-            node[:, row:, 3] = self.statics.values(place.p)
+        for one in self.statics:
+            node[:, row : row + one.count, 3] = one.values(place)
+            row += one.count
         edge = np.zeros((self.K, 2, n * (1 + len(scales.rate)), 6))
         values = np.zeros((self.K + 1, n, 6))
         values[..., 0], values[..., 2] = q1 * (scales.jerk * j), q3 * (scales.jerk * v**3)
@@ -233,7 +235,7 @@ class FreeProgramme:
         """Return a border for the columns of this programme."""
         edges = 2 * self.n * (1 + len(self.scales.rate))
         columns, cross = np.zeros((self.K + 1, self.rows + edges, self.width)), np.zeros((self.K, 5, self.width))
-        bends = np.zeros((self.K + 1, 0 if self.statics is None else self.statics.bends, self.width))
+        bends = np.zeros((self.K + 1, sum(one.bends for one in self.statics), self.width))
         return make_border(columns, cross, bends, self.begin, self.stay, np.zeros((self.window.free.size, self.D)))
 
     def fill(self, place: Place, z: Array, y: Array, border: Border) -> None:
@@ -251,9 +253,11 @@ class FreeProgramme:
             twist, tool = np.empty((K + 1, 6)), np.empty((K + 1, 6, n, 2))
             tool_changes(chain, place.path, twist, tool)
         fill(z, y, scales, Local(torques, twist, tool, joints), self.window, self.D, border.columns, border.cross)
-        if self.statics is not None:
-            rows = slice(self.rows - self.statics.count, self.rows)
-            self.statics.write(place.p, y[:, rows], border.columns[:, rows], border.bends, self.begin)
+        row, bend = self.rows - sum(one.count for one in self.statics), 0
+        for one in self.statics:
+            rows, bends = slice(row, row + one.count), border.bends[:, bend : bend + one.bends]
+            one.write(place, joints, y[:, rows], border.columns[:, rows], bends, self.begin)
+            row, bend = row + one.count, bend + one.bends
 
     def gather(self, y: Array, border: Border) -> Array:
         """Return Σ y ∂c/∂p (P,) over all limited values, from the columns of a border."""

@@ -26,6 +26,8 @@ farther away. A longer step is damped."""
 CLOSE_STEP, SHORT_STEP = 0.2, 0.3
 """Longest step of a coefficient [rad, m] after which the barrier's weight falls; and the fraction of the possible length below
 which an accepted step counts as short."""
+STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
+"""The iteration has failed after so many steps in a row of which less than this fraction was possible."""
 LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 """Curvature that is added in each coefficient [1/rad²], since some do not change the motion: the least, the least after a step
 that was too long, and the most."""
@@ -37,6 +39,13 @@ class Bounds(NamedTuple):
     lower: Array
     upper: Array
     discs: tuple[tuple[int, float], ...] = ()
+
+    def clip(self, p: Array) -> Array:
+        """Return the nearest coefficients inside."""
+        p = np.clip(p, self.lower, self.upper)
+        for at, radius in self.discs:
+            p[:, at : at + 2] /= np.maximum(np.linalg.norm(p[:, at : at + 2], axis=1) / radius, 1.0)[:, None]
+        return p
 
 
 class FreeSolution(NamedTuple):
@@ -182,7 +191,7 @@ class _Iteration:
 
     def run(self, least: float) -> FreeSolution | None:
         """Return the solution at the last barrier weight, or as soon as the duration no longer falls."""
-        K, durations = self.programme.K, []
+        K, durations, stuck = self.programme.K, [], 0
         for steps in range(1, MOST_FREE_STEPS + 1):
             if not self._newton():
                 return None
@@ -190,6 +199,9 @@ class _Iteration:
             if found is None:
                 return None
             alpha, dual, off, longest = found
+            stuck = stuck + 1 if alpha < STUCK_LENGTH else 0
+            if stuck == STUCK_STEPS:
+                return None
             durations.append(float(self.at.z[:-1, 2].sum()))
             slow = (
                 steps > SLOW_STEPS and abs(durations[-1 - SLOW_STEPS] - durations[-1]) < LEAST_PROGRESS * durations[-1]
@@ -257,7 +269,7 @@ class _Iteration:
         iteration.accept(at, trial, alpha, dual, self.lam, self.ddual, self.dbound)
         box.accept(c, alpha, dual)
         if alpha < SHORT_STEP * whole:
-            self.damping = max(10.0 * self.damping, FIRST_DAMPING)
+            self.damping = min(max(10.0 * self.damping, FIRST_DAMPING), MOST_DAMPING)
         else:
             self.damping = max(0.3 * self.damping, self.least_damping)
         return alpha, dual, off, float(np.abs(dp).max())

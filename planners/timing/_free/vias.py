@@ -10,6 +10,7 @@ from optik.types import Array, Indices
 from planners.paths._poses import skew_vector
 from planners.paths._spline import DEGREE
 from planners.paths.point_to_point import PointToPoint, Via
+from planners.timing._free.programme import Place
 
 EXACT_WITHIN = 1e-6
 """Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the rest is projected away."""
@@ -33,16 +34,17 @@ class ViaLimits:
         self.bends = 6 if any(via.tolerance is not None for via in path.vias) else 0
         self.count = max((2 if via.tolerance is not None else robot.n for via in path.vias), default=0)
 
-    def values(self, p: Array) -> Array:
-        """Return the values (K + 1, count) for control points p (C, n); 0 where there is no limit."""
-        out, q = np.zeros((self._size, self.count)), self._basis.combine(p)[:, 0]
+    def values(self, place: Place) -> Array:
+        """Return the values (K + 1, count); 0 where there is no limit."""
+        out, q = np.zeros((self._size, self.count)), self._basis.combine(place.p)[:, 0]
         for via, row, x in zip(self._vias, self._rows, q, strict=True):
             found = self._limit(via, x)[0]
             out[row, : found.size] = found
         return out
 
-    def write(self, p: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+    def write(self, place: Place, _joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the control points, and the factors of curvature (K + 1, 6, W)."""
+        p = place.p
         columns[:], bends[:], n, q = 0.0, 0.0, p.shape[1], self._basis.combine(p)[:, 0]
         for i, (via, row, x) in enumerate(zip(self._vias, self._rows, q, strict=True)):
             _value, slope, bend = self._limit(via, x)

@@ -1,0 +1,191 @@
+"""Rounds of the choice around obstacles: each has the pairs of shapes that came too near in all rounds before."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.scene import Scene
+from optik.types import Array, Indices
+from planners.paths._spline import DEGREE
+from planners.paths.free_path import FreePath
+from planners.paths.point_to_point import PointToPoint
+from planners.timing._free.choose import Choice, FreedomResult, P, report
+from planners.timing._free.clearances import ClearanceLimits, bodies_of, pair_rooms
+from planners.timing._free.columns import joint_changes
+from planners.timing._free.programme import FreeProgramme
+from planners.timing._free.solve import solve
+
+NEAR, NEAREST = 0.12, 4
+"""Room [m] within which the first round limits pairs on the initial path, and how many at each grid point."""
+ROOM, FURTHER_ROOM = 2e-3, 3e-3
+"""Least room [m] at grid points, and what is added to it where the motion came too near beside one."""
+OF_INITIAL = 0.5
+"""Fraction of the initial path's room that a limit may require, so that the initial path keeps it."""
+BETWEEN = 4
+"""Configurations in each interval that are examined before a motion is certified."""
+TOUCHED = 2e-4
+"""Room [m] below which a pair is limited in the next round."""
+PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
+"""Steps that move an initial path out of contact: the most, the room that they look for [m], their damping as a fraction of the
+largest curvature, and the longest step of a coefficient [rad, m]."""
+MOST_STARTS = 3
+"""Initial guesses after which none is tried once a motion is found."""
+MOST_ROUNDS = 6
+"""Most rounds from one initial path."""
+
+
+def push_out(choice: Choice, scene: Scene, p: Array, near: Array) -> tuple[Array, Array] | None:
+    """Return coefficients near p whose path is free of contact at the grid points, and their joints; None if none are found.
+
+    Least squares of the missing rooms, by the method of Levenberg and Marquardt. No timing is involved.
+    """
+    robot, programme, bodies = choice.robot, choice.programme, bodies_of(choice.robot, scene)
+    basis, free, K, D = choice.parts[0], programme.window.free, programme.K, programme.D
+    every = np.tile(np.arange(len(bodies[2])), (K + 1, 1))
+    room, slope = np.empty(every.shape), np.empty((*every.shape, robot.n))
+    for _ in range(PUSHES):
+        place = programme.place(p, near)
+        if place is None:
+            return None
+        near = place.path
+        pair_rooms(robot.chain, bodies, near[0], scene.margin, every, room, slope)
+        if (room > 0.0).all() and robot.limits.contains(near[0]).all():
+            return p, near
+        k, pair = np.nonzero(room < PUSH_ROOM)
+        missing, rows = PUSH_ROOM - room[k, pair], slope[k, pair]
+        over = np.maximum(near[0] - robot.limits.upper, 0.0) - np.maximum(robot.limits.lower - near[0], 0.0)
+        outside = np.nonzero(over)
+        missing = np.concatenate([missing, -over[outside]])
+        rows, k = np.concatenate([rows, np.eye(robot.n)[outside[1]]]), np.concatenate([k, outside[0]])
+        if programme.tool is not None:
+            joints = np.empty((K + 1, 4, D, robot.n))
+            joint_changes(robot.chain, programme.tool.rows, place.fields, near, joints)
+            rows = np.einsum("rj,rdj->rd", rows, joints[k, 0])
+        window = (basis.first[k, None] + np.arange(DEGREE + 1))[:, :, None] * D + np.arange(D)
+        spread = basis.values[k, 0][:, :, None] * rows[:, None]
+        J = np.zeros((len(k), free.size))
+        np.put_along_axis(J, window.reshape(len(k), -1), spread.reshape(len(k), -1), axis=1)
+        J *= free
+        H = J.T @ J
+        step = np.linalg.solve(H + PUSH_DAMPING * max(float(H.max()), 1e-12) * np.eye(free.size), J.T @ missing)
+        step *= min(1.0, LONGEST_PUSH / max(float(np.abs(step).max()), 1e-12))
+        p = choice.bounds.clip(p + step.reshape(p.shape))
+    return None
+
+
+class Cuts:
+    """The least rooms that are required of pairs at grid points: table (K + 1, pairs) [m], NaN where none is."""
+
+    def __init__(self, robot: Robot, scene: Scene, q: Array) -> None:
+        self._robot, self._scene, self._bodies = robot, scene, bodies_of(robot, scene)
+        self.initial = self.rooms(q)
+        self.table = np.full(self.initial.shape, np.nan)
+        count = min(NEAREST, self.initial.shape[1])
+        nearest = np.argpartition(self.initial, count - 1, axis=1)[:, :count]
+        near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR
+        np.put_along_axis(self.table, nearest, np.where(near, ROOM, np.nan), axis=1)
+
+    def rooms(self, q: Array) -> Array:
+        """Return the rooms of all pairs at configurations (k, pairs) [m]."""
+        count = len(self._bodies[2])
+        slots, room = np.tile(np.arange(count), (len(q), 1)), np.empty((len(q), count))
+        margin = self._scene.margin
+        pair_rooms(self._robot.chain, self._bodies, np.ascontiguousarray(q), margin, slots, room, np.empty((0, 0, 0)))
+        return room
+
+    def limits(self, choice: Choice) -> ClearanceLimits:
+        """Return the limits of all grid points but the ends that are given."""
+        table = self.table.copy()
+        if not choice.parts[1][: choice.p.shape[1]].any():
+            table[0] = np.nan
+        if not choice.parts[1][-choice.p.shape[1] :].any():
+            table[-1] = np.nan
+        required = np.where(self.initial > 0.0, np.minimum(table, OF_INITIAL * self.initial), table)
+        width = max(int(np.isfinite(table).sum(axis=1).max()), 1)
+        order = np.argsort(np.where(np.isfinite(table), 0, 1), axis=1, kind="stable")[:, :width]
+        kept = np.take_along_axis(required, order, axis=1)
+        slots = np.ascontiguousarray(np.where(np.isfinite(kept), order, -1))
+        return ClearanceLimits(
+            self._robot, self._scene, *choice.parts[:2], slots, np.where(slots >= 0, kept, 0.0)
+        )  # fmt: skip
+
+    def add(self, k: Indices, pairs: Indices) -> None:
+        """Require room of pairs at grid points, and more where some was required."""
+        before = self.table[k, pairs]
+        self.table[k, pairs] = np.where(np.isnan(before), ROOM, before + FURTHER_ROOM)
+
+    def add_touched(self, q: Array) -> bool:
+        """Add the pairs without room among configurations, `BETWEEN` in each interval; return whether there are any."""
+        at, pairs = np.nonzero(self.rooms(q) < TOUCHED)
+        inside = (at > 0) & (at < len(q) - 1)
+        self._add(np.concatenate([at[inside] // BETWEEN, -(-at[inside] // BETWEEN)]), np.tile(pairs[inside], 2))
+        return bool(inside.any())
+
+    def add_failed(self, q: Array, s: float, grid: Array) -> None:
+        """Add the pair with the least room at a configuration, around its place s on the grid."""
+        pair, k = int(self.rooms(q[None])[0].argmin()), int(np.searchsorted(grid, s))
+        around = np.unique(np.clip(np.arange(k - 2, k + 2), 0, len(grid) - 1))
+        self._add(around, np.full(around.size, pair))
+
+    def _add(self, k: Indices, pairs: Indices) -> None:
+        """Require room of pairs at grid points, and more where some was required."""
+        k, pairs = np.unique(np.stack([k, pairs]), axis=1)
+        before = self.table[k, pairs]
+        self.table[k, pairs] = np.where(np.isnan(before), ROOM, before + FURTHER_ROOM)
+
+
+def _between(path: Array, s: Array) -> Array:
+    """Return configurations, `BETWEEN` in each interval, by cubic interpolation of those at the grid points s."""
+    h, (q, q1) = np.diff(s)[:, None, None], path[:2]
+    u = (np.arange(BETWEEN) / BETWEEN)[:, None]
+    a, b = q[:-1, None], q[1:, None]
+    v, w = h * q1[:-1, None], h * q1[1:, None]
+    inner = a + u * (v + u * (3.0 * (b - a) - 2.0 * v - w + u * (2.0 * (a - b) + v + w)))
+    return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
+
+
+def choose_around(
+    choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P]
+) -> tuple[P, FreedomResult, int]:
+    """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
+
+    Every round starts from its initial path: from a path inside an obstacle no way leads out.
+    """
+    best, path, s, tried, rounds, steps = fixed, choice.initial, choice.optimum.programme.s, 0, 0, 0
+    for p, near in itertools.chain(choice.guesses(), choice.swings()):
+        if best and tried >= MOST_STARTS:
+            break
+        tried, pushed = tried + 1, push_out(choice, scene, p, near)
+        if pushed is None:
+            continue
+        p, near = pushed
+        cuts = Cuts(choice.robot, scene, near[0])
+        for _ in range(MOST_ROUNDS):
+            programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
+            solution, rounds = solve(programme, p, choice.bounds, near, damping=choice.damping), rounds + 1
+            if solution is None:
+                break
+            steps += solution.steps
+            if cuts.add_touched(_between(solution.path, s)):
+                continue
+            chosen = choice.path_of(solution.p)
+            found = plan_along(chosen, solution.path[0, 0])
+            if found:
+                if not best or found.trajectory.duration < best.trajectory.duration:
+                    best, path = found, chosen
+                break
+            if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
+                break
+            proof, t = found.certificate, found.certificate.clearance.time
+            cuts.add_failed(found.trajectory(t), float(np.interp(t, proof.binding.t, proof.binding.s)), s)
+        if not best:
+            found = plan_along(choice.path_of(p), near[0, 0])
+            if found:
+                best, path = found, choice.path_of(p)
+    outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
+    duration = fixed.trajectory.duration if fixed else best.trajectory.duration
+    return best, report(path, duration, best, outcome, np.nan, tried, steps), rounds
