@@ -28,7 +28,7 @@ class PlanStatus(StrEnum):
     CONTACT: the arm is in contact with the scene or itself, or within the margin. TIMING_INFEASIBLE: the law found no motion.
     LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
     the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
-    certificate is not valid for another reason.
+    certificate is not valid for another reason. NO_PATH_FOUND: no way around the obstacles was found; one may exist.
     """
 
     SOLVED = FollowStatus.SOLVED
@@ -41,6 +41,7 @@ class PlanStatus(StrEnum):
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
     NOT_PROVED = "not_proved"
+    NO_PATH_FOUND = "no_path_found"
 
 
 @dataclass(frozen=True, eq=False)

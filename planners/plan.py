@@ -30,8 +30,11 @@ from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.result import Plan, PlanSeconds
+from planners.search._around import DEFAULT_SEARCH, MOST_WAYS, SearchReport, check_avoidable, find_first_path
+from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._free.choose import choose
+from planners.timing._free.avoid import choose_around
+from planners.timing._free.choose import choice_for, choose
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
@@ -53,7 +56,7 @@ def plan(
     limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
     duration: float | None = None, strict: bool = False,
     tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
-    scene: Scene | None = None, allow: Allow = (),
+    scene: Scene | None = None, allow: Allow = (), avoid: bool | str | os.PathLike[str] | Search = False,
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -86,6 +89,9 @@ def plan(
         collision-free at every instant (`Certificate.clearance`). An empty scene checks the links alone.
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
+    avoid : bool, or str or Search
+        Search a way around the obstacles of the scene, for joints as goal or a `PointToPoint`; keep clear of them by the
+        freedoms of a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
 
     Returns
     -------
@@ -97,7 +103,8 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    solver, request = _build_request(robot, path, q_start, solver, timing, limits, (tolerance, rate, scene, allow))
+    options = tolerance, rate, scene, allow, avoid
+    solver, request = _build_request(robot, path, q_start, solver, timing, limits, options)
     _check_options(duration, strict)
     return _Planner(solver, request, samples, strict).run(q_start, branch, duration)
 
@@ -105,7 +112,7 @@ def plan(
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    options: tuple[ToleranceLike, float, Scene | None, Allow],
+    options: tuple[ToleranceLike, float, Scene | None, Allow, bool | str | os.PathLike[str] | Search],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
     solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
@@ -114,16 +121,19 @@ def _build_request(
     for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    path = path if isinstance(path, Path) else path_to(robot, path, q_start)
+    tolerance, rate, scene, allow, avoid = options
+    if avoid is not False:
+        path = check_avoidable(robot, path, q_start, scene)
+    elif not isinstance(path, Path):
+        path = path_to(robot, path, q_start)
     if solver.robot != robot:
         other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
         raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     check_path(limits, path)
-    tolerance, rate, scene, allow = options
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
-        allow=check_allow(allow, LIMIT_WORDS),
+        allow=check_allow(allow, LIMIT_WORDS), avoid=avoid,
     )  # fmt: skip
 
 
@@ -170,6 +180,7 @@ class PlanRequest:
     start_error: tuple[float, float, float] | None = None
     stop_kind: StopKind | None = None
     allow: tuple[str, ...] = ()
+    avoid: bool | str | os.PathLike[str] | Search = False
 
     @property
     def enforced(self) -> tuple[str, ...]:
@@ -231,21 +242,21 @@ class _Planner:
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
         started, path = perf_counter(), self.request.path
-        followed = self._follow(path, q_start, branch)
+        around = self.request.avoid is not False
+        followed = self._follow(path, q_start, branch, None if around else self.request.scene)
         ended = perf_counter()
         if isinstance(path, FreePath | PointToPoint):
-            found = self._choose(path, followed, q_start is not None, duration)
+            best_of = self._avoid if around else self._choose
+            found = best_of(path, followed, q_start is not None, duration)
         else:
             found = self._time(path, followed, duration)[0]
         proof = found.seconds.certificate
         return replace(found, seconds=PlanSeconds(ended - started, perf_counter() - ended - proof, proof))
 
-    def _follow(self, path: Path, q: ArrayLike | None, branch: str | None) -> FollowResult:
+    def _follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
         """Return the joint path along a path."""
         allowed = self.request.tolerance.scale(PATH_FRACTION)
-        return follow(
-            self.solver, path, q, branch=branch, samples=self.samples, tolerance=allowed, scene=self.request.scene
-        )  # fmt: skip
+        return follow(self.solver, path, q, branch=branch, samples=self.samples, tolerance=allowed, scene=scene)
 
     def _time(self, path: Path, followed: FollowResult, duration: float | None) -> tuple[Plan, Optimum | None]:
         """Return the plan of a joint path that is timed and certified, or its failure; and the optimum if the law has one."""
@@ -281,14 +292,50 @@ class _Planner:
         """Return the fastest plan over the freedoms of a path, of this duration if one is given."""
 
         def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan | None:
-            return self._time(chosen, self._follow(chosen, q, "start"), None)[0] or None
+            return self._time(chosen, self._follow(chosen, q, "start", self.request.scene), None)[0] or None
 
         fixed, optimum = self._time(path, followed, None)
         if not fixed:
             return fixed
-        held = isinstance(path, FreePath) and starts_there and path.hold_start
-        found, result = choose(path, fixed.joint_path, optimum, fixed, held=held, plan_along=plan_along)
-        if duration is not None:
+        found, result = choose(path, fixed.joint_path, optimum, fixed, held=starts_there, plan_along=plan_along)
+        return replace(self._finish(found, duration), freedom=result)
+
+    def _avoid(
+        self, path: FreePath | PointToPoint, followed: FollowResult, starts_there: bool, duration: float | None
+    ) -> Plan:
+        """Return the fastest plan that is found along ways around the obstacles, of this duration if one is given."""
+        request, samples, rounds = self.request, 0, 0
+        plans: list[Plan] = []
+        scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
+        assert scene is not None
+
+        def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan:
+            return self._time(chosen, self._follow(chosen, q, "start", None), None)[0]
+
+        for way in range(MOST_WAYS):
+            if isinstance(path, PointToPoint):
+                first = find_first_path(path, scene, search, way)
+                samples += first.samples
+                if isinstance(first.found, PlanFailure):
+                    plans = plans or [request._fail(PlanStatus(first.found.status), None, first.found)]
+                    break
+                followed, path = self._follow(first.found, None, None, None), first.found
+            fixed, optimum = self._time(path, followed, None)
+            plans.append(fixed)
+            if optimum is not None:
+                choice = choice_for(path, fixed.joint_path, optimum, held=starts_there)
+                found, result, spent = choose_around(choice, scene, fixed, plan_along)
+                rounds += spent
+                plans.append(replace(found, freedom=result))
+            if any(plans) or isinstance(path, FreePath):
+                break
+        best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
+        made = SearchReport(str(search), samples, rounds, way + 1)
+        return replace(self._finish(best, duration), freedom=best.freedom, search=made)
+
+    def _finish(self, found: Plan, duration: float | None) -> Plan:
+        """Return a plan along a chosen path with the duration that is asked for, if it meets its via points."""
+        if duration is not None and found:
             found = self._time(found.path, FollowResult(found.joint_path, None), duration)[0]
         missed = found.path.find_missed() if isinstance(found.path, PointToPoint) else None
         if missed is not None:
@@ -297,7 +344,7 @@ class _Planner:
                 PlanStatus.NOT_PROVED, missed.s, None, reason, "a wider tolerance, or via points farther apart"
             )
             found = self.request._fail(PlanStatus.NOT_PROVED, found.prefix, failure)
-        return replace(found, freedom=result)
+        return found
 
 
 def _scale_to_duration(trajectory: Trajectory, duration: float, law: TimeLaw) -> Trajectory:

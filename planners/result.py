@@ -15,6 +15,7 @@ from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
 from planners.motion import Motion, PlanStatus
 from planners.paths.base import Path
+from planners.search._around import SearchReport
 from planners.timing._free.choose import FreedomResult
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
@@ -60,6 +61,8 @@ class Plan:
         Kind of a stop: the optimum, the sweep's stop, or the end of the motion if that comes first.
     freedom : FreedomResult or None
         What was done with the freedoms of a `FreePath`: ranges, gain, and the coordinates along the path.
+    search : SearchReport or None
+        How the way around obstacles was found, of a plan with ``avoid``.
     seconds : PlanSeconds
         Durations of the parts of planning (after `replan` of the certificate only). They do not count in a comparison of plans.
     """
@@ -83,6 +86,7 @@ class Plan:
     start_error: tuple[float, float, float] | None = None
     stop_kind: StopKind | None = None
     freedom: FreedomResult | None = field(default=None, compare=False)
+    search: SearchReport | None = field(default=None, compare=False)
 
     @property
     def within_limits_from(self) -> float:

@@ -29,7 +29,7 @@ BRANCH_DRAWS = 60
 """Random initial guesses for the configurations of a pose."""
 CONTINUING_STEPS = 20
 """Most Newton steps from a configuration of one point to the pose of the next."""
-POLISHING_STEPS = 3
+GOAL_STEPS = 3
 """Newton steps after the IK, so that a pose is reached to rounding."""
 BRANCH_APART = 1e-3
 """Largest distance between two results of the IK that count as one [rad, m]."""
@@ -391,7 +391,7 @@ def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -
     )
     found = make_solver(robot, "lm", max_restarts=3).solve_batch(several, starts, threads=1)
     reached = np.ascontiguousarray(found.q[found.solved])
-    newton.polish_batch(robot.chain, reached, several[: len(reached)], POLISHING_STEPS)
+    newton.polish_batch(robot.chain, reached, several[: len(reached)], GOAL_STEPS)
     q = np.concatenate([on, reached[limits.contains(reached)]])
     wound = q - 2.0 * np.pi * np.round((q - before[0]) / (2.0 * np.pi))
     inside = (wound >= limits.lower) & (wound <= limits.upper) & ~robot.prismatic

@@ -19,22 +19,22 @@ from planners.timing._free.columns import joint_changes
 from planners.timing._free.programme import FreeProgramme
 from planners.timing._free.solve import solve
 
-NEAR, NEAREST = 0.12, 4
+NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
 """Room [m] within which the first round limits pairs on the initial path, and how many at each grid point."""
-ROOM, FURTHER_ROOM = 2e-3, 3e-3
+REQUIRED_ROOM, FURTHER_ROOM = 2e-3, 3e-3
 """Least room [m] at grid points, and what is added to it where the motion came too near beside one."""
 OF_INITIAL = 0.5
 """Fraction of the initial path's room that a limit may require, so that the initial path keeps it."""
-BETWEEN = 4
+EXAMINED_BETWEEN = 4
 """Configurations in each interval that are examined before a motion is certified."""
-TOUCHED = 2e-4
+TOUCHING_ROOM = 2e-4
 """Room [m] below which a pair is limited in the next round."""
 PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
 """Steps that move an initial path out of contact: the most, the room that they look for [m], their damping as a fraction of the
 largest curvature, and the longest step of a coefficient [rad, m]."""
-MOST_STARTS = 3
+ENOUGH_GUESSES = 3
 """Initial guesses after which none is tried once a motion is found."""
-MOST_ROUNDS = 6
+MOST_CUTS = 6
 """Most rounds from one initial path."""
 
 
@@ -84,10 +84,10 @@ class Cuts:
         self._robot, self._scene, self._bodies = robot, scene, bodies_of(robot, scene)
         self.initial = self.rooms(q)
         self.table = np.full(self.initial.shape, np.nan)
-        count = min(NEAREST, self.initial.shape[1])
+        count = min(NEAREST_PAIRS, self.initial.shape[1])
         nearest = np.argpartition(self.initial, count - 1, axis=1)[:, :count]
-        near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR
-        np.put_along_axis(self.table, nearest, np.where(near, ROOM, np.nan), axis=1)
+        near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM
+        np.put_along_axis(self.table, nearest, np.where(near, REQUIRED_ROOM, np.nan), axis=1)
 
     def rooms(self, q: Array) -> Array:
         """Return the rooms of all pairs at configurations (k, pairs) [m]."""
@@ -116,13 +116,16 @@ class Cuts:
     def add(self, k: Indices, pairs: Indices) -> None:
         """Require room of pairs at grid points, and more where some was required."""
         before = self.table[k, pairs]
-        self.table[k, pairs] = np.where(np.isnan(before), ROOM, before + FURTHER_ROOM)
+        self.table[k, pairs] = np.where(np.isnan(before), REQUIRED_ROOM, before + FURTHER_ROOM)
 
     def add_touched(self, q: Array) -> bool:
-        """Add the pairs without room among configurations, `BETWEEN` in each interval; return whether there are any."""
-        at, pairs = np.nonzero(self.rooms(q) < TOUCHED)
+        """Add the pairs without room among configurations, several in each interval; return whether there are any."""
+        at, pairs = np.nonzero(self.rooms(q) < TOUCHING_ROOM)
         inside = (at > 0) & (at < len(q) - 1)
-        self._add(np.concatenate([at[inside] // BETWEEN, -(-at[inside] // BETWEEN)]), np.tile(pairs[inside], 2))
+        self._add(
+            np.concatenate([at[inside] // EXAMINED_BETWEEN, -(-at[inside] // EXAMINED_BETWEEN)]),
+            np.tile(pairs[inside], 2),
+        )
         return bool(inside.any())
 
     def add_failed(self, q: Array, s: float, grid: Array) -> None:
@@ -135,13 +138,13 @@ class Cuts:
         """Require room of pairs at grid points, and more where some was required."""
         k, pairs = np.unique(np.stack([k, pairs]), axis=1)
         before = self.table[k, pairs]
-        self.table[k, pairs] = np.where(np.isnan(before), ROOM, before + FURTHER_ROOM)
+        self.table[k, pairs] = np.where(np.isnan(before), REQUIRED_ROOM, before + FURTHER_ROOM)
 
 
 def _between(path: Array, s: Array) -> Array:
-    """Return configurations, `BETWEEN` in each interval, by cubic interpolation of those at the grid points s."""
+    """Return configurations, `EXAMINED_BETWEEN` in each interval, by cubic interpolation of those at the grid points s."""
     h, (q, q1) = np.diff(s)[:, None, None], path[:2]
-    u = (np.arange(BETWEEN) / BETWEEN)[:, None]
+    u = (np.arange(EXAMINED_BETWEEN) / EXAMINED_BETWEEN)[:, None]
     a, b = q[:-1, None], q[1:, None]
     v, w = h * q1[:-1, None], h * q1[1:, None]
     inner = a + u * (v + u * (3.0 * (b - a) - 2.0 * v - w + u * (2.0 * (a - b) + v + w)))
@@ -157,14 +160,14 @@ def choose_around(
     """
     best, path, s, tried, rounds, steps = fixed, choice.initial, choice.optimum.programme.s, 0, 0, 0
     for p, near in itertools.chain(choice.guesses(), choice.swings()):
-        if best and tried >= MOST_STARTS:
+        if best and tried >= ENOUGH_GUESSES:
             break
         tried, pushed = tried + 1, push_out(choice, scene, p, near)
         if pushed is None:
             continue
         p, near = pushed
         cuts = Cuts(choice.robot, scene, near[0])
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_CUTS):
             programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
             solution, rounds = solve(programme, p, choice.bounds, near, damping=choice.damping), rounds + 1
             if solution is None:

@@ -14,9 +14,9 @@ from optik.types import Array, Flags, Indices
 from planners.paths._spline import DEGREE, Basis
 from planners.timing._free.programme import Place
 
-BEND = 0.05
-"""Room x [m] at which the limited value 1 − 2 x / (x + BEND) is 0: it is −1 far away, and 1 with no room left."""
-FAR = 1e3
+ROOM_BEND = 0.05
+"""Room x [m] at which the limited value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 with no room left."""
+FREE_ROOM = 1e3
 """Room [m] of what is not limited."""
 NO_DIRECTION = 1e-12
 """Distance of axes [m] below which nothing tells where to move."""
@@ -39,9 +39,11 @@ class ClearanceLimits:
         """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
         room = np.empty(self._slots.shape)
         pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, room, self._slope)
-        x = np.minimum(room - self._required, FAR)
-        self._slope *= -2.0 * np.where(x > 0.0, BEND / (np.maximum(x, 0.0) + BEND) ** 2, 1.0 / BEND)[..., None]
-        return np.asarray(1.0 - 2.0 * x / (np.maximum(x, 0.0) + BEND))
+        x = np.minimum(room - self._required, FREE_ROOM)
+        self._slope *= (
+            -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]
+        )
+        return np.asarray(1.0 - 2.0 * x / (np.maximum(x, 0.0) + ROOM_BEND))
 
     def write(self, _place: Place, joints: Array, _y: Array, columns: Array, _bends: Array, _begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the coefficients; of the values that were computed last."""

@@ -1,0 +1,143 @@
+"""First paths around obstacles: proved polylines between the points of a joint path, their corners rounded."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import binary_dilation
+
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.scene import Scene
+from optik.scene.contact import find_contact, find_nearest_pairs
+from optik.types import Array, Flags
+from planners.following.failure import FollowStatus, PlanFailure
+from planners.paths._goal import path_to
+from planners.paths.base import Path
+from planners.paths.free_path import FreePath
+from planners.paths.joint_line import JointLine
+from planners.paths.point_to_point import PointToPoint
+from planners.search._find import find_path
+from planners.search.base import Search, SearchStatus
+from planners.timing._free.vias import pass_through
+
+SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
+"""Spans of the spline on each edge of the polyline at first, and in all."""
+SPAN_SAMPLES_FREE = 8
+"""Configurations in each span that are examined."""
+MOST_REFINEMENTS = 8
+"""Most times that spans are halved where the spline touches: the polyline itself is free."""
+HALVED_AROUND = 2
+"""Spans before and after a touching one that are halved too, since their control points bend it."""
+
+
+DEFAULT_SEARCH = "rrt_connect"
+"""Name of the search of a plan that avoids obstacles."""
+MOST_WAYS = 3
+"""Most ways around the obstacles that a plan tries, from searches with different seeds."""
+
+
+VIA_ADVICE = "another via point, or its configuration in place of its pose; or a smaller margin"
+"""What to try if a via point is in collision."""
+
+
+class FirstPath(NamedTuple):
+    """A first path around obstacles, or why there is none; and the samples of its searches."""
+
+    found: PointToPoint | PlanFailure
+    samples: int
+
+
+class SearchReport(NamedTuple):
+    """How a plan found a way around obstacles.
+
+    Attributes
+    ----------
+    planner : str
+        Name of the search.
+    samples : int
+        Random configurations of all searches.
+    rounds : int
+        Rounds of the choice of path and timing, each with the pairs of shapes that came too near in those before.
+    paths : int
+        Ways that were tried.
+    """
+
+    planner: str
+    samples: int
+    rounds: int
+    paths: int
+
+
+def check_avoidable(
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, scene: Scene | None
+) -> PointToPoint | FreePath:  # fmt: skip
+    """Return a path that can avoid obstacles: joints as goal become a `PointToPoint`."""
+    if scene is None:
+        raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
+    if isinstance(path, Path):
+        if not isinstance(path, PointToPoint | FreePath):
+            allowed = "a PointToPoint, joints as goal, or a path with freedoms (planners.free)"
+            raise InvalidInput("path", f"a {path.name}, which leaves nothing to choose, with avoid", allowed)
+        return path
+    line = path_to(robot, path, q_start)
+    if not isinstance(line, JointLine):
+        allowed = "joints as goal, or PointToPoint(robot, q_start, pose): a pose alone means the straight line to it"
+        raise InvalidInput("path", "a pose, with avoid", allowed)
+    assert q_start is not None
+    return PointToPoint(robot, q_start, path)
+
+
+def find_first_path(path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search, seed: int) -> FirstPath:
+    """Find a first path from the start of a path through its via points to its goal."""
+    if any(point.is_pose for point in path.points):
+        path = PointToPoint(
+            path.robot, path.coefficients[0], *path.points,
+            usable=lambda q: np.asarray(find_nearest_pairs(path.robot, scene, q)[0] > 0.0),
+        )  # fmt: skip
+    points = [path.coefficients[0], *(via.q for via in path.vias), path.coefficients[-1]]
+    at = [0.0, *(via.s for via in path.vias)]
+    legs, samples = [], 0
+    for i, via in enumerate(path.vias):
+        near = find_contact(path.robot, scene, via.q)
+        if near.room <= 0.0:
+            reason = f"point {i} is in collision: {near.pair[0]} and {near.pair[1]} at its configuration"
+            return FirstPath(PlanFailure(FollowStatus.CONTACT, via.s, None, reason, VIA_ADVICE), 0)
+    for s, (a, b) in zip(at, itertools.pairwise(points), strict=True):
+        found = find_path(path.robot, a, b, scene=scene, search=search, seed=seed)
+        samples += found.samples
+        if not found:
+            status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
+            return FirstPath(PlanFailure(status, s, None, found.reason, found.advice), samples)
+        legs.append(found.vertices)
+    return FirstPath(_round(path, legs, scene), samples)
+
+
+def _round(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
+    """Return a spline near the polylines of the legs that is free of contact at samples, with as few spans as that needs."""
+    corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+    parts = max(SPANS_PER_EDGE, -(-FEWEST_SPANS // (len(s) - 1)))
+    knots = np.unique(np.concatenate([np.linspace(a, b, parts + 1) for a, b in itertools.pairwise(s)]))
+    for _ in range(MOST_REFINEMENTS):
+        rounded = path.along(legs, knots[1:-1])
+        rounded = rounded.with_coefficients(pass_through(rounded, rounded.coefficients))
+        touching = _find_touching(rounded, knots, scene)
+        if not touching.any():
+            break
+        wide = binary_dilation(touching, iterations=HALVED_AROUND)
+        knots = np.sort(np.concatenate([knots, 0.5 * (knots[:-1] + knots[1:])[wide]]))
+    return rounded
+
+
+def _find_touching(path: PointToPoint, knots: Array, scene: Scene) -> Flags:
+    """Return which spans touch something at their samples, start and goal aside."""
+    u = np.arange(SPAN_SAMPLES_FREE) / SPAN_SAMPLES_FREE
+    s = (knots[:-1, None] + np.diff(knots)[:, None] * u).ravel()
+    room = find_nearest_pairs(path.robot, scene, path.configurations(path.robot, s))[0]
+    room[0] = np.inf
+    return np.asarray((room <= 0.0).reshape(len(knots) - 1, -1).any(axis=1))

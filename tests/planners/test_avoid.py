@@ -1,0 +1,274 @@
+"""Ways around obstacles: rooms and their derivatives against differences, motions against coal, what is refused."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from optik import Scene
+from optik.errors import InvalidInput, UnknownName
+from optik.scene.contact import find_nearest_pairs
+from optik.types import Array
+from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, plan
+from planners.timing._free import avoid
+from planners.timing._free.choose import Choice, JointChoice
+from planners.timing._free.clearances import ClearanceLimits, bodies_of, pair_rooms
+from planners.timing._free.programme import FreeProgramme
+from planners.timing.optimal import Optimal
+from tests.planners.contacts import REST, drawn, panda, pose
+
+LIMITS = MotionLimits(2.0, 10.0, 100.0)
+GOAL = np.array([1.2, 0.3, 0.1, -1.9, -0.1, 2.1, 0.9])
+
+
+def wall() -> Scene:
+    """A wall between start and goal, and a plate above it: the straight joint line passes through the wall."""
+    turned = pose([0.5, 0.3, 0.35])
+    turned[:2, :2] = [[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]]
+    return Scene(boxes=[(turned, (0.5, 0.02, 0.7))], margin=2e-3)
+
+
+@cache
+def around() -> Plan:
+    return plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
+
+
+# ---------------------------------------------------------------- rows
+
+
+def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_differences() -> None:
+    robot, rng, h, seen = panda(), np.random.default_rng(3), 1e-7, 0
+    for _ in range(20):
+        scene = drawn(rng)
+        bodies, q = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (3, 7))
+        slots = np.tile(np.arange(len(bodies[2])), (3, 1))
+        room, slope = np.empty(slots.shape), np.empty((*slots.shape, 7))
+
+        def rooms(q: Array, bodies: Any = bodies, margin: float = scene.margin, slots: Array = slots) -> Array:
+            out = np.empty(slots.shape)
+            pair_rooms(robot.chain, bodies, q, margin, slots, out, np.empty((0, 0, 0)))
+            return out
+
+        pair_rooms(robot.chain, bodies, q, scene.margin, slots, room, slope)
+        np.testing.assert_array_equal(room.min(axis=1), find_nearest_pairs(robot, scene, q)[0])
+        for j in range(7):
+            step = h * np.eye(7)[j]
+            ahead, behind = rooms(q + step), rooms(q - step)
+            smooth = np.abs(ahead + behind - 2.0 * room) < 1e-12  # no change of the nearest points' faces
+            change = (ahead - behind) / (2.0 * h)
+            touched = np.abs(room - rooms(q)) > 0.0
+            assert not touched.any()
+            outside = (room > -0.01) & smooth
+            np.testing.assert_allclose(slope[..., j][outside], change[outside], atol=2e-6)
+            seen += int((outside & (np.abs(change) > 1e-3)).sum())
+    assert seen > 2000
+
+
+@pytest.mark.parametrize("kind", ["joints", "elbow"])
+def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind: str) -> None:
+    robot, rng, h = panda(), np.random.default_rng(4), 1e-6
+    choice: Choice
+    if kind == "joints":
+        path = PointToPoint(robot, REST, GOAL)
+        first = plan(robot, path, limits=LIMITS)
+        optimum = Optimal().run_with_optimum(first.joint_path, LIMITS)[1]
+        choice = JointChoice(path, first.joint_path, optimum)
+    else:
+        T = robot.fk(REST)
+        goal = T.copy()
+        goal[:3, 3] += [-0.1, 0.15, 0.1]
+        freed = free(Line(T, goal), turn=True, elbow=True)
+        first = plan(robot, freed, REST, limits=LIMITS, timing="smooth")
+        optimum = Optimal().run_with_optimum(first.joint_path, LIMITS)[1]
+        choice = Choice(freed, first.joint_path, optimum, held=False)
+    scene = drawn(rng)
+    K, pairs = choice.programme.K, len(bodies_of(robot, scene)[2])
+    slots = rng.integers(-1, pairs, (K + 1, 5))
+    rows = ClearanceLimits(robot, scene, *choice.parts[:2], slots, np.full(slots.shape, 2e-3))
+    programme = FreeProgramme(choice.optimum.programme, *choice.parts, rows)
+
+    def values(p: Array) -> Array:
+        place = programme.place(p, choice.near)
+        assert place is not None
+        return rows.values(place)
+
+    p = choice.p + 0.02 * rng.normal(size=choice.p.shape)
+    place = programme.place(p, choice.near)
+    assert place is not None
+    z, border = choice.optimum.programme.start, programme.make_border()
+    here = programme.problem(place).node[:, -5:, 3]
+    y = np.zeros((K + 1, programme.rows + 2 * programme.problem(place).edge.shape[2]))
+    programme.fill(place, z, y, border)
+    seen = 0
+    for i in rng.choice(p.size, 8, replace=False):
+        step = np.zeros(p.size)
+        step[i] = h
+        ahead, behind = values(p + step.reshape(p.shape)), values(p - step.reshape(p.shape))
+        change = (ahead - behind) / (2.0 * h)
+        smooth = (np.abs(ahead + behind - 2.0 * here) < 1e-9) & (here < 1.5)
+        at = i - programme.begin
+        inside = (at >= 0) & (at < programme.width)
+        column = np.zeros_like(change)
+        column[inside] = border.columns[np.flatnonzero(inside), programme.rows - 5 : programme.rows, at[inside]]
+        if not programme.window.free[i]:
+            assert (column == 0.0).all()
+            continue
+        np.testing.assert_allclose(column[smooth], change[smooth], atol=1e-4 * max(1.0, float(np.abs(change).max())))
+        seen += int((smooth & (np.abs(change) > 1e-3)).sum())
+    assert seen > 50
+    assert (here[slots < 0] < -0.99).all()
+
+
+# ---------------------------------------------------------------- plans
+
+
+def test_a_way_around_a_wall_is_found_proved_and_faster_than_stops_at_its_corners() -> None:
+    robot, found = panda(), around()
+    direct = plan(robot, GOAL, REST, limits=LIMITS, scene=wall())
+    assert direct.status is PlanStatus.CONTACT
+    assert found
+    assert found.search is not None
+    assert found.search.samples > 0
+    assert found.certificate.clearance is not None
+    assert found.certificate.clearance.proved
+    assert found.certificate.clearance.value > wall().margin
+    t = np.linspace(0.0, found.trajectory.duration, 4001)
+    assert find_nearest_pairs(robot, wall(), found.trajectory(t))[0].min() > 0.0
+    np.testing.assert_allclose(found.trajectory(0.0), REST, atol=1e-12)
+    np.testing.assert_allclose(found.trajectory(found.trajectory.duration), GOAL, atol=1e-9)
+    for order, most in ((1, 2.0), (2, 10.0), (3, 100.0)):
+        assert np.abs(found.trajectory(t, order)).max() <= most * (1.0 + 1e-9)
+
+
+def test_the_same_scene_gives_the_same_motion() -> None:
+    again = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
+    assert (again.trajectory.coefficients == around().trajectory.coefficients).all()
+    assert again.search == around().search
+
+
+def test_any_law_times_the_way_that_is_found() -> None:
+    found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), timing="smooth", avoid=True)
+    assert found
+    assert found.freedom is None
+    assert found.trajectory.duration > around().trajectory.duration
+
+
+def test_a_duration_is_that_of_the_way_slowed() -> None:
+    found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=6.0)
+    assert found
+    assert found.trajectory.duration == pytest.approx(6.0)
+
+
+def test_via_points_are_passed_on_the_way_around() -> None:
+    robot = panda()
+    via = np.array([0.3, -1.2, 0.2, -2.2, -0.1, 1.9, 0.8])
+    path = PointToPoint(robot, REST, ViaPoint(via), GOAL)
+    found = plan(robot, path, limits=LIMITS, scene=wall(), avoid=True)
+    assert found
+    t = np.linspace(0.0, found.trajectory.duration, 4001)
+    assert np.abs(found.trajectory(t) - via).max(axis=1).min() < 5e-3
+
+
+def test_the_branch_of_a_pose_is_one_without_contact() -> None:
+    """The ball stands in the elbow of the nearest branch of the goal's pose."""
+    robot = panda()
+    nearest = PointToPoint(robot, REST, robot.fk(GOAL)).coefficients[-1]
+    scene = Scene(spheres=[(robot.frames(nearest)[3][:3, 3], 0.04)])
+    assert find_nearest_pairs(robot, scene, nearest)[0][0] < 0.0
+    found = plan(robot, PointToPoint(robot, REST, robot.fk(GOAL)), limits=LIMITS, scene=scene, avoid=True)
+    assert found
+    np.testing.assert_allclose(robot.fk(found.trajectory(found.trajectory.duration)), robot.fk(GOAL), atol=1e-8)
+
+
+def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
+    robot, solved = panda(), 0
+    for seed in range(6):
+        rng = np.random.default_rng([7, seed])
+        q = REST + rng.uniform(-0.3, 0.3, 7)
+        T = robot.fk(q)
+        goal = T.copy()
+        goal[:3, 3] += [0.05, 0.15 * (-1) ** seed, 0.05]
+        path = Line(T, goal)
+        first = plan(robot, path, q, limits=LIMITS, scene=Scene())
+        if not first:
+            continue
+        middle = first.trajectory(0.5 * first.trajectory.duration)
+        ball = robot.frames(middle)[3][:3, 3] + 0.2 * np.array([0.0, (-1.0) ** seed, 0.3])
+        joints = first.trajectory(np.linspace(0.0, first.trajectory.duration, 100))
+        rooms = [
+            r
+            for r in np.linspace(0.01, 0.15, 57)
+            if find_nearest_pairs(robot, Scene(spheres=[(ball, r)]), joints)[0].min() > 0
+        ]
+        if not rooms:
+            continue
+        scene = Scene(spheres=[(ball, max(rooms) + 0.015)], margin=1e-3)
+        assert plan(robot, path, q, limits=LIMITS, scene=scene).status is PlanStatus.CONTACT
+        found = plan(
+            robot, free(path, elbow=True, turn=True, hold_start=False), q, limits=LIMITS, scene=scene, avoid=True
+        )
+        assert found.status in (PlanStatus.SOLVED, PlanStatus.CONTACT)
+        if found:
+            solved += 1
+            t = np.linspace(0.0, found.trajectory.duration, 2001)
+            assert find_nearest_pairs(robot, scene, found.trajectory(t))[0].min() > 0.0
+    assert solved >= 3
+
+
+def test_a_cut_that_asks_for_too_little_room_is_found_by_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the limits on rooms no motion is accepted that touches: the certificate decides."""
+    monkeypatch.setattr(avoid, "NEAR_ROOM", -1.0)
+    monkeypatch.setattr(avoid.Cuts, "add_touched", lambda self, q: False)
+    found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
+    if found:
+        t = np.linspace(0.0, found.trajectory.duration, 4001)
+        assert find_nearest_pairs(panda(), wall(), found.trajectory(t))[0].min() > 0.0
+
+
+# ---------------------------------------------------------------- failures
+
+
+def test_a_start_or_goal_in_contact_says_which() -> None:
+    robot = panda()
+    at = robot.fk(GOAL)[:3, 3]
+    for q, goal, word in ((REST, GOAL, "goal"), (GOAL, REST, "start")):
+        found = plan(robot, goal, q, limits=LIMITS, scene=Scene(spheres=[(at, 0.1)]), avoid=True)
+        assert found.status is PlanStatus.CONTACT
+        assert found.failure is not None
+        assert word in found.failure.reason
+        assert "sphere1" in found.failure.reason
+
+
+def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_there_is_none() -> None:
+    robot = panda()
+    at, boxes = robot.fk(GOAL)[:3, 3], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            T, size = pose(at), np.full(3, 0.9)
+            T[axis, 3] += 0.45 * side
+            size[axis] = 0.005
+            if not (axis == 2 and side > 0):
+                boxes.append((T, tuple(size)))
+    shelf = Scene(boxes=boxes)
+    from planners.search.rrt_connect import RRTConnect
+
+    found = plan(robot, GOAL, REST, limits=LIMITS, scene=shelf, avoid=RRTConnect(max_samples=300))
+    assert found.status in (PlanStatus.NO_PATH_FOUND, PlanStatus.CONTACT)
+    assert found.failure is not None
+    assert found.failure.advice
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "said"),
+    [
+        (GOAL, {"scene": None}, "a Scene with the obstacles"),
+        (Line(panda().fk(REST), panda().fk(GOAL)), {}, "planners.free"),
+        (panda().fk(GOAL), {}, "straight line"),
+        (GOAL, {"avoid": "rrt"}, "rrt"),
+        (GOAL, {"avoid": 3}, "search: expected a name"),
+    ],
+)
+def test_what_cannot_avoid_is_refused(path: Any, options: dict[str, Any], said: str) -> None:
+    with pytest.raises((InvalidInput, UnknownName), match=said):
+        plan(panda(), path, REST, limits=LIMITS, **{"scene": wall(), "avoid": True, **options})
