@@ -29,7 +29,7 @@ SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
 """Spans of the spline on each edge of the polyline at first, and in all."""
 SPAN_SAMPLES_FREE = 8
 """Configurations in each span that are examined."""
-MOST_REFINEMENTS = 8
+MOST_ROUNDINGS = 8
 """Most times that spans are halved where the spline touches: the polyline itself is free."""
 HALVED_AROUND = 2
 """Spans before and after a touching one that are halved too, since their control points bend it."""
@@ -123,7 +123,7 @@ def _round(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     parts = max(SPANS_PER_EDGE, -(-FEWEST_SPANS // (len(s) - 1)))
     knots = np.unique(np.concatenate([np.linspace(a, b, parts + 1) for a, b in itertools.pairwise(s)]))
-    for _ in range(MOST_REFINEMENTS):
+    for _ in range(MOST_ROUNDINGS):
         rounded = path.along(legs, knots[1:-1])
         rounded = rounded.with_coefficients(pass_through(rounded, rounded.coefficients))
         touching = _find_touching(rounded, knots, scene)
