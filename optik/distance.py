@@ -1,26 +1,39 @@
-"""Exact distances of a segment, the axis of a capsule, to a segment, a box and a plane.
+"""Exact distances of a segment, the axis of a capsule, to a segment, a box, a cylinder and a plane.
 
 For a point p(s) of a segment, let w(s) be its difference from the nearest point of a convex set. |w(s)| is convex, and for a
 box or another segment w is piecewise linear in s, with at most six breakpoints. So the least |w| lies on one piece, where it is
-the distance of the origin to the segment between the piece's ends. The error of a distance is rounding
-only, less than `DISTANCE_ROUNDING` for coordinates up to `LARGEST_COORDINATE`.
+the distance of the origin to the segment between the piece's ends. For a cylinder, Newton's method between bounds finds the
+zero of the slope of |w|². The error of a distance is rounding only, less than `DISTANCE_ROUNDING` for coordinates up to
+`LARGEST_COORDINATE`.
+
+Where the segment intersects a solid, the distance is minus the penetration depth: the length of the shortest translation of the
+segment after which both only touch. Along a unit vector n it is h(n) − min n·p, where h(n) is the largest n·x of the solid. The
+depth is the least of these values. Its n is the normal of a face, or perpendicular to the segment and normal to an edge. The
+depth has a direction even where the segment passes through a thin board. A motion changes it by at most the segment's
+displacement.
 """
 
 from __future__ import annotations
 
 from math import sqrt
 
+import numpy as np
+
 from optik.compiled import compiled, inlined
 from optik.kinematics import Triple
 from optik.types import Array
 
 NearestPoint = tuple[float, float, Triple]
-"""Least distance [m], the position on the first segment as a fraction from 0 to 1, and the difference there from the nearest
-point of the other body (3,) [m]."""
+"""Least distance [m], below 0 inside a solid; the position on the first segment as a fraction from 0 to 1; and the difference
+there from the nearest point of the other body (3,) [m]: the distance times the unit normal that points away from that body."""
+Depth = tuple[float, float, Triple]
+"""Penetration depth [m], the position on the segment as a fraction, and the unit vector along which the segment leaves."""
 DISTANCE_ROUNDING = 1e-9
 """Bound of the error of a distance [m], with the rounding of poses: several hundred times 2e-16 of `LARGEST_COORDINATE`."""
 LARGEST_COORDINATE = 1e4
 """Largest coordinate [m] for which `DISTANCE_ROUNDING` holds."""
+CYLINDER_ERROR = 1e-12
+"""Bound of the error of a distance from a cylinder, besides rounding [m]."""
 
 
 @inlined
@@ -105,9 +118,108 @@ def _to_frame(T: Array, p: Triple) -> Triple:
     )
 
 
+@inlined
+def _from_frame(T: Array, w: Triple) -> Triple:
+    """Return the coordinates of a direction of the frame T."""
+    return (
+        T[0, 0] * w[0] + T[0, 1] * w[1] + T[0, 2] * w[2],
+        T[1, 0] * w[0] + T[1, 1] * w[1] + T[1, 2] * w[2],
+        T[2, 0] * w[0] + T[2, 1] * w[1] + T[2, 2] * w[2],
+    )
+
+
+@compiled
+def _box_depth(p: Triple, d: Triple, half: Triple) -> Depth:
+    """Return how deep the segment from p along d is in a box, in the box's frame; at most 0 if they are apart."""
+    best, place, normal = np.inf, 0.0, (0.0, 0.0, 1.0)
+    x, n, m = np.array(p), np.zeros(3), np.zeros(3)
+    h, e = np.array(half), np.array(d)
+    for k in range(3):  # the faces
+        for side in (-1.0, 1.0):
+            first, last = side * x[k], side * (x[k] + e[k])
+            if h[k] - min(first, last) < best:
+                best, place = h[k] - min(first, last), 0.0 if first <= last else 1.0
+                n[:] = 0.0
+                n[k] = side
+                normal = (n[0], n[1], n[2])
+    for k in range(3):  # the edges along axis k
+        i, j = (k + 1) % 3, (k + 2) % 3
+        across = sqrt(e[i] * e[i] + e[j] * e[j])
+        if across > 0.0:
+            n[k], n[i], n[j] = 0.0, -e[j] / across, e[i] / across
+            if n[i] * x[i] + n[j] * x[j] < 0.0:
+                n[i], n[j] = -n[i], -n[j]
+            depth = h[i] * abs(n[i]) + h[j] * abs(n[j]) - (n[i] * x[i] + n[j] * x[j])
+            if depth < best:
+                m[i], m[j] = (h[i] if n[i] > 0.0 else -h[i]) - x[i], (h[j] if n[j] > 0.0 else -h[j]) - x[j]
+                best, place = depth, min(max((m[i] * e[i] + m[j] * e[j]) / (across * across), 0.0), 1.0)
+                normal = (n[0], n[1], n[2])
+    return best, place, normal
+
+
+@compiled
+def _cylinder_depth(p: Triple, d: Triple, radius: float, half: float) -> Depth:
+    """Return how deep the segment from p along d is in a cylinder about z, in its frame; at most 0 if they are apart."""
+    q = _point_at(p, d, 1.0)
+    best, place, normal = half - min(p[2], q[2]), 0.0 if p[2] <= q[2] else 1.0, (0.0, 0.0, 1.0)
+    if half + max(p[2], q[2]) < best:
+        best, place, normal = half + max(p[2], q[2]), 0.0 if p[2] >= q[2] else 1.0, (0.0, 0.0, -1.0)
+    square, share = _nearest_to_origin((p[0], p[1], 0.0), (q[0], q[1], 0.0))  # the curved side
+    length, flat = sqrt(square), sqrt(d[0] * d[0] + d[1] * d[1])
+    if radius - length < best:
+        best, place = radius - length, share
+        if length > 0.0:
+            normal = ((p[0] + share * d[0]) / length, (p[1] + share * d[1]) / length, 0.0)
+        elif flat > 0.0:
+            normal = (-d[1] / flat, d[0] / flat, 0.0)
+        else:
+            normal = (1.0, 0.0, 0.0)
+    if flat == 0.0 or d[2] == 0.0:
+        return best, place, normal
+    # The rims, by n = c u + t v perpendicular to the segment, c² + t² = 1: u is the steepest, v is horizontal. Let U and V be
+    # the segment's coordinates along them, both turned to be positive. The depth is R √(1 − (f c)²) + f H c − U c − V t, and
+    # its slope over t is `rise`. That is monotone, or concave in t, so its first zero is the only least value inside.
+    length = sqrt(_dot(d, d))
+    f, sink = flat / length, d[2] / length
+    u = (-sink * d[0] / flat, -sink * d[1] / flat, f)
+    v = (-d[1] / flat, d[0] / flat, 0.0)
+    if _dot(u, p) < 0.0:
+        u = (-u[0], -u[1], -u[2])
+    if _dot(v, p) < 0.0:
+        v = (-v[0], -v[1], -v[2])
+    away, side = _dot(u, p) - f * half, _dot(v, p)
+    low, high, t = 0.0, 1.0, 0.0
+    for _ in range(60):
+        c, inner = sqrt(1.0 - t * t), sqrt(sink * sink + f * f * t * t)
+        rise = radius * f * f * t / inner + away * t / c - side
+        bend = radius * f * f * sink * sink / inner**3 + away / c**3
+        if rise >= 0.0:
+            high = t
+        else:
+            low = t
+        if away < 0.0 and bend <= 0.0:
+            return best, place, normal  # the least value is on the curved side
+        there = t - rise / bend
+        if not low <= there <= high:
+            there = 0.5 * (low + high)
+        if abs(there - t) <= 1e-15 or there >= 1.0:
+            break
+        t = there
+    c = sqrt(1.0 - t * t)
+    n = (c * u[0] + t * v[0], c * u[1] + t * v[1], c * u[2])
+    level = sqrt(n[0] * n[0] + n[1] * n[1])
+    depth = radius * level + half * abs(n[2]) - _dot(n, p)
+    if depth < best:
+        rim = radius / level if level > 0.0 else 0.0
+        top = half if n[2] > 0.0 else -half
+        ahead = d[0] * (rim * n[0] - p[0]) + d[1] * (rim * n[1] - p[1]) + d[2] * (top - p[2])
+        best, place, normal = depth, min(max(ahead / (length * length), 0.0), 1.0), n
+    return best, place, normal
+
+
 @compiled
 def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
-    """Return the least distance of a segment to a box, 0 if they intersect; the segment may be a point.
+    """Return the least distance of a segment to a box, minus the depth if they intersect; the segment may be a point.
 
     Shapes and units: a, b [m], pose (4, 4) [1, m], half (3,) [m]. Returns [m].
     """
@@ -136,16 +248,75 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
                             high, right = s, w
     place = low + _nearest_to_origin(left, right)[1] * (high - low)
     w = _difference_from_box(p, d, h, place)
-    T = pose
-    return (
-        sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]),
-        place,
-        (
-            T[0, 0] * w[0] + T[0, 1] * w[1] + T[0, 2] * w[2],
-            T[1, 0] * w[0] + T[1, 1] * w[1] + T[1, 2] * w[2],
-            T[2, 0] * w[0] + T[2, 1] * w[1] + T[2, 2] * w[2],
-        ),
-    )
+    distance = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    if distance < DISTANCE_ROUNDING:
+        depth, share, n = _box_depth(p, d, h)
+        if depth > 0.0:
+            return -depth, share, _from_frame(pose, (-depth * n[0], -depth * n[1], -depth * n[2]))
+    return distance, place, _from_frame(pose, w)
+
+
+@inlined
+def _difference_from_cylinder(p: Triple, radius: float, half: float) -> Triple:
+    """Return the difference of a point from the nearest point of a cylinder about z."""
+    across = sqrt(p[0] * p[0] + p[1] * p[1])
+    out = 1.0 - radius / across if across > radius else 0.0
+    return out * p[0], out * p[1], _excess(p[2], half)
+
+
+@compiled
+def _cylinder_place(p: Triple, d: Triple, radius: float, half: float) -> float:
+    """Return where the line p + s d, 0 < s < 1, is nearest to a cylinder about z, if the distance falls at 0 and rises at 1."""
+    # The slope d·w of |w|²/2 increases, so its zero is between bounds; where Newton's step is not shorter than half of the one
+    # before, the interval is halved. The end bounds the error of the distance: |w(s)|² − least ≤ 2 |d·w(s)| (high − low).
+    low, high, square = 0.0, 1.0, _dot(d, d)
+    s, step = min(max(-_dot(p, d) / square, 0.0), 1.0), 1.0
+    for _ in range(100):
+        x = _point_at(p, d, s)
+        w = _difference_from_cylinder(x, radius, half)
+        slope, length = _dot(d, w), sqrt(_dot(w, w))
+        if slope < 0.0:
+            low = s
+        else:
+            high = s
+        if 2.0 * abs(slope) * (high - low) <= CYLINDER_ERROR * max(length, CYLINDER_ERROR):
+            break
+        bend = d[2] * d[2] if abs(x[2]) > half else 0.0
+        across = sqrt(x[0] * x[0] + x[1] * x[1])
+        if across > radius:
+            along = (x[0] * d[0] + x[1] * d[1]) / across
+            bend += (d[0] * d[0] + d[1] * d[1]) * (1.0 - radius / across) + radius / across * along * along
+        there = s - slope / bend if bend > 0.0 else -1.0
+        if not (low < there < high) or abs(there - s) > 0.5 * step:
+            there = 0.5 * (low + high)
+        step = abs(there - s)
+        if step == 0.0:
+            break
+        s = there
+    return s
+
+
+@compiled
+def segment_cylinder(a: Triple, b: Triple, pose: Array, size: Array) -> NearestPoint:
+    """Return the least distance of a segment to a cylinder with flat ends, minus the depth if they intersect.
+
+    Shapes and units: a, b [m], pose (4, 4) of the middle with z along the axis [1, m], size (2,): radius and half length [m].
+    Returns [m].
+    """
+    p, q = _to_frame(pose, a), _to_frame(pose, b)
+    d, radius, half = (q[0] - p[0], q[1] - p[1], q[2] - p[2]), size[0], size[1]
+    place = 0.0
+    if _dot(d, _difference_from_cylinder(p, radius, half)) < 0.0:
+        place = 1.0
+        if _dot(d, _difference_from_cylinder(q, radius, half)) > 0.0:
+            place = _cylinder_place(p, d, radius, half)
+    w = _difference_from_cylinder(_point_at(p, d, place), radius, half)
+    distance = sqrt(_dot(w, w))
+    if distance < DISTANCE_ROUNDING:
+        depth, share, n = _cylinder_depth(p, d, radius, half)
+        if depth > 0.0:
+            return -depth, share, _from_frame(pose, (-depth * n[0], -depth * n[1], -depth * n[2]))
+    return distance, place, _from_frame(pose, w)
 
 
 @compiled

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.compiled import compiled, inlined
-from optik.distance import NearestPoint, segment_box, segment_plane, segment_segment
+from optik.distance import NearestPoint, segment_box, segment_cylinder, segment_plane, segment_segment
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
 from optik.types import Array, Indices
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-BOX, ROUND, PLANE, SELF = 0, 1, 2, 3
-"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, or a capsule of the arm."""
-Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
+BOX, ROUND, PLANE, SELF, CYLINDER = 0, 1, 2, 3, 4
+"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, a capsule of the arm, or a cylinder."""
+Objects = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
-capsule_radius (c,), plane_point, plane_normal (p, 3) [m, 1]."""
+capsule_radius (c,), plane_point, plane_normal (p, 3), cylinder_pose (k, 4, 4), cylinder_size (k, 2) [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
 """The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
@@ -49,7 +49,7 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
-    kinds += [(i, PLANE) for i in range(len(scene.planes))]
+    kinds += [(i, PLANE) for i in range(len(scene.planes))] + [(i, CYLINDER) for i in range(len(scene.cylinders))]
     met = np.argwhere(examined & (link > 0)[:, None]).tolist()
     names = [(shapes.names[k], scene.names[j]) for k, j in met]
     names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
@@ -137,6 +137,8 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
         return segment_plane(a, b, scene[5][i], scene[6][i])
     if kind == SELF:
         return segment_segment(a, b, read_row(places[i], 0), read_row(places[i], 1))
+    if kind == CYLINDER:
+        return segment_cylinder(a, b, scene[7][i], scene[8][i])
     return segment_segment(a, b, read_row(scene[2], i), read_row(scene[3], i))
 
 

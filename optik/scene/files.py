@@ -24,6 +24,11 @@ A TOML file contains optional tables of objects, in the frame of the arm's base:
     name = "floor"
     point_mm = [0.0, 0.0, -700.0]
     normal = [0.0, 0.0, 1.0]                  # to the free side, of any length
+
+    [[cylinders]]                             # with flat ends
+    a_mm = [600.0, -300.0, 0.0]               # centres of both ends
+    b_mm = [600.0, -300.0, 120.0]
+    radius_mm = 40.0
 """
 
 from __future__ import annotations
@@ -38,14 +43,14 @@ import numpy as np
 from optik import se3
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
-from optik.arm.shapes.urdf import find_geometry, read_geometry
+from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length
 from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_triple
 from optik.check import check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
 from optik.types import Array
 
-OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes")
+OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders")
 """Kinds of objects, in the order of their names."""
 MOST_SCENE_BYTES = 64 * 2**20
 """Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
@@ -54,10 +59,13 @@ ROW_KEYS = {
     "spheres": (("centre_mm", "radius_mm"), ("name",)),
     "capsules": (("a_mm", "b_mm", "radius_mm"), ("name",)),
     "planes": (("point_mm", "normal"), ("name",)),
+    "cylinders": (("a_mm", "b_mm", "radius_mm"), ("name",)),
 }
 """Required and optional keys of a row of each kind."""
 SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
+LATER_KINDS = ("cylinders",)
+"""Kinds of objects that a scene in JSON may lack: files of scenes without them stay the same."""
 
 
 def load_scene(
@@ -126,12 +134,14 @@ def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
     objects = {kind: [[plain(part) for part in one] for one in scene[kind]] for kind in OBJECT_KINDS}
     excess = [None if e != e else e for e in scene["excess"].tolist()]
     rest = {"names": list(scene["names"]), "excess": excess, "margin": scene["margin"]}
+    objects = {kind: rows for kind, rows in objects.items() if rows or kind not in LATER_KINDS}
     return objects | {"allow": [list(pair) for pair in scene["allow"]]} | rest
 
 
 def scene_from_dict(data: Any) -> dict[str, Any]:
     """Read a scene from plain data; see `Scene.from_dict`."""
-    data = read_record(data, SCENE_KEYS, "scene")
+    required = tuple(key for key in SCENE_KEYS if key not in LATER_KINDS)
+    data = {key: [] for key in LATER_KINDS} | dict(read_record(data, required, "scene", optional=LATER_KINDS))
     for key in SCENE_KEYS[:-1]:
         read_list(data[key], f"scene.{key}", "a list")
     known = data["excess"]
@@ -145,7 +155,9 @@ def scene_from_urdf(
 ) -> dict[str, Any]:
     """Read a scene from a URDF; see `Scene.load`."""
     tree, folders = read_tree(source, None), find_mesh_folders(source, package_dirs)
-    objects: dict[str, list[tuple[str, tuple[Any, ...], float]]] = {"boxes": [], "spheres": [], "capsules": []}
+    objects: dict[str, list[tuple[str, tuple[Any, ...], float]]] = {
+        kind: [] for kind in ("boxes", "spheres", "capsules", "cylinders")
+    }
     poses: dict[str, Array] = {tree.root: np.eye(4)}
     todo = [tree.root]
     for link in todo:  # grows while it is read
@@ -159,6 +171,11 @@ def scene_from_urdf(
             if kind == "box":
                 edges = read_triple(tree.name, where, shape.get("size", ""), "box size")
                 objects["boxes"].append((link, (T, edges), 0.0))
+                continue
+            if kind == "cylinder":
+                radius, length = (read_length(tree.name, where, kind, shape, name) for name in ("radius", "length"))
+                a, b = (T[:3, 3] + side * 0.5 * length * T[:3, 2] for side in (-1.0, 1.0))
+                objects["cylinders"].append((link, (a, b, radius), 0.0))
                 continue
             for c in read_geometry(tree, element, where, folders):
                 a, b = (T[:3, :3] @ end + T[:3, 3] for end in (c.a, c.b))

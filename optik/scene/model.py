@@ -14,6 +14,7 @@ import numpy as np
 from optik import se3
 from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
+from optik.arm.shapes.enclosure import complete_frame
 from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
@@ -23,13 +24,16 @@ from optik.types import Array, Flags
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
 
-SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
+SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it: poses (b, 4, 4) and half edges (b, 3) of the boxes, ends a and b (c, 3) and radius (c,) of the
-spheres and capsules, points (p, 3) and normals (p, 3) of the planes; all in the base frame [m, 1]."""
+spheres and capsules, points (p, 3) and normals (p, 3) of the planes, poses (k, 4, 4) and radius and half length (k, 2) of the
+cylinders; all in the base frame [m, 1]."""
 LARGEST_OBJECT = 100.0
 """Largest coordinate, edge and radius in a scene [m]: larger values look like millimetres; a floor is a plane."""
 MOST_OBJECTS = 100_000
 """Most objects of a scene: their pairs with an arm's capsules fit in memory."""
+SHORTEST_CYLINDER = 1e-6
+"""Shortest cylinder [m]: the direction of its axis is exact to rounding."""
 UNIT_NORMAL = 1e-14
 """A normal whose length differs from 1 by less [1] is kept to the last bit, so that a copy of a scene equals it."""
 
@@ -48,11 +52,13 @@ class Scene:
         Ends of the segment (3,) and radius [m].
     planes : sequence of (point, normal)
         A point (3,) of the plane [m] and its normal (3,), of any length, to the free side; all points behind it are solid.
+    cylinders : sequence of (a, b, radius)
+        Centres of both flat ends (3,) and radius [m].
     allow : sequence of (link, object)
         Pairs that are not checked: the name of a link ("base" or the joint that moves it) or of its capsules, and the name
         of an object, such as the base and the table. Every name of a link must exist in the arm.
     names : sequence of str, optional
-        One for each object, in the order boxes, spheres, capsules, planes; by default box1, …, sphere1, ….
+        One for each object, in the order boxes, spheres, capsules, planes, cylinders; by default box1, …, sphere1, ….
     excess : scalar or (objects,) array, optional
         Largest distance of each object's surface from the enclosed body, such as a mesh [m]; 0 by default.
     margin : float
@@ -69,13 +75,14 @@ class Scene:
     spheres: tuple[tuple[Array, float], ...] = ()
     capsules: tuple[tuple[Array, Array, float], ...] = ()
     planes: tuple[tuple[Array, Array], ...] = ()
+    cylinders: tuple[tuple[Array, Array, float], ...] = ()
     allow: tuple[tuple[str, str], ...] = ()
     names: tuple[str, ...] = ()
     excess: Array = 0.0  # type: ignore[assignment]
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane), strict=True):
+        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane, _cylinder), strict=True):
             given = getattr(self, kind)
             if isinstance(given, str) or not isinstance(given, Iterable):
                 raise InvalidInput(f"scene.{kind}", format_value(given), f"a list of {kind}")
@@ -175,7 +182,7 @@ class Scene:
     def arrays(self) -> SceneArrays:
         """The scene as kernels take it: spheres, as capsules with a = b, precede the capsules."""
         rounded = [(centre, centre, radius) for centre, radius in self.spheres] + list(self.capsules)
-        columns = (
+        columns: tuple[tuple[list[Any], tuple[int, ...]], ...] = (
             ([T for T, _ in self.boxes], (4, 4)),
             ([0.5 * edges for _, edges in self.boxes], (3,)),
             ([a for a, _, _ in rounded], (3,)),
@@ -183,6 +190,8 @@ class Scene:
             ([radius for _, _, radius in rounded], ()),
             ([point for point, _ in self.planes], (3,)),
             ([normal for _, normal in self.planes], (3,)),
+            ([_pose_along(a, b) for a, b, _ in self.cylinders], (4, 4)),
+            ([(radius, 0.5 * float(np.linalg.norm(b - a))) for a, b, radius in self.cylinders], (2,)),
         )
         arrays = (freeze(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
         return tuple(arrays)  # type: ignore[return-value]
@@ -256,6 +265,20 @@ def _capsule(value: Any, where: str) -> tuple[Array, Array, float]:
     return ends[0], ends[1], check_length(radius, f"{where}: radius", LARGEST_OBJECT)
 
 
+def _cylinder(value: Any, where: str) -> tuple[Array, Array, float]:
+    a, b, radius = _capsule(value, where)
+    if not (length := float(np.linalg.norm(b - a))) > SHORTEST_CYLINDER:
+        raise InvalidInput(where, f"a length of {length:.6g} m", f"ends more than {SHORTEST_CYLINDER:g} m apart")
+    return a, b, radius
+
+
+def _pose_along(a: Array, b: Array) -> Array:
+    """Return the pose of the middle of a segment, with z along it."""
+    T, u = np.eye(4), (b - a) / np.linalg.norm(b - a)
+    T[:3, :3], T[:3, 3] = np.column_stack([*complete_frame(u), u]), 0.5 * (a + b)
+    return T
+
+
 def _plane(value: Any, where: str) -> tuple[Array, Array]:
     """Check a plane; return its point and unit normal."""
     point, normal = _check_parts(value, where, 2, "(point, normal)")
@@ -270,7 +293,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
 
 
 def _check_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
-    words = ("box", "sphere", "capsule", "plane")
+    words = ("box", "sphere", "capsule", "plane", "cylinder")
     default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
     names = check_words(value, "scene.names") or tuple(default)
     if len(names) != len(default) or len(set(names)) != len(names):

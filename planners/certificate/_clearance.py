@@ -10,7 +10,18 @@ from optik import kinematics
 from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain, Triple
-from optik.scene.contact import BOX, PLANE, ROUND, SELF, Bodies, Objects, find_nearest, read_row, transform_point
+from optik.scene.contact import (
+    BOX,
+    CYLINDER,
+    PLANE,
+    ROUND,
+    SELF,
+    Bodies,
+    Objects,
+    find_nearest,
+    read_row,
+    transform_point,
+)
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 
@@ -140,6 +151,13 @@ def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Obje
         return float(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2] - half)
     if kind == SELF:
         return float(_length(middle, read_row(spheres, i)) - half - spheres[i, 3])
+    if kind == CYLINDER:
+        T, size = scene[7], scene[8]
+        x, y, z = middle[0] - T[i, 0, 3], middle[1] - T[i, 1, 3], middle[2] - T[i, 2, 3]
+        u, v = T[i, 0, 0] * x + T[i, 1, 0] * y + T[i, 2, 0] * z, T[i, 0, 1] * x + T[i, 1, 1] * y + T[i, 2, 1] * z
+        out = max(sqrt(u * u + v * v) - size[i, 0], 0.0)
+        w = max(abs(T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - size[i, 1], 0.0)
+        return sqrt(out * out + w * w) - half
     c, d = read_row(scene[2], i), read_row(scene[3], i)
     return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
 

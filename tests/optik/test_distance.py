@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from optik.distance import segment_box, segment_plane, segment_segment
+from optik.distance import NearestPoint, segment_box, segment_cylinder, segment_plane, segment_segment
 from optik.types import Array
 from tests.planners.contacts import COAL_ERROR, along, pose
 
@@ -83,14 +83,101 @@ def test_distances_to_boxes_and_segments_are_exact() -> None:
     for k in range(300):
         a, b, T, half = box(rng, k)
         distance, share, w = segment_box(triple(a), triple(b), T, half)
-        assert distance == pytest.approx(to_box(a, b, T, half), rel=0, abs=EXACT), k
+        assert max(distance, 0.0) == pytest.approx(to_box(a, b, T, half), rel=0, abs=EXACT), k
         assert 0.0 <= share <= 1.0
-        assert np.linalg.norm(w) == pytest.approx(distance, rel=0, abs=EXACT)
+        assert np.linalg.norm(w) == pytest.approx(abs(distance), rel=0, abs=EXACT)
         a, b, c, d = segments(rng, k)
         distance, share, w = segment_segment(triple(a), triple(b), triple(c), triple(d))
         assert distance == pytest.approx(to_segment(a, b, c, d), rel=0, abs=EXACT), k
         nearest = a + share * (b - a) - np.array(w)  # on the second segment
         assert to_segment(nearest, nearest, c, d) <= EXACT
+
+
+def to_cylinder(a: Array, b: Array, T: Array, size: Array) -> float:
+    a, d, p, R, size = (x.astype(np.longdouble) for x in (a, b - a, T[:3, 3], T[:3, :3], size))
+
+    def distance(s: Array) -> Array:
+        x = (a + np.multiply.outer(s, d) - p) @ R
+        out = np.maximum(np.hypot(x[..., 0], x[..., 1]) - size[0], 0.0)
+        return np.hypot(out, np.maximum(np.abs(x[..., 2]) - size[1], 0.0))
+
+    return least(distance)
+
+
+def sizes(half: Array) -> Array:
+    """Radius and half length of a cylinder in a box."""
+    return np.array([half[0], half[2]])
+
+
+def test_distances_to_cylinders_are_exact() -> None:
+    rng = np.random.default_rng(3)
+    for k in range(600):
+        a, b, T, half = box(rng, k)
+        if k % 17 == 0:
+            b = a + (T[:3, 2] if k % 2 else T[:3, 0]) * rng.normal()  # along the axis, or across
+        distance, share, w = segment_cylinder(triple(a), triple(b), T, sizes(half))
+        exact = to_cylinder(a, b, T, sizes(half))
+        assert max(distance, 0.0) == pytest.approx(exact, rel=0, abs=1e-12), k
+        if distance > 0.0:
+            nearest = a + share * (b - a) - np.array(w)
+            assert np.linalg.norm(w) == pytest.approx(distance, rel=0, abs=EXACT)
+            assert to_cylinder(nearest, nearest, T, sizes(half)) <= EXACT
+
+
+DIRECTIONS = np.random.default_rng(4).normal(size=(20_000, 3))
+DIRECTIONS = np.vstack([DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None], np.eye(3), -np.eye(3)])
+
+
+def least_translation(a: Array, b: Array, T: Array, reach: Any) -> float:
+    """Least length of a translation that takes a segment out of a solid: by directions in its frame, ever finer."""
+    a, b = (a - T[:3, 3]) @ T[:3, :3], (b - T[:3, 3]) @ T[:3, :3]
+    n, rng, best = DIRECTIONS, np.random.default_rng(5), np.inf
+    for level in range(8):
+        depth = reach(n) - np.minimum(n @ a, n @ b)
+        found, best = n[depth.argmin()], min(best, float(depth.min()))
+        n = found + 0.03 * 0.2**level * rng.normal(size=(2000, 3))
+        n /= np.linalg.norm(n, axis=1)[:, None]
+    return best
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_inside_a_solid_the_distance_is_minus_the_shortest_way_out(kind: str) -> None:
+    rng, close = np.random.default_rng(6), 0
+    for k in range(60):
+        _, _, T, half = box(rng, k)
+        d = rng.normal(size=3) * 10.0 ** rng.uniform(-2.0, 0.0)
+        if k % 4 == 0:
+            d = T[:3, k % 3] * 0.3  # parallel to an edge or the axis
+        x = T[:3, :3] @ (half * rng.uniform(-0.65, 0.65, 3)) + T[:3, 3]
+        a, b = x - rng.random() * d, x + rng.random() * d
+        size = sizes(half)
+        if kind == "cylinder":
+            x = T[:3, :3] @ (rng.uniform(-0.65, 0.65, 3) * (size[0], size[0], size[1])) + T[:3, 3]
+            a, b = x - rng.random() * d, x + rng.random() * d
+
+        def found(a: Array, b: Array, size: Array = size, T: Array = T, half: Array = half) -> NearestPoint:
+            if kind == "box":
+                return segment_box(triple(a), triple(b), T, half)
+            return segment_cylinder(triple(a), triple(b), T, size)
+
+        def reach(n: Array, size: Array = size, half: Array = half) -> Array:
+            if kind == "box":
+                return np.abs(n) @ half
+            return size[0] * np.hypot(n[..., 0], n[..., 1]) + size[1] * np.abs(n[..., 2])
+
+        distance, share, w = found(a, b)
+        assert distance < 0.0 and 0.0 <= share <= 1.0
+        other = least_translation(a, b, T, reach)
+        assert -distance <= other + EXACT, "no direction is shorter"
+        close += -distance >= other - 1e-6
+        way = np.array(w) / distance
+        assert np.linalg.norm(way) == pytest.approx(1.0, abs=EXACT)
+        for step, sign in ((1e-9, 1.0), (-1e-7, -1.0)):  # the translation takes the segment to the surface
+            assert sign * found(a + (step - distance) * way, b + (step - distance) * way)[0] >= -EXACT
+        gentle = 0.01 * rng.normal(size=(2, 3))
+        change = found(a + gentle[0], b + gentle[1])[0] - distance
+        assert abs(change) <= np.linalg.norm(gentle, axis=1).max() + EXACT
+    assert close >= 40, "the directions find it too"
 
 
 @pytest.mark.parametrize("count", [800, pytest.param(20_000, marks=pytest.mark.soak)])
@@ -111,6 +198,10 @@ def test_distances_agree_with_coal(count: int) -> None:
         a, b, T, half = box(rng, k)
         distance = segment_box(triple(a), triple(b), T, half)[0] - RADIUS
         theirs = found(capsule(a, b), (coal.Box(*(2.0 * half)), coal.Transform3s(T[:3, :3].copy(), T[:3, 3].copy())))
+        assert (abs(distance - theirs) <= COAL_ERROR) if distance > 0.0 else theirs <= COAL_ERROR, k
+        distance = segment_cylinder(triple(a), triple(b), T, sizes(half))[0] - RADIUS
+        other = coal.Cylinder(half[0], 2.0 * half[2])
+        theirs = found(capsule(a, b), (other, coal.Transform3s(T[:3, :3].copy(), T[:3, 3].copy())))
         assert (abs(distance - theirs) <= COAL_ERROR) if distance > 0.0 else theirs <= COAL_ERROR, k
         a, b, c, d = segments(rng, k)
         distance = segment_segment(triple(a), triple(b), triple(c), triple(d))[0] - 2.0 * RADIUS

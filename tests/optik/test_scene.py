@@ -19,6 +19,7 @@ SCENE = optik.Scene(
     spheres=[((0.5, 0.0, 0.3), 0.06)],
     capsules=[((0.6, 0.3, 0.0), (0.6, 0.3, 0.9), 0.03)],
     planes=[((0.0, 0.0, -0.7), (0.0, 0.0, 2.0))],
+    cylinders=[((0.6, -0.3, 0.0), (0.6, -0.3, 0.12), 0.04)],
     allow=[("base", "box1")],
     margin=0.01,
 )
@@ -26,7 +27,7 @@ EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if l
 
 
 def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
-    pose, half, a, b, radius, point, normal = SCENE.arrays
+    pose, half, a, b, radius, point, normal, cylinder, size = SCENE.arrays
     assert np.abs(pose - T).max() <= 1e-15
     assert half.tolist() == [[0.4, 0.6, 0.025]]
     assert a.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.0]]
@@ -34,9 +35,11 @@ def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
     assert radius.tolist() == [0.06, 0.03]
     assert point.tolist() == [[0.0, 0.0, -0.7]]
     assert normal.tolist() == [[0.0, 0.0, 1.0]]
-    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1")
+    np.testing.assert_allclose(cylinder[0, :3, 2:], [[0.0, 0.6], [0.0, -0.3], [1.0, 0.06]], rtol=0, atol=1e-16)
+    np.testing.assert_allclose(size, [[0.04, 0.06]], rtol=0, atol=1e-16)
+    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1")
     empty = optik.Scene().arrays
-    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3)]
+    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3), (0, 4, 4), (0, 2)]
     for x, none in zip(SCENE.arrays, empty, strict=True):
         assert x.flags.c_contiguous
         assert not x.flags.writeable
@@ -52,7 +55,7 @@ def test_a_scene_is_equal_by_content_through_pickle_json_and_toml(tmp_path):
     (tmp_path / "cell.toml").write_text(EXAMPLE, encoding="utf-8")
     (tmp_path / "cell.json").write_text(json.dumps(SCENE.to_dict()), encoding="utf-8")
     read = optik.Scene.load(tmp_path / "cell.toml")
-    assert read.names == ("table", "sphere1", "capsule1", "floor")
+    assert read.names == ("table", "sphere1", "capsule1", "floor", "cylinder1")
     assert (read.allow, read.margin) == ((("base", "table"),), 0.01)
     for mine, theirs in zip(read.arrays, SCENE.arrays, strict=True):
         assert np.abs(mine - theirs).max() <= 1e-15
@@ -92,6 +95,9 @@ BAD = [
     (dict(spheres=[((0.0, 0.0, 0.0), -0.1)]), "above 0"),
     (dict(spheres=[((0.0, 0.0, 0.0), True)]), "above 0"),
     (dict(capsules=[((0.0, 0.0, 0.0), (0.0, 0.0), 0.1)]), "three finite"),
+    (dict(cylinders=[((0.0, 0.0, 0.1), (0.0, 0.0, 0.1), 0.1)]), "a length of 0 m"),
+    (dict(cylinders=[((0.0, 0.0, 0.0), (0.0, 0.0, np.nan), 0.1)]), "finite"),
+    (dict(cylinders=[((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))]), "\\(a, b, radius\\)"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]), "not all 0"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, np.inf))]), "direction"),
     (dict(spheres=SCENE.spheres * 2, names=("a", "a")), "different names"),
@@ -152,17 +158,22 @@ def test_a_static_urdf_is_a_scene_with_its_joints_at_0(tmp_path):
     (tmp_path / "cell.urdf").write_text(CELL, encoding="utf-8")
     scene = optik.Scene.load(tmp_path / "cell.urdf")
     assert scene.names == ("table", "table#2", "post")
-    (pose, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.capsules[0]
+    (pose, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.cylinders[0]
     assert np.abs(pose - se3.from_xyz_rpy((1, 0, 0), (0, 0, 90))).max() <= 1e-15
     assert edges.tolist() == [1.0, 2.0, 0.1]
     assert (np.abs(centre - (1, 0, 1)).max() <= 1e-15, radius) == (True, 0.1)
-    assert np.abs(0.5 * (a + b) - (0, 0, 0)).max() <= 1e-15  # a metre along y of the table, which is −x of the world
-    corner = np.hypot(0.05, 0.5 - abs(b[2]))  # the rim of the cylinder's face
-    assert corner <= thick <= corner + 1e-6
-    assert scene.excess[2] >= max(thick - 0.05, abs(b[2]) + thick - 0.5) - 1e-15
+    # a metre along y of the table, which is −x of the world
+    np.testing.assert_allclose([a, b], [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]], rtol=0, atol=1e-15)
+    assert (thick, scene.excess.tolist()) == (0.05, [0.0, 0.0, 0.0])
     with pytest.raises(RobotModelError, match="no <collision>"):
         (tmp_path / "empty.urdf").write_text('<robot name="x"><link name="a"/></robot>', encoding="utf-8")
         optik.Scene.load(tmp_path / "empty.urdf")
+
+
+def test_a_file_without_cylinders_is_read_and_written_as_before():
+    data = optik.Scene(boxes=SCENE.boxes).to_dict()
+    assert list(data) == ["boxes", "spheres", "capsules", "planes", "allow", "names", "excess", "margin"]
+    assert optik.Scene.from_dict(data) == optik.Scene(boxes=SCENE.boxes)
 
 
 part = st.none() | st.booleans() | st.floats() | st.text(max_size=3) | st.lists(st.floats(-1.0, 9.0), max_size=4)

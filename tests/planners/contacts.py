@@ -52,7 +52,7 @@ def table() -> Scene:
 
 
 def drawn(rng: np.random.Generator) -> Scene:
-    """Boxes, spheres, capsules and planes anywhere around the arm."""
+    """Boxes, spheres, capsules, cylinders and planes anywhere around the arm."""
 
     def place() -> Array:
         angle, far = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.35, 0.9)
@@ -64,7 +64,8 @@ def drawn(rng: np.random.Generator) -> Scene:
     spheres = [(place(), rng.uniform(0.005, 0.08)) for _ in range(3)]
     capsules = [(p, p + 0.3 * rng.normal(size=3), 0.02) for p in (place(), place())]
     planes = [((0.0, 0.0, rng.uniform(-0.4, 0.05)), (0.0, 0.1 * rng.normal(), 1.0))]
-    return Scene(boxes=boxes, spheres=spheres, capsules=capsules, planes=planes)
+    cylinders = [(p, p + 0.2 * rng.normal(size=3), rng.uniform(0.02, 0.1)) for p in (place(), place())]
+    return Scene(boxes=boxes, spheres=spheres, capsules=capsules, planes=planes, cylinders=cylinders)
 
 
 def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
@@ -115,6 +116,14 @@ class Oracle:
                 pose(0.5 * (a + b), along(b - a)),
                 np.array([0.0, 0.0, 0.5 * length]),
                 radius,
+            )
+        for a, b, radius in scene.cylinders:
+            half = 0.5 * float(np.linalg.norm(b - a))
+            self._add(
+                coal.Cylinder(float(radius), 2.0 * half),
+                pose(0.5 * (a + b), along(b - a)),
+                np.array([radius, radius, half]),
+                0.0,
             )
         self.planes = scene.planes
         self.moving = np.flatnonzero(self.link > 0)

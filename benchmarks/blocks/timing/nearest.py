@@ -9,7 +9,7 @@ import polars as pl
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import BOX, ROUND, SELF, find_nearest, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CYLINDER, ROUND, SELF, find_nearest, find_pairs, rooms_batch
 from optik.types import Array, Indices
 from planners.certificate.clearance import Clearance
 from planners.plan import Plan
@@ -54,7 +54,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     q = planned.trajectory(closest.time)
     arm, (_, pairs) = placed(robot, q), _rooms(robot, scene, q[None], own=proof.scene is None)
     one, other, kind = pairs[0].tolist()
-    box_pose, box_half, a, b, radius, point, normal = scene.arrays
+    box_pose, box_half, a, b, radius, point, normal, *_ = scene.arrays
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
         "found": closest.found, "margin": proof.margin, "pair": list(closest.pair), "words": _words(proof),
@@ -71,6 +71,9 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
         "rounds": [
             (a[i].tolist(), b[i].tolist(), float(radius[i]), kind == ROUND and i == other)
             for i in range(len(radius))
+        ],
+        "cylinders": [
+            (c.tolist(), d.tolist(), r, kind == CYLINDER and i == other) for i, (c, d, r) in enumerate(scene.cylinders)
         ],
         "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
     }  # fmt: skip
@@ -103,9 +106,8 @@ def nearest_points(
 ) -> tuple[Array, Array]:
     """Return the nearest points of a capsule of the arm and of another body."""
     a, b, radius = arm
-    _, place, off = find_nearest((one, other, kind), scene.arrays, np.stack([a, b], axis=1))
+    length, place, off = find_nearest((one, other, kind), scene.arrays, np.stack([a, b], axis=1))
     other_radius = {SELF: radius, ROUND: scene.arrays[4]}.get(kind, np.zeros(other + 1))[other]
-    length = float(np.linalg.norm(off))
-    toward = -np.array(off) / length if length > 0.0 else np.zeros(3)
+    toward = -np.array(off) / length if length != 0.0 else np.zeros(3)
     axis = a[one] + place * (b[one] - a[one])
     return axis + radius[one] * toward, axis + (length - other_radius) * toward

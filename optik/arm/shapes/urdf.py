@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -97,16 +98,19 @@ def find_geometry(tree: Tree, element: Any) -> tuple[str, Any]:
     return "nothing", None
 
 
+def read_length(robot: str, where: str, kind: str, shape: Any, name: str) -> float:
+    """Return a length of a geometry [m], such as the radius of a sphere."""
+    value = read_number(robot, where, shape.get(name, ""), f"{kind} {name}")
+    if not 0.0 < value <= FARTHEST_CORNER:
+        expected = f"a length above 0 of at most {FARTHEST_CORNER:g} m"
+        raise RobotModelError(robot, f"{where}: {kind} {name} {value:.6g}, expected {expected}")
+    return value
+
+
 def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
     """Enclose the geometry of a <collision> by capsules, in its own frame."""
     kind, shape = find_geometry(tree, element)
-
-    def length(name: str) -> float:
-        value = read_number(tree.name, where, shape.get(name, ""), f"{kind} {name}")
-        if not 0.0 < value <= FARTHEST_CORNER:
-            expected = f"a length above 0 of at most {FARTHEST_CORNER:g} m"
-            raise RobotModelError(tree.name, f"{where}: {kind} {name} {value:.6g}, expected {expected}")
-        return value
+    length = partial(read_length, tree.name, where, kind, shape)
 
     def enclosed(triangles: Array) -> list[Capsule]:
         farthest = float(np.abs(triangles).max())

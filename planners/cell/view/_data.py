@@ -12,7 +12,7 @@ from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.dynamics import joint_torques
 from optik.scene import Scene
-from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CYLINDER, PLANE, ROUND, SELF, find_pairs, rooms_batch
 from optik.types import Array, Indices
 from planners.cell.view.show import Show, Track, thin
 from planners.limits import sides
@@ -34,7 +34,7 @@ PLOTS = {
 """Quantities of a motion that a page plots: title, and suffix of a joint's unit."""
 PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
 """Quantities with a limit of the motion, and the name of that limit."""
-SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own"}
+SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own", CYLINDER: "cylinders"}
 """Kinds of the second shape of a pair, as the scripts name them."""
 
 Facts = tuple[tuple[str, str], ...]
@@ -107,23 +107,27 @@ def find_up(robot: Robot) -> Array:
 
 
 def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], dict[str, str], Facts]:
-    """Return the indices of the drawn boxes and rounds, the objects, and a row of facts if some are left out."""
+    """Return the indices of the drawn objects of each kind but planes, the objects, and a row of facts if some are left out."""
     ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules)
     rows = {
         "boxes": [np.append(T, edges) for T, edges in scene.boxes],
         "rounds": [np.concatenate((a, b, [r])) for a, b, r in ends],
         "planes": [np.concatenate(plane) for plane in scene.planes],
+        "cylinders": [np.concatenate((a, b, [r])) for a, b, r in scene.cylinders],
     }
     balls = [(T[:3, 3], np.linalg.norm(edges) / 2) for T, edges in scene.boxes]
-    balls += [((a + b) / 2, r + np.linalg.norm(b - a) / 2) for a, b, r in ends]
+    balls += [((a + b) / 2, r + np.linalg.norm(b - a) / 2) for a, b, r in (*ends, *scene.cylinders)]
     facts: Facts = ()
     chosen = np.arange(len(balls))
     if len(balls) > MOST_OBJECTS_DRAWN:
         distances = [_distance(path, middle) - radius for middle, radius in balls]
         chosen = np.sort(np.argsort(distances)[:MOST_OBJECTS_DRAWN])
         facts = (("Drawn scene", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {len(balls)}"),)
-    count = len(scene.boxes)
-    drawn = {"boxes": chosen[chosen < count].tolist(), "rounds": (chosen[chosen >= count] - count).tolist()}
+    drawn, first = {}, 0
+    for name in ("boxes", "rounds", "cylinders"):  # in the order of `balls`
+        last = first + len(rows[name])
+        drawn[name] = (chosen[(chosen >= first) & (chosen < last)] - first).tolist()
+        first = last
     objects = {
         name: _numbers([row for i, row in enumerate(values) if i in set(drawn.get(name, range(len(values))))])
         for name, values in rows.items()

@@ -10,6 +10,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const capsules = data.capsules && rows(data.capsules, 8).map(c => ({ link: c[0], a: c.slice(1, 4), b: c.slice(4, 7), r: c[7] }));
   const path = rows(data.path, 3), up = data.up;
   const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
+  const cylinders = rows(data.scene.cylinders, 7).map(c => ({ a: c.slice(0, 3), b: c.slice(3, 6), r: c[6] }));
   const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
   const payload = data.payload;
   const did = data.executed && tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
@@ -27,7 +28,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const corners = box => [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
     moved(box.pose, box.edges.map((e, i) => (k >> i & 1 ? 0.5 : -0.5) * e)));
   const points = [[0, 0, 0], ...path, ...(data.beam || []), ...boxes.flatMap(corners)];
-  const seen = [...everywhere, ...points.map(p => ({ p, r: 0 })),
+  const seen = [...everywhere, ...points.map(p => ({ p, r: 0 })), ...cylinders.flatMap(c => [c.a, c.b].map(p => ({ p, r: c.r }))),
     ...rounds.flatMap(c => [c.slice(0, 3), c.slice(3, 6)].map(p => ({ p, r: c[6] })))].filter(at => length(at.p) <= 2.5 * reach);
 
   // ---- the camera
@@ -79,6 +80,19 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     for (let k = 0; k < 8; k++) for (const bit of [1, 2, 4]) if (!(k & bit)) out.push([c[k], c[k | bit]]);
     return out;
   };
+  const rings = c => { // points around both ends of a cylinder, and the directions to them
+    const z = minus(c.b, c.a), [x, y] = Draw.across(z.map(v => v / length(z)));
+    const out = Array.from({ length: 33 }, (_, k) => plus(plus([0, 0, 0], x, Math.cos(k * Math.PI / 16)), y, Math.sin(k * Math.PI / 16)));
+    return { z, out, ends: [c.a, c.b].map(end => out.map(n => plus(end, n, c.r))) };
+  };
+  const sides = c => {
+    const { z, out, ends: [low, high] } = rings(c), down = z.map(v => -v), rows = [];
+    for (let k = 0; k < 32; k++) {
+      for (const [at, i] of [[low, k], [low, k + 1], [high, k + 1], [low, k], [high, k + 1], [high, k]]) rows.push([at[i], out[i]]);
+      rows.push([c.a, down], [low[k], down], [low[k + 1], down], [c.b, z], [high[k], z], [high[k + 1], z]);
+    }
+    return rows;
+  };
   const triad = (pose, size) => [0, 1, 2].map(k => [origin(pose), plus(origin(pose), axis(pose, k), size)]);
 
   // ---- drawing
@@ -100,14 +114,15 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     layers = {
       grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), edges: lines(), near: lines(),
       x: lines(), y: lines(), z: lines(), arm: round(), second: round(), marks: round(), rounds: round(),
-      boxes: triangles(), planes: triangles(),
+      solids: triangles(), planes: triangles(),
     };
     layers.grid.set(gridLines());
     layers.path.set([path]);
     layers.beam.set(data.beam ? [data.beam] : []);
-    layers.boxes.set(boxes.flatMap(faces).reduce((out, v, k, all) => (k % 2 ? out : [...out, [v, all[k + 1]]]), []));
+    const flat = boxes.flatMap(faces);
+    layers.solids.set([...flat.flatMap((v, k) => (k % 2 ? [] : [[v, flat[k + 1]]])), ...cylinders.flatMap(sides)]);
     layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
-    layers.edges.set([...boxes.flatMap(edges), ...planes.map(outline)]);
+    layers.edges.set([...boxes.flatMap(edges), ...cylinders.flatMap(c => rings(c).ends), ...planes.map(outline)]);
     return true;
   };
 
@@ -133,6 +148,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     layers.rounds.set(rounds.map((r, i) =>
       [r.slice(0, 3), r.slice(3, 6), r[6], kind === "rounds" && object === i ? colours.pair : colours.scene]));
     layers.near.set(kind === "boxes" && boxes[object] ? edges(boxes[object])
+      : kind === "cylinders" && cylinders[object] ? rings(cylinders[object]).ends
       : kind === "planes" ? [outline(planes[object])] : []);
     const marks = [[origin(tool), origin(tool), dot_, colours.mark]];
     if (payload) marks.push([moved(tool, payload.com), moved(tool, payload.com), 1.5 * dot_, colours.payload]);
@@ -192,7 +208,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     paintLines(gl, traces, 0.3);
     gl.depthFunc(gl.LEQUAL);
     paintSolid(gl, solid, ["rounds", "second"], 0.5);
-    paintSolid(gl, mesh, ["boxes"], 0.4);
+    paintSolid(gl, mesh, ["solids"], 0.4);
     paintSolid(gl, mesh, ["planes"], 0.18);
     gl.disable(gl.DEPTH_TEST);
     paintSolid(gl, solid, ["marks"], 1, 1);

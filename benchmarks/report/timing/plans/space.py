@@ -182,8 +182,10 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
             ([_capsule(c) for c in picture["arm"] if not c[3]], INK_COLOUR, "arm, capsules around its links", 2),
             ([_edges(box) for box in picture["boxes"] if not box[2]], SCENE_COLOUR, "scene", 3),
             ([_capsule(c) for c in picture["rounds"] if not c[3]], SCENE_COLOUR, "scene", 2),
+            ([_cylinder(c) for c in picture.get("cylinders", ()) if not c[3]], SCENE_COLOUR, "scene", 2),
             ([_square(plane) for plane in picture["planes"]], SCENE_COLOUR, "scene", 2),
             ([_capsule(c) for c in (*picture["arm"], *picture["rounds"]) if c[3]]
+             + [_cylinder(c) for c in picture.get("cylinders", ()) if c[3]]
              + [_edges(box) for box in picture["boxes"] if box[2]], MARK_COLOUR, " and ".join(picture["pair"]), 4),
         ]  # fmt: skip
         for lines, look, name, width in parts:
@@ -235,14 +237,30 @@ def _square(plane: Sequence[Any]) -> Array:
     return np.array([*ends, np.full(3, np.nan)])
 
 
-def _capsule(capsule: Sequence[Any]) -> Array:
-    """Return rings at both ends of a capsule's segment and two lengthwise lines around it (k, 3) [m]."""
-    a, b, radius = np.array(capsule[0]), np.array(capsule[1]), float(capsule[2])
+def _frame_along(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return unit vectors x, y, z with z along a segment; along the z axis if it is a point."""
     length = float(np.linalg.norm(b - a))
     z = (b - a) / length if length else np.array([0.0, 0.0, 1.0])
     x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
     x /= np.linalg.norm(x)
-    y, gap = np.cross(z, x), np.full((1, 3), np.nan)
+    return x, np.cross(z, x), z
+
+
+def _cylinder(cylinder: Sequence[Any]) -> Array:
+    """Return rings at both ends of a cylinder and four lengthwise lines (k, 3) [m]."""
+    a, b, radius = np.array(cylinder[0]), np.array(cylinder[1]), float(cylinder[2])
+    x, y, _ = _frame_along(a, b)
+    turn, gap = np.linspace(0.0, 2.0 * np.pi, AROUND)[:, None], np.full((1, 3), np.nan)
+    lines = [centre + radius * (np.cos(turn) * x + np.sin(turn) * y) for centre in (a, b)]
+    lines += [np.array([a, b]) + radius * side for side in (x, y, -x, -y)]
+    return np.vstack([part for one in lines for part in (one, gap)])
+
+
+def _capsule(capsule: Sequence[Any]) -> Array:
+    """Return rings at both ends of a capsule's segment and two lengthwise lines around it (k, 3) [m]."""
+    a, b, radius = np.array(capsule[0]), np.array(capsule[1]), float(capsule[2])
+    length, (x, y, z) = float(np.linalg.norm(b - a)), _frame_along(a, b)
+    gap = np.full((1, 3), np.nan)
     turn = np.linspace(0.0, 2.0 * np.pi, AROUND)[:, None]
     half = np.linspace(0.0, np.pi, AROUND // 2 + 1)[:, None]
     lines = [centre + radius * (np.cos(turn) * x + np.sin(turn) * y) for centre in ((a, b) if length else (a,))]
