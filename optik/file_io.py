@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optik.errors import InvalidInput, OutputError
+from optik.errors import InvalidInput, MissingDependency, OutputError
 from optik.types import Array
 
 MOST_BYTES = 2**30
@@ -76,6 +76,21 @@ def parse_toml(text: str, argument: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InvalidInput(argument, str(error)[:120], "TOML") from None
+
+
+def parse_yaml(text: str, argument: str, purpose: str) -> Any:
+    """Parse one document of YAML by a loader that makes plain data only."""
+    try:
+        import yaml
+    except ModuleNotFoundError:
+        raise MissingDependency("PyYAML", purpose, "ros") from None
+    try:
+        documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
+        raise InvalidInput(argument, " ".join(str(error).split())[:160], "complete YAML") from None
+    if len(documents) != 1:
+        raise InvalidInput(argument, f"{len(documents)} documents", "one document")
+    return documents[0]
 
 
 class CsvTable(NamedTuple):

@@ -1,4 +1,4 @@
-"""Readers of scenes: TOML in millimetres and degrees, JSON, and URDF.
+"""Readers of scenes: TOML in millimetres and degrees, JSON, URDF, and MoveIt scenes in YAML (`optik.scene.moveit`).
 
 A TOML file contains optional tables of objects, in the frame of the arm's base:
 
@@ -48,6 +48,7 @@ from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_tripl
 from optik.check import check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
+from optik.scene.moveit import make_unique, scene_from_moveit
 from optik.types import Array
 
 OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders")
@@ -73,7 +74,7 @@ def load_scene(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
-    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml"))
+    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml"))
     if suffix in (".urdf", ".xml"):
         from optik.scene.files import scene_from_urdf
 
@@ -84,6 +85,8 @@ def load_scene(
     content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
     try:
         text = decode_text(content)
+        if suffix in (".yaml", ".yml"):
+            return scene_from_moveit(text)
         return scene_from_dict(parse_json(text, "scene")) if suffix == ".json" else scene_from_toml(text)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
@@ -186,14 +189,4 @@ def scene_from_urdf(
         raise RobotModelError(tree.name, "no <collision> on any link")
     shapes = {kind: [one for _, one, _ in rows] for kind, rows in objects.items()}
     excess = np.array([e for *_, e in found])
-    return {**shapes, "names": _make_unique([name for name, *_ in found]), "excess": excess}
-
-
-def _make_unique(names: list[str]) -> tuple[str, ...]:
-    """Make names unique: the second object of a name becomes name#2, and so on."""
-    found: list[str] = []
-    count: dict[str, int] = {}
-    for name in names:
-        count[name] = count.get(name, 0) + 1
-        found.append(name if count[name] == 1 else f"{name}#{count[name]}")
-    return tuple(found)
+    return {**shapes, "names": make_unique([name for name, *_ in found]), "excess": excess}

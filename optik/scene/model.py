@@ -124,12 +124,12 @@ class Scene:
         *,
         package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
     ) -> Scene:
-        """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, or URDF.
+        """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, URDF, or YAML of MoveIt.
 
         Parameters
         ----------
         file : str or path
-            Its name ends in .toml, .json, .urdf or .xml. The <collision> elements of a URDF are placed with every
+            Its name ends in .toml, .json, .urdf, .xml, .yaml or .yml. The <collision> elements of a URDF are placed with every
             joint at 0, in the frame of the root; STL and OBJ meshes are enclosed by capsules.
         package_dirs : mapping of str to path, or sequence of paths, optional
             For a URDF, folders of meshes besides its own, as of `Robot.from_urdf`.

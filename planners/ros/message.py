@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik.errors import InvalidInput, MissingDependency
-from optik.file_io import parse_json
+from optik.errors import InvalidInput
+from optik.file_io import parse_json, parse_yaml
 from optik.types import Array
 from planners.controller import count_derivatives, sample_states, trajectory_through
 from planners.ros.replies import NANOSECONDS, write_time
@@ -124,7 +124,9 @@ def to_text(message: dict[str, Any], suffix: str, remarks: list[str]) -> str:
 
 def from_text(text: str, suffix: str) -> Any:
     """Return the plain data of JSON or YAML."""
-    return parse_json(text, "content") if suffix == ".json" else _from_yaml(text)
+    if suffix == ".json":
+        return parse_json(text, "content")
+    return parse_yaml(text, "content", "reading ROS messages from YAML")
 
 
 def _to_yaml(message: dict[str, Any], remarks: list[str]) -> str:
@@ -152,17 +154,3 @@ def _yaml_float(value: float) -> str:
 def quoted(name: str) -> str:
     """Return a name in double quotes, as YAML and JSON escape it."""
     return json.dumps(name, ensure_ascii=False)
-
-
-def _from_yaml(text: str) -> Any:
-    try:
-        import yaml
-    except ModuleNotFoundError:
-        raise MissingDependency("PyYAML", "reading ROS messages from YAML", "ros") from None
-    try:
-        documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
-        raise InvalidInput("content", " ".join(str(error).split())[:160], "complete YAML") from None
-    if len(documents) != 1:
-        raise InvalidInput("content", f"{len(documents)} documents", "one message")
-    return documents[0]

@@ -1,0 +1,190 @@
+"""Reader of MoveIt planning scenes in YAML (`moveit_msgs/PlanningScene`), as MoveIt and MotionBenchMaker write them.
+
+Objects are boxes, spheres, cylinders and planes. `allowed_collision_matrix` becomes the allowed pairs of links and objects; its
+pairs of two links belong to the arm (`Shapes.with_srdf`). The planning frame is the frame of the arm's base, or of the world if
+`robot_state` places the arm's floating joint in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from optik import se3
+from optik.arm.plain import read_list, read_word
+from optik.check import check_number, format_value
+from optik.errors import InvalidInput
+from optik.file_io import parse_yaml
+from optik.types import Array
+
+PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
+"""Types of `shape_msgs/SolidPrimitive` that are read, by number."""
+DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
+"""Number of dimensions of each type: edges; radius; height and radius."""
+OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"))
+"""Keys of the parts of an object, and of their poses."""
+Part = tuple[str, str, tuple[Any, ...]]
+"""Kind of object of a `Scene`, name, and arguments."""
+
+
+def scene_from_moveit(text: str) -> dict[str, Any]:
+    """Read the arguments of a `Scene` from a MoveIt planning scene in YAML."""
+    scene = _mapping(parse_yaml(text, "scene", "reading MoveIt scenes"), "scene")
+    world = _mapping(scene.get("world"), "world")
+    state = _mapping(scene.get("robot_state") or {}, "robot_state")
+    if attached := state.get("attached_collision_objects"):
+        got = f"{len(attached) if isinstance(attached, list) else format_value(attached)} attached objects"
+        raise InvalidInput("robot_state", got, "none: Shapes.with_part attaches objects to a link")
+    frames = _Frames(scene, state)
+    parts: list[Part] = []
+    for i, one in enumerate(_rows(world, "collision_objects", "world")):
+        where = f"collision_objects[{i}]"
+        name = read_word(_mapping(one, where).get("id"), f"{where}.id")
+        T = frames.find(one, where) @ (np.eye(4) if one.get("pose") is None else _pose(one["pose"], f"{where}.pose"))
+        parts += _read_object(one, name, T, where)
+    order = ("boxes", "spheres", "planes", "cylinders")
+    parts.sort(key=lambda part: order.index(part[0]))  # the order of names in a `Scene`
+    objects = {kind: [one for other, _, one in parts if other == kind] for kind in order}
+    ids = [name for _, name, _ in parts]
+    names = make_unique(ids)
+    allowed = _read_allowed(scene.get("allowed_collision_matrix") or {}, set(ids))
+    allow = [(link, name) for link, one in allowed for name, of in zip(names, ids, strict=True) if of == one]
+    return {**objects, "names": names, "allow": allow}
+
+
+def make_unique(names: list[str]) -> tuple[str, ...]:
+    """Make names unique: the second object of a name becomes name#2, and so on."""
+    found: list[str] = []
+    count: dict[str, int] = {}
+    for name in names:
+        count[name] = count.get(name, 0) + 1
+        found.append(name if count[name] == 1 else f"{name}#{count[name]}")
+    return tuple(found)
+
+
+def _read_object(one: dict[str, Any], name: str, T: Array, where: str) -> Iterator[Part]:
+    """Read the parts of an object at a pose."""
+    if one.get("meshes"):
+        raise InvalidInput(f"{where}.meshes", f"meshes of {name[:60]!r}", "boxes, spheres, cylinders and planes")
+    for key, poses in OBJECT_PARTS:
+        rows = _rows(one, key, where)
+        places = read_list(one.get(poses) or [], f"{where}.{poses}", f"{len(rows)} poses", len(rows)) if rows else []
+        for k, (row, place) in enumerate(zip(rows, places, strict=True)):
+            at = f"{where}.{key}[{k}]"
+            read = _plane if key == "planes" else _primitive
+            kind, arguments = read(_mapping(row, at), T @ _pose(place, f"{where}.{poses}[{k}]"), at)
+            yield kind, name, arguments
+
+
+def _primitive(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, ...]]:
+    kind = row.get("type")
+    kind = PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
+    if kind not in DIMENSIONS:
+        raise InvalidInput(f"{where}.type", format_value(row.get("type")), ", ".join(DIMENSIONS))
+    values = _numbers(row.get("dimensions"), f"{where}.dimensions", DIMENSIONS[kind])
+    if kind == "box":
+        return "boxes", (T, values)
+    if kind == "sphere":
+        return "spheres", (T[:3, 3], values[0])
+    half = 0.5 * values[0] * T[:3, 2]
+    return "cylinders", (T[:3, 3] - half, T[:3, 3] + half, values[1])
+
+
+def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, ...]]:
+    """Read a plane a x + b y + c z + d = 0; the free side is that of (a, b, c)."""
+    *normal, d = _numbers(row.get("coef"), f"{where}.coef", 4)
+    n = np.array(normal)
+    if not (square := float(n @ n)):
+        raise InvalidInput(f"{where}.coef", format_value(row.get("coef")), "a normal that is not 0")
+    return "planes", (T[:3, :3] @ (-d / square * n) + T[:3, 3], T[:3, :3] @ n)
+
+
+class _Frames:
+    """The poses of named frames in the frame of the arm's base."""
+
+    def __init__(self, scene: dict[str, Any], state: dict[str, Any]) -> None:
+        moving = _mapping(state.get("multi_dof_joint_state") or {}, "robot_state.multi_dof_joint_state")
+        bases = _rows(moving, "transforms", "multi_dof_joint_state")
+        if len(bases) > 1:
+            raise InvalidInput("multi_dof_joint_state", f"{len(bases)} floating joints", "at most one, of the base")
+        base = _transform(bases[0], "multi_dof_joint_state.transforms[0]") if bases else np.eye(4)
+        self._world, self._known, self._other = se3.inverse(base), {"": np.eye(4)}, ""
+        for i, row in enumerate(_rows(scene, "fixed_frame_transforms", "scene")):
+            where = f"fixed_frame_transforms[{i}]"
+            T = _transform(_mapping(row, where).get("transform"), f"{where}.transform")
+            self._known[read_word(row.get("child_frame_id"), f"{where}.child_frame_id").strip("/")] = T
+
+    def find(self, one: dict[str, Any], where: str) -> Array:
+        """Return the pose of the frame that an object is given in; one frame without a transform is the planning frame."""
+        header = _mapping(one.get("header") or {}, f"{where}.header")
+        name = read_word(header.get("frame_id") or "", f"{where}.header.frame_id").strip("/")
+        if name not in self._known:
+            if self._other:
+                raise InvalidInput(
+                    f"{where}.header.frame_id", repr(name)[:60], f"{self._other[:60]!r}, or a fixed frame"
+                )
+            self._known[name], self._other = np.eye(4), name
+        return np.asarray(self._world @ self._known[name])
+
+
+def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
+    """Return the pairs of a link and an object that may touch."""
+    where = "allowed_collision_matrix"
+    names = [read_word(name, f"{where}.entry_names") for name in _rows(_mapping(matrix, where), "entry_names", where)]
+    rows = read_list(matrix.get("entry_values") or [], f"{where}.entry_values", f"{len(names)} rows", len(names))
+    found = {}
+    for name, row in zip(names, rows, strict=True):
+        flags = row.get("enabled") if isinstance(row, dict) else row
+        flags = read_list(flags, f"{where}.entry_values", f"{len(names)} of true or false in each row", len(names))
+        for other, flag in zip(names, flags, strict=True):
+            if flag is True and name not in objects and other in objects:
+                found[name, other] = True
+    every = [read_word(name, f"{where}.default_entry_names") for name in _rows(matrix, "default_entry_names", where)]
+    flags = read_list(matrix.get("default_entry_values") or [], f"{where}.default_entry_values", "flags", len(every))
+    for name, flag in zip(every, flags, strict=True):
+        for link in names:
+            if flag is True and name in objects and link not in objects:
+                found[link, name] = True
+    return list(found)
+
+
+# ---------------------------------------------------------------- values
+
+
+def _mapping(value: Any, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InvalidInput(where, format_value(value), "a mapping, as in a MoveIt planning scene")
+    return value
+
+
+def _rows(value: dict[str, Any], key: str, where: str) -> list[Any]:
+    return read_list(value.get(key) or [], f"{where}.{key}", "a list")
+
+
+def _numbers(value: Any, where: str, count: int, keys: str = "") -> Array:
+    """Read numbers from a list or, with keys such as xyz, from a mapping; YAML 1.1 reads 1e-5 as text."""
+    expected = f"{count} finite numbers"
+    if isinstance(value, dict):
+        value = [value.get(key) for key in keys]
+    out = []
+    for x in read_list(value, where, expected, count):
+        try:
+            x = float(x) if isinstance(x, str) else x
+        except ValueError:
+            raise InvalidInput(where, format_value(x), expected) from None
+        out.append(check_number(x, where, expected))
+    return np.array(out)
+
+
+def _pose(value: Any, where: str, names: tuple[str, str] = ("position", "orientation")) -> Array:
+    """Read a pose: a point and a quaternion x, y, z, w."""
+    parts = _mapping(value, where)
+    p = _numbers(parts.get(names[0]), f"{where}.{names[0]}", 3, "xyz")
+    x, y, z, w = _numbers(parts.get(names[1]), f"{where}.{names[1]}", 4, "xyzw")
+    return se3.pose(se3.from_quaternion((w, x, y, z), f"{where}.{names[1]}"), p)
+
+
+def _transform(value: Any, where: str) -> Array:
+    return _pose(value, where, ("translation", "rotation"))

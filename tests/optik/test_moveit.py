@@ -1,0 +1,163 @@
+"""MoveIt planning scenes in YAML: what is read, and that bad files fail with one line."""
+
+import os
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import optik
+from optik import se3
+from optik.errors import InvalidInput, OptikError
+from optik.types import Array
+
+yaml = pytest.importorskip("yaml")
+QUARTER = [0.0, 0.0, 0.7071067811865476, 0.7071067811865476]
+SCENE = """
+name: ""
+robot_model_name: panda
+robot_state:
+  joint_state: {name: [panda_joint1], position: [0]}
+fixed_frame_transforms:
+  - child_frame_id: bench
+    transform: {translation: [1, 0, 0], rotation: [0, 0, 0.7071067811865476, 0.7071067811865476]}
+allowed_collision_matrix:
+  entry_names: [hand, foot, can]
+  entry_values:
+    - [false, true, true]
+    - [true, false, false]
+    - enabled: [true, false, false]
+  default_entry_names: [shelf]
+  default_entry_values: [true]
+world:
+  collision_objects:
+    - id: shelf
+      header: {frame_id: panda_link0}
+      primitives:
+        - {type: box, dimensions: [1.2, 0.04, 3.4e-1]}
+        - {type: 2, dimensions: [0.1]}
+      primitive_poses:
+        - {position: [0.5, -1.0, 0.25], orientation: [0, 0, 0.7071067811865476, 0.7071067811865476]}
+        - {position: {x: 0, y: 0, z: 2}, orientation: {x: 0, y: 0, z: 0, w: 1}}
+    - id: can
+      header: {frame_id: bench}
+      pose: {position: [0, 1, 0], orientation: [0, 0, 0, 1]}
+      primitives: [{type: cylinder, dimensions: [0.14, 0.03]}]
+      primitive_poses: [{position: [1e-05, 0, 0.5], orientation: [0.7071067811865476, 0, 0, 0.7071067811865476]}]
+    - id: floor
+      planes: [{coef: [0, 0, 2, 1]}]
+      plane_poses: [{position: [0, 0, 0], orientation: [0, 0, 0, 1]}]
+"""
+
+
+def load(tmp_path: Path, text: str) -> optik.Scene:
+    (tmp_path / "scene.yaml").write_text(text, encoding="utf-8")
+    return optik.Scene.load(tmp_path / "scene.yaml")
+
+
+def quarter_turn(p: Any) -> Array:
+    return se3.from_xyz_rpy(p, (0.0, 0.0, 90.0))
+
+
+def test_objects_frames_and_allowed_pairs_are_read(tmp_path: Path) -> None:
+    scene = load(tmp_path, SCENE)
+    assert scene.names == ("shelf", "shelf#2", "floor", "can")
+    (T, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.cylinders[0]
+    np.testing.assert_allclose(T, quarter_turn((0.5, -1.0, 0.25)), rtol=0, atol=1e-15)
+    assert (edges.tolist(), centre.tolist(), radius, thick) == ([1.2, 0.04, 0.34], [0.0, 0.0, 2.0], 0.1, 0.03)
+    # The can lies along −y of its object, which is x of the base behind the bench's quarter turn.
+    np.testing.assert_allclose([a, b], [[-0.07, 1e-5, 0.5], [0.07, 1e-5, 0.5]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(scene.planes[0], [[0.0, 0.0, -0.5], [0.0, 0.0, 1.0]], rtol=0, atol=0)
+    assert set(scene.allow) == {
+        ("hand", "can"), ("hand", "shelf"), ("hand", "shelf#2"), ("foot", "shelf"), ("foot", "shelf#2"),
+    }  # fmt: skip
+
+
+def test_a_floating_base_moves_the_world(tmp_path: Path) -> None:
+    data = yaml.safe_load(SCENE)
+    base = {"translation": [0.0, 2.0, 0.0], "rotation": QUARTER}
+    data["robot_state"] = {"multi_dof_joint_state": {"joint_names": ["virtual_joint"], "transforms": [base]}}
+    moved, scene = load(tmp_path, yaml.safe_dump(data)), load(tmp_path, SCENE)
+    for one, other in zip(moved.boxes, scene.boxes, strict=True):
+        np.testing.assert_allclose(quarter_turn((0.0, 2.0, 0.0)) @ one[0], other[0], rtol=0, atol=1e-15)
+
+
+BAD = [
+    ("world: [", "complete YAML"),
+    ("- 1", "a mapping"),
+    ("a: 1\n---\nb: 2", "one document"),
+    ("!!python/object/apply:os.system ['true']", "complete YAML"),
+    ("{a: &a [1], ? *a : 2}", "complete YAML"),
+    ("[" * 20_000, "complete YAML"),
+    ("world: {collision_objects: 3}", "a list"),
+    ("world: {collision_objects: [{id: 3}]}", "a string"),
+    (SCENE.replace("type: cylinder", "type: cone"), "box, sphere, cylinder"),
+    (SCENE.replace("type: 2", "type: 4"), "box, sphere, cylinder"),
+    (SCENE.replace("[0.14, 0.03]", "[0.14]"), "2 finite numbers"),
+    (SCENE.replace("[0.14, 0.03]", "[0.14, .nan]"), "2 finite numbers"),
+    (SCENE.replace("[0.14, 0.03]", "[0.14, -3]"), "above 0"),
+    (SCENE.replace("[0.14, 0.03]", "[1400, 300]"), "cylinders"),
+    (SCENE.replace("[1e-05, 0, 0.5]", "[a, 0, 0.5]"), "3 finite numbers"),
+    (SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2]"), "unit quaternion"),
+    (SCENE.replace("coef: [0, 0, 2, 1]", "coef: [0, 0, 0, 1]"), "not 0"),
+    (SCENE.replace("id: floor", "id: floor\n      header: {frame_id: hall}"), "panda_link0.*a fixed frame"),
+    (SCENE.replace("[false, true, true]", "[false, true]"), "entry_values"),
+    (SCENE.replace("joint_state:", "attached_collision_objects: [{}]\n  joint_state:"), "with_part"),
+    (SCENE.replace("planes:", "meshes: [{}]\n      planes:"), "meshes"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), BAD)
+def test_a_bad_file_is_one_clear_line(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InvalidInput, match=words) as caught:
+        load(tmp_path, text)
+    assert "\n" not in str(caught.value) and "scene.yaml" in str(caught.value)
+
+
+def paths(data: Any) -> list[tuple[Any, ...]]:
+    """The way to every value in nested data."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    return [()] + [(key, *rest) for key, value in items for rest in paths(value)]
+
+
+EVERY = paths(yaml.safe_load(SCENE))
+JUNK = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
+
+
+@given(
+    st.sampled_from(EVERY[1:]),
+    JUNK | st.lists(JUNK, max_size=4) | st.dictionaries(st.text(max_size=3), JUNK, max_size=2),
+)
+def test_any_value_in_any_place_is_read_or_refused_in_one_line(path: tuple[Any, ...], value: Any) -> None:
+    from optik.scene.moveit import scene_from_moveit
+
+    data = yaml.safe_load(SCENE)
+    inner = data
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    try:
+        optik.Scene(**scene_from_moveit(yaml.safe_dump(data)))
+    except OptikError as error:
+        assert "\n" not in str(error)
+
+
+@pytest.mark.skipif(
+    "OPTIK_MBM" not in os.environ, reason="OPTIK_MBM is not set: a folder of MotionBenchMaker's archives"
+)
+@pytest.mark.parametrize("robot", ["panda", "ur5"])
+def test_every_scene_of_motion_bench_maker_is_read(tmp_path: Path, robot: str) -> None:
+    count = 0
+    with tarfile.open(Path(os.environ["OPTIK_MBM"]) / f"{robot}.tar.bz2") as archive:
+        for member in archive:
+            if member.isfile() and Path(member.name).name.startswith("scene"):
+                content = archive.extractfile(member)
+                assert content is not None
+                scene = load(tmp_path, content.read().decode())
+                assert len(scene.boxes) + len(scene.cylinders) == len(scene.names) >= 7
+                count += 1
+    assert count == 700
