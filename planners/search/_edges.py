@@ -2,33 +2,88 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
 
 from optik import kinematics
+from optik.arm.robot import Robot
+from optik.arm.shapes.check import Capsules
+from optik.arm.shapes.enclosure import complete_frame
 from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
-from optik.kinematics import Chain
-from optik.scene.contact import ROUND, SELF, Bodies, find_nearest, read_row, transform_point
+from optik.kinematics import Chain, Triple
+from optik.scene import Scene
+from optik.scene.contact import (
+    BOX,
+    CYLINDER,
+    PLANE,
+    ROUND,
+    SELF,
+    Objects,
+    find_nearest,
+    find_pairs,
+    read_row,
+    transform_point,
+)
 from optik.types import Array, Indices
-from planners.certificate._clearance import EndMotion, _length, _locate_capsule, _middle, _sphere_distance
+from planners.certificate._clearance import EndMotion, _length, _locate_capsule, _middle
 
-Body = tuple[Chain, Bodies, float]
-"""An arm, its capsules with the scene and the checked pairs, and the margin to the scene [m]."""
+Body = tuple[Chain, Capsules, Objects, Indices, Array, Array]
+"""An arm, its capsules, and a scene; the checked pairs (k, 4): capsule, number of the second body, its kind, and its row among
+the boxes; the distance of axes (k,) at which a pair is in contact or within the margin [m]; and boxes that enclose the objects
+(rows, 15): centre, the axes of the edges, and half the edges [m, 1]."""
 Work = tuple[Array, Array, EndMotion, Array, Array, Indices, Array, Indices]
 """Memory of the checks: joint frames (n, 4, 4), joint motion (4, n), motion of the ends of capsules, spheres (m, 4),
 configuration (n,), and the intervals that are not yet proved: open pairs (depth, pairs), ends (depth, 2), and number of
 open pairs (depth,)."""
+HALF_SPACE = 1e5
+"""Half the edges of the box that encloses the half-space behind a plane [m], as far as an arm can be."""
 FINEST_PROOF = 1e-4
 """Smallest joint motion [rad, m] of a proof: an edge that needs a smaller one passes within about 0.1 mm of a body."""
 MOST_OPEN = 40
 """Most intervals of an edge that wait for their proof. Each is at most half as long as the one before."""
 
 
+def make_body(robot: Robot, scene: Scene) -> Body:
+    """Return the arguments of the checks for an arm and a scene."""
+    assert robot.shapes is not None
+    pairs, radius, arrays = find_pairs(robot, scene).bodies, robot.shapes.capsules[3], scene.arrays
+    kind, boxes, row = pairs[:, 2], [(np.zeros(3), np.eye(3), np.full(3, np.inf))], np.zeros(len(pairs), np.int64)
+    for number, enclosing in _enclose(scene):
+        of_kind = kind == number
+        row[of_kind] = len(boxes) + pairs[of_kind, 1]
+        boxes += enclosing
+    thick = radius[pairs[:, 0]] + DISTANCE_ROUNDING + np.where(kind == SELF, 0.0, scene.margin)
+    for number, second in ((SELF, radius), (ROUND, arrays[4])):
+        thick[kind == number] += second[pairs[kind == number, 1]]
+    flat = np.array([np.concatenate([centre, axes.ravel(), half]) for centre, axes, half in boxes])
+    return robot.chain, robot.shapes.capsules, arrays, np.column_stack([pairs, row]), thick, flat
+
+
+def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array]]]]:
+    """Yield each kind of objects, and for each object centre, axes (3, 3) and half edges of a box around it, without radii."""
+    box_pose, box_half, a, b, _radius, point, normal, pose, size = scene.arrays[:9]
+    yield BOX, [(T[:3, 3], T[:3, :3].T, half) for T, half in zip(box_pose, box_half, strict=True)]
+    yield CYLINDER, [(T[:3, 3], T[:3, :3].T, half[[0, 0, 1]]) for T, half in zip(pose, size, strict=True)]
+    half = 0.5 * np.linalg.norm(b - a, axis=1)
+    turn = [_frame_along(d / (2.0 * h) if h > 0.0 else np.eye(3)[2]) for d, h in zip(b - a, half, strict=True)]
+    yield ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]
+    yield (
+        PLANE,
+        [(x - HALF_SPACE * n, _frame_along(n), np.full(3, HALF_SPACE)) for x, n in zip(point, normal, strict=True)],
+    )
+
+
+def _frame_along(u: Array) -> Array:
+    """Return orthonormal rows (3, 3), the last of them a unit vector."""
+    return np.array([*complete_frame(u), u])
+
+
 def make_work(body: Body) -> Work:
     """Return the memory of the checks."""
-    chain, (capsules, _scene, pairs), _margin = body
+    chain, capsules, _scene, pairs = body[:4]
     n, m = len(chain[1]), len(capsules[0])
     moved = (np.empty((m, 2, 3)), np.zeros((m, 2, n + 1, 3)), np.zeros((m, 2, n + 1)), np.zeros((m, 2, n + 1)))
     spans, counts = np.empty((MOST_OPEN, 2)), np.empty(MOST_OPEN, np.int64)
@@ -37,12 +92,22 @@ def make_work(body: Body) -> Work:
 
 
 @inlined
-def _find_radius(body: Body, k: int, i: int, kind: int) -> float:
-    """Return the distance of axes at which a pair is in contact or within the margin, with the rounding of distances [m]."""
-    (_link, _a, _b, radius), scene, _pairs = body[1]
+def _distance_from_box(boxes: Array, i: int, p: Triple) -> float:
+    """Return the distance of a point from the box of a row."""
+    x, y, z = p[0] - boxes[i, 0], p[1] - boxes[i, 1], p[2] - boxes[i, 2]
+    u = max(abs(boxes[i, 3] * x + boxes[i, 4] * y + boxes[i, 5] * z) - boxes[i, 12], 0.0)
+    v = max(abs(boxes[i, 6] * x + boxes[i, 7] * y + boxes[i, 8] * z) - boxes[i, 13], 0.0)
+    w = max(abs(boxes[i, 9] * x + boxes[i, 10] * y + boxes[i, 11] * z) - boxes[i, 14], 0.0)
+    return sqrt(u * u + v * v + w * w)
+
+
+@inlined
+def _rough_distance(spheres: Array, boxes: Array, k: int, i: int, kind: int, row: int) -> float:
+    """Return a lower bound on the distance of axis k from the second body of a pair, from spheres and boxes around them."""
+    middle = read_row(spheres, k)
     if kind == SELF:
-        return float(radius[k] + radius[i] + DISTANCE_ROUNDING)
-    return float(radius[k]) + body[2] + DISTANCE_ROUNDING + (scene[4][i] if kind == ROUND else 0.0)
+        return _length(middle, read_row(spheres, i)) - float(spheres[k, 3] + spheres[i, 3])
+    return _distance_from_box(boxes, row, middle) - float(spheres[k, 3])
 
 
 @compiled
@@ -51,7 +116,7 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
 
     Shapes and units: q (n,) [rad, m].
     """
-    chain, ((link, ends_a, ends_b, _radius), scene, pairs), _margin = body
+    chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes = body
     frame, places, spheres = work[0], work[2][0], work[3]
     kinematics.frames(chain, q, frame)
     for k in range(link.shape[0]):
@@ -63,10 +128,9 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
         spheres[k, 3] = 0.5 * _length(a, b)
     for p in range(pairs.shape[0]):
         k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-        thick = _find_radius(body, k, i, kind)
-        if _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) > thick:
+        if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p]:
             continue
-        if find_nearest((k, i, kind), scene, places)[0] <= thick:
+        if find_nearest((k, i, kind), scene, places)[0] <= thick[p]:
             return p
     return -1
 
@@ -137,7 +201,7 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
 
     Shapes and units: a, b, deviation (n,) [rad, m].
     """
-    chain, ((link, ends_a, ends_b, _radius), scene, pairs), _margin = body
+    chain, (link, ends_a, ends_b, _radius), scene, pairs, thick, boxes = body
     frame, joint, moved, spheres, _q, open_, spans, counts = work
     away, axes = moved[2], (link, ends_a, ends_b)
     length, slack = _measure(a, b, deviation)
@@ -161,11 +225,11 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             if kind == SELF and spheres[i, 3] < 0.0:
                 _locate_capsule(i, chain, frame, axes, joint, moved, spheres)
             base = link[i] if kind == SELF else 0
-            thick, shift = _find_radius(body, k, i, kind), max(away[k, 0, base], away[k, 1, base])
-            if _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) > thick + shift:
+            shift = max(away[k, 0, base], away[k, 1, base])
+            if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p] + shift:
                 continue
             near = find_nearest((k, i, kind), scene, moved[0])
-            gap = near[0] - thick
+            gap = near[0] - thick[p]
             if gap <= 0.0:
                 return int(p)
             free, speed = _free_half(near, gap, moved, k, base, h, slack)

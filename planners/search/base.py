@@ -13,10 +13,10 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.scene import Scene
-from optik.scene.contact import check_scene, find_pairs
+from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.search._corners import prove_corner
-from planners.search._edges import Body, Work, find_blocked, find_unproved, make_work
+from planners.search._edges import Body, Work, find_blocked, find_unproved, make_body, make_work
 from planners.search._trees import shorten
 
 MOST_CONFIGURATIONS = 10_000_000
@@ -108,9 +108,7 @@ class JointSpace:
     @cached_property
     def body(self) -> Body:
         """Arguments of the kernels."""
-        robot, scene = self.robot, self.scene
-        assert robot.shapes is not None
-        return robot.chain, (robot.shapes.capsules, scene.arrays, find_pairs(robot, scene).bodies), scene.margin
+        return make_body(self.robot, self.scene)
 
     @cached_property
     def work(self) -> Work:

@@ -65,18 +65,18 @@ def check(robot: Robot, scene: Scene, path: Array) -> None:
 def test_proved_edges_are_free_at_dense_samples_and_free_edges_are_proved(robot: Robot) -> None:
     # Edges of several radians past thin boards and small spheres: the bound's remainder is as large as the arm.
     rng, count = np.random.default_rng(3), {True: 0, False: 0}
-    for i in range(40):
+    for i in range(24):
         scene = drawn(rng) if i % 2 else table()
         space = JointSpace(robot, scene)
         q = robot.limits.sample(rng, 400)
         free = q[rooms(robot, scene, q) > 0.0]
         assert [space.is_free(x) for x in q[:100]] == (rooms(robot, scene, q[:100]) > 0.0).tolist()
-        for a, end in zip(free[:20], free[20:40], strict=False):
+        for a, end in zip(free[:15], free[15:30], strict=False):
             b = a + rng.choice([0.1, 0.4, 1.0]) * (end - a)
-            proved, least = space.is_edge_free(a, b), rooms(robot, scene, between(a, b, 1500)).min()
+            proved, least = space.is_edge_free(a, b), rooms(robot, scene, between(a, b, 700)).min()
             assert least > 0.0 if proved else least < 1e-3, (least, proved)
             count[proved] += 1
-    assert min(count.values()) > 100
+    assert min(count.values()) > 60
 
 
 def test_an_edge_that_grazes_a_small_sphere_is_refused() -> None:
