@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,7 @@ import planners
 from optik import JointLimits, Scene, Shapes, se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, UnknownName
+from optik.registry import names
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners import SearchStatus, find_path
@@ -21,6 +23,15 @@ from planners.search.rrt_connect import RRTConnect
 from tests.planners.contacts import REST, drawn, panda, pose, table
 
 TURN = np.array([1.4, 0, 0, 0, 0, 0, 0])
+SEARCHES = pytest.mark.parametrize(
+    "search",
+    [
+        pytest.param(
+            name, marks=pytest.mark.skipif(name == "ompl" and find_spec("ompl") is None, reason="without OMPL")
+        )
+        for name in names("planners.search")
+    ],
+)
 LEFT, RIGHT = REST - TURN, REST + TURN
 
 
@@ -160,9 +171,12 @@ def test_a_path_around_a_thin_wall_is_free_and_shorter_after_shortcuts() -> None
     assert (direct.samples, direct.length) == (1, pytest.approx(2.8))
 
 
-def test_equal_arguments_give_equal_paths_in_any_order_and_thread() -> None:
+@SEARCHES
+def test_equal_arguments_give_equal_paths_in_any_order_and_thread(search: str) -> None:
     def solve(seed: int) -> Array:
-        return find_path(panda(), LEFT, RIGHT, scene=wall(), seed=seed).vertices
+        path = find_path(panda(), LEFT, RIGHT, scene=wall(), seed=seed, search=search, shortcuts=0).vertices
+        check(panda(), wall(), path)
+        return path
 
     alone = {seed: solve(seed) for seed in (3, 2, 1, 0)}
     with ThreadPoolExecutor(4) as pool:
@@ -189,17 +203,22 @@ def test_one_of_several_goals_and_a_pose_are_reached() -> None:
     at_pose = find_path(panda(), LEFT, panda().fk(RIGHT), scene=scene)
     assert np.abs(panda().fk(at_pose.vertices[-1]) - panda().fk(RIGHT)).max() < 1e-6
     check(panda(), scene, at_pose.vertices)
-    same = find_path(panda(), LEFT, LEFT, scene=scene)
+
+
+@SEARCHES
+def test_a_start_at_the_goal_is_a_path_of_no_length(search: str) -> None:
+    same = find_path(panda(), LEFT, LEFT, scene=wall(), search=search)
+    assert same
     assert same.length == 0.0
-    assert same.vertices.shape == (1, 7)
 
 
 # ---------------------------------------------------------------- without a path
-def test_a_goal_that_cannot_be_reached_ends_with_the_samples() -> None:
+@SEARCHES
+def test_a_goal_that_cannot_be_reached_ends_with_the_samples(search: str) -> None:
     # The first link cannot pass the post, in no configuration.
     robot, scene = scara(), Scene(boxes=[(pose((0.2, 0.0, 0.0)), (0.05, 0.05, 1.0))])
     start, goal = np.array([-1.0, 0.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.1, 0.0])
-    result = find_path(robot, start, goal, scene=scene, max_samples=700, search="rrt_connect")
+    result = find_path(robot, start, goal, scene=scene, max_samples=700, search=search)
     assert result.status is SearchStatus.NO_PATH_FOUND
     assert not result
     assert result.samples == 700
@@ -267,25 +286,8 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
     assert planners.search.Search is Search
 
 
-def test_ompl_finds_proved_paths_that_the_seed_determines() -> None:
-    pytest.importorskip("ompl")
-    first, other = (
-        find_path(panda(), LEFT, RIGHT, scene=wall(), search="ompl", seed=seed, shortcuts=0) for seed in (1, 2)
-    )
-    again = find_path(panda(), LEFT, RIGHT, scene=wall(), search="ompl", seed=1, shortcuts=0)
-    assert np.array_equal(first.vertices, again.vertices)
-    assert not np.array_equal(first.vertices, other.vertices)
-    check(panda(), wall(), first.vertices)
-    robot, scene = scara(), Scene(boxes=[(pose((0.2, 0.0, 0.0)), (0.05, 0.05, 1.0))])
-    start, goal = np.array([-1.0, 0.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.1, 0.0])
-    refused = find_path(robot, start, goal, scene=scene, search="ompl", max_samples=300)
-    assert (refused.status, refused.samples) == (SearchStatus.NO_PATH_FOUND, 300)
-
-
-@pytest.mark.parametrize("search", ["rrt_connect", "ompl"])
+@SEARCHES
 def test_a_joint_without_limits_and_a_locked_one_are_searched(search: str) -> None:
-    if search == "ompl":
-        pytest.importorskip("ompl")
     limits = scara().limits.replace(lower=[-np.inf, -2.6, 0.0, 0.0], upper=[np.inf, 2.6, 0.18, 0.0])
     robot, scene = replace(scara(), limits=limits), Scene(spheres=[((0.6 * np.cos(8.0), 0.6 * np.sin(8.0), 0.0), 0.1)])
     start, goal = np.array([7.0, 0.0, 0.1, 0.0]), np.array([9.0, 0.0, 0.1, 0.0])
