@@ -59,7 +59,8 @@ def _difference_from_segment(p: Triple, c: Triple, d: Triple, square: float) -> 
 
 
 @inlined
-def _dot(u: Triple, v: Triple) -> float:
+def dot(u: Triple, v: Triple) -> float:
+    """Return the scalar product of two vectors (3,)."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
@@ -179,15 +180,15 @@ def _cylinder_depth(p: Triple, d: Triple, radius: float, half: float) -> Depth:
     # The rims, by n = c u + t v perpendicular to the segment, c² + t² = 1: u is the steepest, v is horizontal. Let U and V be
     # the segment's coordinates along them, both turned to be positive. The depth is R √(1 − (f c)²) + f H c − U c − V t, and
     # its slope over t is `rise`. That is monotone, or concave in t, so its first zero is the only least value inside.
-    length = sqrt(_dot(d, d))
+    length = sqrt(dot(d, d))
     f, sink = flat / length, d[2] / length
     u = (-sink * d[0] / flat, -sink * d[1] / flat, f)
     v = (-d[1] / flat, d[0] / flat, 0.0)
-    if _dot(u, p) < 0.0:
+    if dot(u, p) < 0.0:
         u = (-u[0], -u[1], -u[2])
-    if _dot(v, p) < 0.0:
+    if dot(v, p) < 0.0:
         v = (-v[0], -v[1], -v[2])
-    away, side = _dot(u, p) - f * half, _dot(v, p)
+    away, side = dot(u, p) - f * half, dot(v, p)
     low, high, t = 0.0, 1.0, 0.0
     for _ in range(60):
         c, inner = sqrt(1.0 - t * t), sqrt(sink * sink + f * f * t * t)
@@ -208,7 +209,7 @@ def _cylinder_depth(p: Triple, d: Triple, radius: float, half: float) -> Depth:
     c = sqrt(1.0 - t * t)
     n = (c * u[0] + t * v[0], c * u[1] + t * v[1], c * u[2])
     level = sqrt(n[0] * n[0] + n[1] * n[1])
-    depth = radius * level + half * abs(n[2]) - _dot(n, p)
+    depth = radius * level + half * abs(n[2]) - dot(n, p)
     if depth < best:
         rim = radius / level if level > 0.0 else 0.0
         top = half if n[2] > 0.0 else -half
@@ -231,9 +232,9 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
     h = (half[0], half[1], half[2])
     low, high = 0.0, 1.0
     left, right = _difference_from_box(p, d, h, 0.0), _difference_from_box(p, d, h, 1.0)
-    if _dot(d, left) >= 0.0:
+    if dot(d, left) >= 0.0:
         high, right = low, left
-    elif _dot(d, right) <= 0.0:
+    elif dot(d, right) <= 0.0:
         low, left = high, right
     else:
         for i in range(3):
@@ -242,7 +243,7 @@ def segment_box(a: Triple, b: Triple, pose: Array, half: Array) -> NearestPoint:
                 for s in ((z - x) / y, (-z - x) / y):
                     if low < s < high:
                         w = _difference_from_box(p, d, h, s)
-                        if _dot(d, w) < 0.0:
+                        if dot(d, w) < 0.0:
                             low, left = s, w
                         else:
                             high, right = s, w
@@ -269,12 +270,12 @@ def _cylinder_place(p: Triple, d: Triple, radius: float, half: float) -> float:
     """Return where the line p + s d, 0 < s < 1, is nearest to a cylinder about z, if the distance falls at 0 and rises at 1."""
     # The slope d·w of |w|²/2 increases, so its zero is between bounds; where Newton's step is not shorter than half of the one
     # before, the interval is halved. The end bounds the error of the distance: |w(s)|² − least ≤ 2 |d·w(s)| (high − low).
-    low, high, square = 0.0, 1.0, _dot(d, d)
-    s, step = min(max(-_dot(p, d) / square, 0.0), 1.0), 1.0
+    low, high, square = 0.0, 1.0, dot(d, d)
+    s, step = min(max(-dot(p, d) / square, 0.0), 1.0), 1.0
     for _ in range(100):
         x = _point_at(p, d, s)
         w = _difference_from_cylinder(x, radius, half)
-        slope, length = _dot(d, w), sqrt(_dot(w, w))
+        slope, length = dot(d, w), sqrt(dot(w, w))
         if slope < 0.0:
             low = s
         else:
@@ -306,12 +307,12 @@ def segment_cylinder(a: Triple, b: Triple, pose: Array, size: Array) -> NearestP
     p, q = _to_frame(pose, a), _to_frame(pose, b)
     d, radius, half = (q[0] - p[0], q[1] - p[1], q[2] - p[2]), size[0], size[1]
     place = 0.0
-    if _dot(d, _difference_from_cylinder(p, radius, half)) < 0.0:
+    if dot(d, _difference_from_cylinder(p, radius, half)) < 0.0:
         place = 1.0
-        if _dot(d, _difference_from_cylinder(q, radius, half)) > 0.0:
+        if dot(d, _difference_from_cylinder(q, radius, half)) > 0.0:
             place = _cylinder_place(p, d, radius, half)
     w = _difference_from_cylinder(_point_at(p, d, place), radius, half)
-    distance = sqrt(_dot(w, w))
+    distance = sqrt(dot(w, w))
     if distance < DISTANCE_ROUNDING:
         depth, share, n = _cylinder_depth(p, d, radius, half)
         if depth > 0.0:

@@ -14,17 +14,19 @@ from optik.compiled import compiled, inlined
 from optik.distance import NearestPoint, segment_box, segment_cylinder, segment_plane, segment_segment
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
+from optik.scene.mesh import segment_mesh
 from optik.types import Array, Indices
 
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-BOX, ROUND, PLANE, SELF, CYLINDER = 0, 1, 2, 3, 4
-"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane of the scene, a capsule of the arm, or a cylinder."""
-Objects = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
+BOX, ROUND, PLANE, SELF, CYLINDER, MESH = 0, 1, 2, 3, 4, 5
+"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane, a capsule of the arm, a cylinder, or a mesh."""
+Objects = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Indices]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
-capsule_radius (c,), plane_point, plane_normal (p, 3), cylinder_pose (k, 4, 4), cylinder_size (k, 2) [m, 1]."""
+capsule_radius (c,), plane_point, plane_normal (p, 3), cylinder_pose (k, 4, 4), cylinder_size (k, 2), and
+`mesh_arrays` [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
 """The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
@@ -50,6 +52,7 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))] + [(i, CYLINDER) for i in range(len(scene.cylinders))]
+    kinds += [(i, MESH) for i in range(len(scene.meshes))]
     met = np.argwhere(examined & (link > 0)[:, None]).tolist()
     names = [(shapes.names[k], scene.names[j]) for k, j in met]
     names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
@@ -139,6 +142,10 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
         return segment_segment(a, b, read_row(places[i], 0), read_row(places[i], 1))
     if kind == CYLINDER:
         return segment_cylinder(a, b, scene[7][i], scene[8][i])
+    if kind == MESH:
+        rows = scene[13][i]
+        corners, faces, edges = scene[9][rows[0] : rows[1]], scene[10][rows[2] : rows[3]], scene[11][rows[4] : rows[5]]
+        return segment_mesh(a, b, corners, faces, edges)
     return segment_segment(a, b, read_row(scene[2], i), read_row(scene[3], i))
 
 

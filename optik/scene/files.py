@@ -29,6 +29,9 @@ A TOML file contains optional tables of objects, in the frame of the arm's base:
     a_mm = [600.0, -300.0, 0.0]               # centres of both ends
     b_mm = [600.0, -300.0, 120.0]
     radius_mm = 40.0
+
+    [[meshes]]                                # the convex hull of its corners
+    corners_mm = [[500.0, 0.0, 0.0], [600.0, 0.0, 0.0], [500.0, 100.0, 0.0], [500.0, 0.0, 80.0]]
 """
 
 from __future__ import annotations
@@ -43,15 +46,16 @@ import numpy as np
 from optik import se3
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
-from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length
+from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
 from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_triple
 from optik.check import check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
+from optik.scene.mesh import is_convex
 from optik.scene.moveit import make_unique, scene_from_moveit
 from optik.types import Array
 
-OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders")
+OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders", "meshes")
 """Kinds of objects, in the order of their names."""
 MOST_SCENE_BYTES = 64 * 2**20
 """Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
@@ -61,11 +65,12 @@ ROW_KEYS = {
     "capsules": (("a_mm", "b_mm", "radius_mm"), ("name",)),
     "planes": (("point_mm", "normal"), ("name",)),
     "cylinders": (("a_mm", "b_mm", "radius_mm"), ("name",)),
+    "meshes": (("corners_mm",), ("name",)),
 }
 """Required and optional keys of a row of each kind."""
 SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
-LATER_KINDS = ("cylinders",)
+LATER_KINDS = ("cylinders", "meshes")
 """Kinds of objects that a scene in JSON may lack: files of scenes without them stay the same."""
 
 
@@ -109,7 +114,7 @@ def scene_from_toml(text: str) -> dict[str, Any]:
     return {**objects, "allow": data.get("allow", ()), "names": tuple(names), "margin": margin}
 
 
-def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
+def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | Array:
     """Return the arguments of one object of `Scene`, in metres."""
 
     def lengths(key: str) -> Array:
@@ -120,12 +125,15 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...]:
         return se3.from_xyz_rpy(lengths("xyz_mm"), turn), lengths("edges_mm")
     if kind == "planes":
         return lengths("point_mm"), read_vector(row["normal"], f"{where}.normal")
+    if kind == "meshes":
+        rows = read_list(row["corners_mm"], f"{where}.corners_mm", "a list of points")
+        return np.array([read_vector(point, f"{where}.corners_mm[{i}]") for i, point in enumerate(rows)]) / 1000.0
     radius = check_number(row["radius_mm"], f"{where}.radius_mm", "a length above 0", above=0.0) / 1000.0
     return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
 
 
 def _singular(kind: str) -> str:
-    return {"boxes": "box"}.get(kind, kind.removesuffix("s"))
+    return {"boxes": "box", "meshes": "mesh"}.get(kind, kind.removesuffix("s"))
 
 
 def scene_to_dict(scene: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,8 +166,8 @@ def scene_from_urdf(
 ) -> dict[str, Any]:
     """Read a scene from a URDF; see `Scene.load`."""
     tree, folders = read_tree(source, None), find_mesh_folders(source, package_dirs)
-    objects: dict[str, list[tuple[str, tuple[Any, ...], float]]] = {
-        kind: [] for kind in ("boxes", "spheres", "capsules", "cylinders")
+    objects: dict[str, list[tuple[str, Any, float]]] = {
+        kind: [] for kind in ("boxes", "spheres", "capsules", "cylinders", "meshes")
     }
     poses: dict[str, Array] = {tree.root: np.eye(4)}
     todo = [tree.root]
@@ -180,6 +188,11 @@ def scene_from_urdf(
                 a, b = (T[:3, 3] + side * 0.5 * length * T[:3, 2] for side in (-1.0, 1.0))
                 objects["cylinders"].append((link, (a, b, radius), 0.0))
                 continue
+            if kind == "mesh":
+                triangles = read_triangles(tree.name, shape, where, folders)
+                if is_convex(triangles):
+                    objects["meshes"].append((link, triangles @ T[:3, :3].T + T[:3, 3], 0.0))
+                    continue
             for c in read_geometry(tree, element, where, folders):
                 a, b = (T[:3, :3] @ end + T[:3, 3] for end in (c.a, c.b))
                 one = (a, c.radius) if kind == "sphere" else (a, b, c.radius)

@@ -19,15 +19,18 @@ from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
-from optik.types import Array, Flags
+from optik.scene.mesh import check_mesh, mesh_arrays
+from optik.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
 
-SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]
+SceneArrays: TypeAlias = tuple[
+    Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Indices
+]
 """A scene as kernels take it: poses (b, 4, 4) and half edges (b, 3) of the boxes, ends a and b (c, 3) and radius (c,) of the
 spheres and capsules, points (p, 3) and normals (p, 3) of the planes, poses (k, 4, 4) and radius and half length (k, 2) of the
-cylinders; all in the base frame [m, 1]."""
+cylinders, and `mesh_arrays`; all in the base frame [m, 1]."""
 LARGEST_OBJECT = 100.0
 """Largest coordinate, edge and radius in a scene [m]: larger values look like millimetres; a floor is a plane."""
 MOST_OBJECTS = 100_000
@@ -54,11 +57,13 @@ class Scene:
         A point (3,) of the plane [m] and its normal (3,), of any length, to the free side; all points behind it are solid.
     cylinders : sequence of (a, b, radius)
         Centres of both flat ends (3,) and radius [m].
+    meshes : sequence of (k, 3) or (k, 3, 3) arrays
+        Corners of convex solids [m], whose convex hull is the object; or triangles of convex meshes.
     allow : sequence of (link, object)
         Pairs that are not checked: the name of a link ("base" or the joint that moves it) or of its capsules, and the name
         of an object, such as the base and the table. Every name of a link must exist in the arm.
     names : sequence of str, optional
-        One for each object, in the order boxes, spheres, capsules, planes, cylinders; by default box1, …, sphere1, ….
+        One for each object, in the order boxes, spheres, capsules, planes, cylinders, meshes; by default box1, …, sphere1, ….
     excess : scalar or (objects,) array, optional
         Largest distance of each object's surface from the enclosed body, such as a mesh [m]; 0 by default.
     margin : float
@@ -67,8 +72,8 @@ class Scene:
     Raises
     ------
     InvalidInput
-        Not poses, points or lengths, a normal of length 0, lengths in millimetres, an unknown object in ``allow``, a margin
-        below 0.
+        Not poses, points or lengths, a normal of length 0, a mesh that is not convex, lengths in millimetres, an unknown object
+        in ``allow``, a margin below 0.
     """
 
     boxes: tuple[tuple[Array, Array], ...] = ()
@@ -76,13 +81,14 @@ class Scene:
     capsules: tuple[tuple[Array, Array, float], ...] = ()
     planes: tuple[tuple[Array, Array], ...] = ()
     cylinders: tuple[tuple[Array, Array, float], ...] = ()
+    meshes: tuple[Array, ...] = ()
     allow: tuple[tuple[str, str], ...] = ()
     names: tuple[str, ...] = ()
     excess: Array = 0.0  # type: ignore[assignment]
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane, _cylinder), strict=True):
+        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane, _cylinder, _mesh), strict=True):
             given = getattr(self, kind)
             if isinstance(given, str) or not isinstance(given, Iterable):
                 raise InvalidInput(f"scene.{kind}", format_value(given), f"a list of {kind}")
@@ -194,7 +200,7 @@ class Scene:
             ([(radius, 0.5 * float(np.linalg.norm(b - a))) for a, b, radius in self.cylinders], (2,)),
         )
         arrays = (freeze(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
-        return tuple(arrays)  # type: ignore[return-value]
+        return (*arrays, *mesh_arrays(self.meshes))  # type: ignore[return-value]
 
     def pair_mask(self, robot: Robot) -> Flags:
         """Return which capsules of an arm are checked against which objects: all but the pairs in ``allow``.
@@ -279,6 +285,10 @@ def _pose_along(a: Array, b: Array) -> Array:
     return T
 
 
+def _mesh(value: Any, where: str) -> Array:
+    return check_mesh(value, where, LARGEST_OBJECT)
+
+
 def _plane(value: Any, where: str) -> tuple[Array, Array]:
     """Check a plane; return its point and unit normal."""
     point, normal = _check_parts(value, where, 2, "(point, normal)")
@@ -293,7 +303,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
 
 
 def _check_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
-    words = ("box", "sphere", "capsule", "plane", "cylinder")
+    words = ("box", "sphere", "capsule", "plane", "cylinder", "mesh")
     default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
     names = check_words(value, "scene.names") or tuple(default)
     if len(names) != len(default) or len(set(names)) != len(names):

@@ -1,8 +1,8 @@
 """Reader of MoveIt planning scenes in YAML (`moveit_msgs/PlanningScene`), as MoveIt and MotionBenchMaker write them.
 
-Objects are boxes, spheres, cylinders and planes. `allowed_collision_matrix` becomes the allowed pairs of links and objects; its
-pairs of two links belong to the arm (`Shapes.with_srdf`). The planning frame is the frame of the arm's base, or of the world if
-`robot_state` places the arm's floating joint in it.
+Objects are boxes, spheres, cylinders, planes and convex meshes. `allowed_collision_matrix` becomes the allowed pairs of
+links and objects; its pairs of two links belong to the arm (`Shapes.with_srdf`). The planning frame is the frame of the arm's
+base, or of the world if `robot_state` places the arm's floating joint in it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from optik import se3
 from optik.arm.plain import read_list, read_word
-from optik.check import check_number, format_value
+from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.file_io import parse_yaml
 from optik.types import Array
@@ -23,9 +23,9 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
 """Types of `shape_msgs/SolidPrimitive` that are read, by number."""
 DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 """Number of dimensions of each type: edges; radius; height and radius."""
-OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"))
+OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"), ("meshes", "mesh_poses"))
 """Keys of the parts of an object, and of their poses."""
-Part = tuple[str, str, tuple[Any, ...]]
+Part = tuple[str, str, Any]
 """Kind of object of a `Scene`, name, and arguments."""
 
 
@@ -44,7 +44,7 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
         name = read_word(_mapping(one, where).get("id"), f"{where}.id")
         T = frames.find(one, where) @ (np.eye(4) if one.get("pose") is None else _pose(one["pose"], f"{where}.pose"))
         parts += _read_object(one, name, T, where)
-    order = ("boxes", "spheres", "planes", "cylinders")
+    order = ("boxes", "spheres", "planes", "cylinders", "meshes")
     parts.sort(key=lambda part: order.index(part[0]))  # the order of names in a `Scene`
     objects = {kind: [one for other, _, one in parts if other == kind] for kind in order}
     ids = [name for _, name, _ in parts]
@@ -66,14 +66,12 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
 
 def _read_object(one: dict[str, Any], name: str, T: Array, where: str) -> Iterator[Part]:
     """Read the parts of an object at a pose."""
-    if one.get("meshes"):
-        raise InvalidInput(f"{where}.meshes", f"meshes of {name[:60]!r}", "boxes, spheres, cylinders and planes")
     for key, poses in OBJECT_PARTS:
         rows = _rows(one, key, where)
         places = read_list(one.get(poses) or [], f"{where}.{poses}", f"{len(rows)} poses", len(rows)) if rows else []
         for k, (row, place) in enumerate(zip(rows, places, strict=True)):
             at = f"{where}.{key}[{k}]"
-            read = _plane if key == "planes" else _primitive
+            read = {"primitives": _primitive, "planes": _plane, "meshes": _mesh}[key]
             kind, arguments = read(_mapping(row, at), T @ _pose(place, f"{where}.{poses}[{k}]"), at)
             yield kind, name, arguments
 
@@ -99,6 +97,21 @@ def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, .
     if not (square := float(n @ n)):
         raise InvalidInput(f"{where}.coef", format_value(row.get("coef")), "a normal that is not 0")
     return "planes", (T[:3, :3] @ (-d / square * n) + T[:3, 3], T[:3, :3] @ n)
+
+
+def _mesh(row: dict[str, Any], T: Array, where: str) -> tuple[str, Array]:
+    points = _rows(row, "vertices", where)
+    corners = np.array([_numbers(point, f"{where}.vertices[{i}]", 3, "xyz") for i, point in enumerate(points)])
+    triangles = []
+    for i, triangle in enumerate(_rows(row, "triangles", where)):
+        at = f"{where}.triangles[{i}]"
+        three = read_list(_mapping(triangle, at).get("vertex_indices"), at, "three indices", 3)
+        for k in three:
+            check_count(k, at, 0, len(points) - 1)
+        triangles.append(corners[three])
+    if not triangles:
+        raise InvalidInput(f"{where}.triangles", "none", "triangles of a closed convex mesh")
+    return "meshes", np.array(triangles) @ T[:3, :3].T + T[:3, 3]
 
 
 class _Frames:

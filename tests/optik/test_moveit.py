@@ -48,6 +48,12 @@ world:
       pose: {position: [0, 1, 0], orientation: [0, 0, 0, 1]}
       primitives: [{type: cylinder, dimensions: [0.14, 0.03]}]
       primitive_poses: [{position: [1e-05, 0, 0.5], orientation: [0.7071067811865476, 0, 0, 0.7071067811865476]}]
+    - id: wedge
+      meshes:
+        - triangles: [{vertex_indices: [0, 1, 2]}, {vertex_indices: [0, 1, 3]}, {vertex_indices: [0, 2, 3]},
+            {vertex_indices: [1, 2, 3]}]
+          vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], {x: 0, y: 0, z: 1}]
+      mesh_poses: [{position: [0, 0, 5], orientation: [0, 0, 0.7071067811865476, 0.7071067811865476]}]
     - id: floor
       planes: [{coef: [0, 0, 2, 1]}]
       plane_poses: [{position: [0, 0, 0], orientation: [0, 0, 0, 1]}]
@@ -65,7 +71,8 @@ def quarter_turn(p: Any) -> Array:
 
 def test_objects_frames_and_allowed_pairs_are_read(tmp_path: Path) -> None:
     scene = load(tmp_path, SCENE)
-    assert scene.names == ("shelf", "shelf#2", "floor", "can")
+    assert scene.names == ("shelf", "shelf#2", "floor", "can", "wedge")
+    assert {tuple(p) for p in np.round(scene.meshes[0], 12).tolist()} == {(0, 0, 5), (0, 1, 5), (-1, 0, 5), (0, 0, 6)}
     (T, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.cylinders[0]
     np.testing.assert_allclose(T, quarter_turn((0.5, -1.0, 0.25)), rtol=0, atol=1e-15)
     assert (edges.tolist(), centre.tolist(), radius, thick) == ([1.2, 0.04, 0.34], [0.0, 0.0, 2.0], 0.1, 0.03)
@@ -107,7 +114,9 @@ BAD = [
     (SCENE.replace("id: floor", "id: floor\n      header: {frame_id: hall}"), "panda_link0.*a fixed frame"),
     (SCENE.replace("[false, true, true]", "[false, true]"), "entry_values"),
     (SCENE.replace("joint_state:", "attached_collision_objects: [{}]\n  joint_state:"), "with_part"),
-    (SCENE.replace("planes:", "meshes: [{}]\n      planes:"), "meshes"),
+    (SCENE.replace("vertex_indices: [0, 1, 2]", "vertex_indices: [0, 1, 4]"), "from 0 to 3"),
+    (SCENE.replace("vertex_indices: [0, 1, 2]", "vertex_indices: [0, 1]"), "three indices"),
+    (SCENE.replace("{x: 0, y: 0, z: 1}]", "[0, 0, 0]]"), "in a plane"),
 ]
 
 

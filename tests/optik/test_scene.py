@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import se3
+from optik.arm.shapes.enclosure import box_triangles
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.scene import files
 
@@ -20,6 +21,7 @@ SCENE = optik.Scene(
     capsules=[((0.6, 0.3, 0.0), (0.6, 0.3, 0.9), 0.03)],
     planes=[((0.0, 0.0, -0.7), (0.0, 0.0, 2.0))],
     cylinders=[((0.6, -0.3, 0.0), (0.6, -0.3, 0.12), 0.04)],
+    meshes=[[(0.5, 0.0, 0.0), (0.6, 0.0, 0.0), (0.5, 0.1, 0.0), (0.5, 0.0, 0.08)]],
     allow=[("base", "box1")],
     margin=0.01,
 )
@@ -27,7 +29,7 @@ EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if l
 
 
 def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
-    pose, half, a, b, radius, point, normal, cylinder, size = SCENE.arrays
+    pose, half, a, b, radius, point, normal, cylinder, size, *mesh = SCENE.arrays
     assert np.abs(pose - T).max() <= 1e-15
     assert half.tolist() == [[0.4, 0.6, 0.025]]
     assert a.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.0]]
@@ -37,9 +39,12 @@ def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
     assert normal.tolist() == [[0.0, 0.0, 1.0]]
     np.testing.assert_allclose(cylinder[0, :3, 2:], [[0.0, 0.6], [0.0, -0.3], [1.0, 0.06]], rtol=0, atol=1e-16)
     np.testing.assert_allclose(size, [[0.04, 0.06]], rtol=0, atol=1e-16)
-    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1")
+    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1", "mesh1")
+    assert [len(part) for part in mesh] == [4, 4, 6, 1, 1]
+    assert mesh[-1].tolist() == [[0, 4, 0, 4, 0, 6]]
     empty = optik.Scene().arrays
-    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3), (0, 4, 4), (0, 2)]
+    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3), (0, 4, 4), (0, 2),
+        (0, 3), (0, 4), (0, 12), (0, 4), (0, 6)]  # fmt: skip
     for x, none in zip(SCENE.arrays, empty, strict=True):
         assert x.flags.c_contiguous
         assert not x.flags.writeable
@@ -55,7 +60,7 @@ def test_a_scene_is_equal_by_content_through_pickle_json_and_toml(tmp_path):
     (tmp_path / "cell.toml").write_text(EXAMPLE, encoding="utf-8")
     (tmp_path / "cell.json").write_text(json.dumps(SCENE.to_dict()), encoding="utf-8")
     read = optik.Scene.load(tmp_path / "cell.toml")
-    assert read.names == ("table", "sphere1", "capsule1", "floor", "cylinder1")
+    assert read.names == ("table", "sphere1", "capsule1", "floor", "cylinder1", "mesh1")
     assert (read.allow, read.margin) == ((("base", "table"),), 0.01)
     for mine, theirs in zip(read.arrays, SCENE.arrays, strict=True):
         assert np.abs(mine - theirs).max() <= 1e-15
@@ -81,6 +86,8 @@ def test_what_is_allowed_is_a_link_by_its_joint_or_capsules_by_their_name():
         optik.Scene().pair_mask(robot.with_shapes(None))
 
 
+CUBE = box_triangles(np.ones(3))
+DENTED = np.vstack([CUBE, CUBE * 0.5 + (0.6, 0.0, 0.0)])
 BAD = [
     (dict(boxes=[(T, (1.0, 1.0, 0.0))]), "edge"),
     (dict(boxes=[(T, (1.0, 1.0))]), "edge"),
@@ -98,6 +105,13 @@ BAD = [
     (dict(cylinders=[((0.0, 0.0, 0.1), (0.0, 0.0, 0.1), 0.1)]), "a length of 0 m"),
     (dict(cylinders=[((0.0, 0.0, 0.0), (0.0, 0.0, np.nan), 0.1)]), "finite"),
     (dict(cylinders=[((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))]), "\\(a, b, radius\\)"),
+    (dict(meshes=[np.eye(3)]), "shape \\(3, 3\\)"),
+    (dict(meshes=[[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]]), "in a plane"),
+    (dict(meshes=[[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, np.nan)]]), "finite"),
+    (dict(meshes=[[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 300)]]), "millimetres"),
+    (dict(meshes=[DENTED]), "not convex: corners lie"),
+    (dict(meshes=["corners"]), "corners"),
+    (dict(meshes=[np.random.default_rng(0).normal(size=(5000, 3))]), "at most 4096"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]), "not all 0"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, np.inf))]), "direction"),
     (dict(spheres=SCENE.spheres * 2, names=("a", "a")), "different names"),
@@ -143,12 +157,15 @@ def test_files_that_are_no_scenes_are_refused(tmp_path):
         optik.Scene.load(tmp_path / "a.json", package_dirs=[tmp_path])
 
 
+WEDGE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
 CELL = """<robot name="cell"><link name="world"/>
 <link name="table"><collision><geometry><box size="1 2 .1"/></geometry></collision>
 <collision><origin xyz="0 0 1"/><geometry><sphere radius=".1"/></geometry></collision></link>
+<link name="wedge"><collision><geometry><mesh filename="wedge.obj" scale=".1 .1 .1"/></geometry></collision></link>
 <link name="post"><collision><geometry><cylinder radius=".05" length="1"/></geometry></collision></link>
 <joint name="a" type="fixed"><parent link="world"/><child link="table"/>
 <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+<joint name="c" type="fixed"><parent link="table"/><child link="wedge"/><origin xyz="0 0 1"/></joint>
 <joint name="b" type="revolute"><parent link="table"/><child link="post"/>
 <origin xyz="0 1 0"/><limit lower="-1" upper="1"/></joint>
 </robot>"""
@@ -156,18 +173,36 @@ CELL = """<robot name="cell"><link name="world"/>
 
 def test_a_static_urdf_is_a_scene_with_its_joints_at_0(tmp_path):
     (tmp_path / "cell.urdf").write_text(CELL, encoding="utf-8")
+    (tmp_path / "wedge.obj").write_text(WEDGE, encoding="utf-8")
     scene = optik.Scene.load(tmp_path / "cell.urdf")
-    assert scene.names == ("table", "table#2", "post")
+    assert scene.names == ("table", "table#2", "post", "wedge")
+    ends = {tuple(corner) for corner in np.round(scene.meshes[0], 12).tolist()}
+    assert ends == {(1.0, 0.0, 1.0), (1.0, 0.1, 1.0), (0.9, 0.0, 1.0), (1.0, 0.0, 1.1)}
     (pose, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.cylinders[0]
     assert np.abs(pose - se3.from_xyz_rpy((1, 0, 0), (0, 0, 90))).max() <= 1e-15
     assert edges.tolist() == [1.0, 2.0, 0.1]
     assert (np.abs(centre - (1, 0, 1)).max() <= 1e-15, radius) == (True, 0.1)
     # a metre along y of the table, which is −x of the world
     np.testing.assert_allclose([a, b], [[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]], rtol=0, atol=1e-15)
-    assert (thick, scene.excess.tolist()) == (0.05, [0.0, 0.0, 0.0])
+    assert (thick, scene.excess.tolist()) == (0.05, [0.0] * 4)
     with pytest.raises(RobotModelError, match="no <collision>"):
         (tmp_path / "empty.urdf").write_text('<robot name="x"><link name="a"/></robot>', encoding="utf-8")
         optik.Scene.load(tmp_path / "empty.urdf")
+
+
+def test_a_mesh_is_the_hull_of_its_corners_or_convex_triangles(tmp_path):
+    hull = np.array([(x, y, z) for x in (0.0, 0.2) for y in (0.0, 0.3) for z in (0.0, 0.4)])
+    inside = optik.Scene(meshes=[np.vstack([hull, [(0.1, 0.1, 0.1)]])])
+    corners, faces, edges, balls, _ = inside.arrays[9:]
+    assert (len(corners), len(faces), len(edges)) == (8, 6, 12)
+    np.testing.assert_allclose(sorted(faces[:, 3]), [0.0, 0.0, 0.0, 0.2, 0.3, 0.4], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(balls, [[0.1, 0.15, 0.2, np.sqrt(0.0725)]], rtol=0, atol=1e-15)
+    # the orientation of triangles does not count, nor single precision
+    rounded = np.vstack([CUBE[:6], CUBE[6:, ::-1]]) * (1.0 + 1e-7 * np.arange(12)[:, None, None])
+    assert len(optik.Scene(meshes=[rounded]).arrays[9]) >= 8
+    with pytest.raises(InvalidInput, match="corners_mm"):
+        (tmp_path / "bad.toml").write_text("[[meshes]]\ncorners_mm = [[0, 0]]", encoding="utf-8")
+        optik.Scene.load(tmp_path / "bad.toml")
 
 
 def test_a_file_without_cylinders_is_read_and_written_as_before():

@@ -52,7 +52,7 @@ def table() -> Scene:
 
 
 def drawn(rng: np.random.Generator) -> Scene:
-    """Boxes, spheres, capsules, cylinders and planes anywhere around the arm."""
+    """Boxes, spheres, capsules, cylinders, meshes and planes anywhere around the arm."""
 
     def place() -> Array:
         angle, far = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.35, 0.9)
@@ -65,7 +65,8 @@ def drawn(rng: np.random.Generator) -> Scene:
     capsules = [(p, p + 0.3 * rng.normal(size=3), 0.02) for p in (place(), place())]
     planes = [((0.0, 0.0, rng.uniform(-0.4, 0.05)), (0.0, 0.1 * rng.normal(), 1.0))]
     cylinders = [(p, p + 0.2 * rng.normal(size=3), rng.uniform(0.02, 0.1)) for p in (place(), place())]
-    return Scene(boxes=boxes, spheres=spheres, capsules=capsules, planes=planes, cylinders=cylinders)
+    meshes = [place() + rng.normal(size=(8, 3)) * rng.uniform(0.01, 0.1, 3) for _ in range(2)]
+    return Scene(boxes=boxes, spheres=spheres, capsules=capsules, planes=planes, cylinders=cylinders, meshes=meshes)
 
 
 def drawn_motion(rng: np.random.Generator, kind: int) -> Trajectory:
@@ -125,6 +126,10 @@ class Oracle:
                 np.array([radius, radius, half]),
                 0.0,
             )
+        for corners in scene.meshes:
+            points, T = coal.StdVec_Vec3s(), pose(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
+            points.extend(list(corners - T[:3, 3]))
+            self._add(coal.Convex.convexHull(points, True, "Qt"), T, 0.5 * np.ptp(corners, axis=0), 0.0)
         self.planes = scene.planes
         self.moving = np.flatnonzero(self.link > 0)
         self.pairs = [(i, j) for i, j in shapes.pairs.tolist()]

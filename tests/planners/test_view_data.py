@@ -77,6 +77,7 @@ def test_distances_are_those_of_coal_and_pairs_are_the_nearest(seed: int) -> Non
     objects = {"boxes": 0, "rounds": len(scene.boxes)}
     objects["planes"] = objects["rounds"] + len(scene.spheres) + len(scene.capsules)
     objects["cylinders"] = objects["planes"] + len(scene.planes)
+    objects["meshes"] = objects["cylinders"] + len(scene.cylinders)
     for k in range(0, len(q), 7):
         pair, contact = of_pairs[int(rooms[k].argmin())][k], find_contact(robot, scene, q[k])
         assert tuple(pair["names"]) == contact.pair

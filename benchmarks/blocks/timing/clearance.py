@@ -22,7 +22,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.registry import short_name
 from optik.scene import Scene
-from optik.scene.contact import BOX, CYLINDER, PLANE, SELF, find_nearest_pairs, find_pairs
+from optik.scene.contact import BOX, CYLINDER, MESH, PLANE, SELF, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
 from planners.curve import quintic_through
@@ -246,7 +246,7 @@ class CoalSampling:
 
     def _scene(self, scene: Scene) -> dict[int, list[int]]:
         """Add the objects; their numbers by the kinds of `find_pairs`."""
-        box_pose, box_half, a, b, radius, point, normal, cylinder_pose, cylinder_size = scene.arrays
+        box_pose, box_half, a, b, radius, point, normal, cylinder_pose, cylinder_size, *_ = scene.arrays
         boxes = [
             self._add(0, T, self._coal.Box(*(2.0 * half)), f"box {i}")
             for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
@@ -260,7 +260,13 @@ class CoalSampling:
             self._add(0, T, self._coal.Cylinder(radius, 2.0 * half), f"cylinder {i}")
             for i, (T, (radius, half)) in enumerate(zip(cylinder_pose, cylinder_size.tolist(), strict=True))
         ]
-        return {BOX: boxes, BOX + 1: rounds, PLANE: planes, CYLINDER: cylinders}
+        meshes = [self._add(0, np.eye(4), self._hull(corners), f"mesh {i}") for i, corners in enumerate(scene.meshes)]
+        return {BOX: boxes, BOX + 1: rounds, PLANE: planes, CYLINDER: cylinders, MESH: meshes}
+
+    def _hull(self, corners: Array) -> Any:
+        points = self._coal.StdVec_Vec3s()
+        points.extend(list(corners))
+        return self._coal.Convex.convexHull(points, True, "Qt")
 
 
 def _along(d: Array) -> Array:

@@ -9,7 +9,8 @@ import polars as pl
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import BOX, CYLINDER, ROUND, SELF, find_nearest, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, SELF, find_nearest, find_pairs, rooms_batch
+from optik.scene.mesh import find_hull
 from optik.types import Array, Indices
 from planners.certificate.clearance import Clearance
 from planners.plan import Plan
@@ -74,6 +75,10 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
         ],
         "cylinders": [
             (c.tolist(), d.tolist(), r, kind == CYLINDER and i == other) for i, (c, d, r) in enumerate(scene.cylinders)
+        ],
+        "meshes": [
+            (find_hull(corners).edges[:, [0, 1, 2, 9, 10, 11]].tolist(), kind == MESH and i == other)
+            for i, corners in enumerate(scene.meshes)
         ],
         "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
     }  # fmt: skip

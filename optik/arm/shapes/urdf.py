@@ -107,6 +107,13 @@ def read_length(robot: str, where: str, kind: str, shape: Any, name: str) -> flo
     return value
 
 
+def read_triangles(robot: str, shape: Any, where: str, folders: MeshFolders) -> Array:
+    """Read the triangles (k, 3, 3) of a <mesh> [m]."""
+    scale = read_triple(robot, where, shape.get("scale", "1 1 1"), "mesh scale")
+    with np.errstate(over="ignore"):
+        return np.asarray(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
+
+
 def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
     """Enclose the geometry of a <collision> by capsules, in its own frame."""
     kind, shape = find_geometry(tree, element)
@@ -132,7 +139,5 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         end = np.array([0.0, 0.0, 0.5 * length("length")])
         return [Capsule(-end, end, length("radius"), 0.0)]
     if kind == "mesh":
-        scale = read_triple(tree.name, where, shape.get("scale", "1 1 1"), "mesh scale")
-        with np.errstate(over="ignore"):
-            return enclosed(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
+        return enclosed(read_triangles(tree.name, shape, where, folders))
     raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")

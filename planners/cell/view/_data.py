@@ -12,7 +12,8 @@ from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.dynamics import joint_torques
 from optik.scene import Scene
-from optik.scene.contact import BOX, CYLINDER, PLANE, ROUND, SELF, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CYLINDER, MESH, PLANE, ROUND, SELF, find_pairs, rooms_batch
+from optik.scene.mesh import find_hull
 from optik.types import Array, Indices
 from planners.cell.view.show import Show, Track, thin
 from planners.limits import sides
@@ -34,7 +35,7 @@ PLOTS = {
 """Quantities of a motion that a page plots: title, and suffix of a joint's unit."""
 PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
 """Quantities with a limit of the motion, and the name of that limit."""
-SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own", CYLINDER: "cylinders"}
+SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own", CYLINDER: "cylinders", MESH: "meshes"}
 """Kinds of the second shape of a pair, as the scripts name them."""
 
 Facts = tuple[tuple[str, str], ...]
@@ -106,7 +107,7 @@ def find_up(robot: Robot) -> Array:
     return np.asarray(-robot.gravity / np.linalg.norm(robot.gravity), dtype=np.float64)
 
 
-def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], dict[str, str], Facts]:
+def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], dict[str, Any], Facts]:
     """Return the indices of the drawn objects of each kind but planes, the objects, and a row of facts if some are left out."""
     ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules)
     rows = {
@@ -115,8 +116,10 @@ def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], di
         "planes": [np.concatenate(plane) for plane in scene.planes],
         "cylinders": [np.concatenate((a, b, [r])) for a, b, r in scene.cylinders],
     }
+    hulls = [find_hull(corners) for corners in scene.meshes]
     balls = [(T[:3, 3], np.linalg.norm(edges) / 2) for T, edges in scene.boxes]
     balls += [((a + b) / 2, r + np.linalg.norm(b - a) / 2) for a, b, r in (*ends, *scene.cylinders)]
+    balls += [(ball[:3], ball[3]) for ball in scene.arrays[12]]
     facts: Facts = ()
     chosen = np.arange(len(balls))
     if len(balls) > MOST_OBJECTS_DRAWN:
@@ -124,14 +127,18 @@ def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], di
         chosen = np.sort(np.argsort(distances)[:MOST_OBJECTS_DRAWN])
         facts = (("Drawn scene", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {len(balls)}"),)
     drawn, first = {}, 0
-    for name in ("boxes", "rounds", "cylinders"):  # in the order of `balls`
-        last = first + len(rows[name])
+    for name in ("boxes", "rounds", "cylinders", "meshes"):  # in the order of `balls`
+        last = first + len(rows.get(name, hulls))
         drawn[name] = (chosen[(chosen >= first) & (chosen < last)] - first).tolist()
         first = last
-    objects = {
+    objects: dict[str, Any] = {
         name: _numbers([row for i, row in enumerate(values) if i in set(drawn.get(name, range(len(values))))])
         for name, values in rows.items()
     }
+    chosen_hulls = [hulls[i] for i in drawn["meshes"]]
+    objects["meshes"] = [
+        {"faces": _numbers(h.triangles), "edges": _numbers(h.edges[:, [0, 1, 2, 9, 10, 11]])} for h in chosen_hulls
+    ]
     return drawn, objects, facts
 
 

@@ -2,7 +2,7 @@
 // The picture: the arm at an instant, a second arm beside it, path, executed path, scene, payload, laser beam, grid and frames.
 
 const Picture = (canvas, labels, data, arm, tracks) => {
-  const { numbers, moved, origin, axis, plus, minus, dot, length } = Arm;
+  const { numbers, moved, origin, axis, plus, minus, cross, dot, length } = Arm;
   const rows = (text, width) => {
     const flat = numbers(text);
     return Array.from({ length: flat.length / width }, (_, k) => [...flat.subarray(width * k, width * k + width)]);
@@ -11,6 +11,9 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const path = rows(data.path, 3), up = data.up;
   const boxes = rows(data.scene.boxes, 19).map(b => ({ pose: b.slice(0, 16), edges: b.slice(16) }));
   const cylinders = rows(data.scene.cylinders, 7).map(c => ({ a: c.slice(0, 3), b: c.slice(3, 6), r: c[6] }));
+  const meshes = data.scene.meshes.map(m => ({
+    faces: rows(m.faces, 9).map(t => [t.slice(0, 3), t.slice(3, 6), t.slice(6)]), edges: rows(m.edges, 6).map(e => [e.slice(0, 3), e.slice(3)]),
+  }));
   const rounds = rows(data.scene.rounds, 7), planes = rows(data.scene.planes, 6);
   const payload = data.payload;
   const did = data.executed && tracks.executed; // the executed path of the tool, and where the planned tool was at its instants
@@ -27,7 +30,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
   const reach = Math.max(0.05, ...everywhere.map(at => length(at.p)), ...path.map(length).filter(Number.isFinite));
   const corners = box => [0, 1, 2, 3, 4, 5, 6, 7].map(k =>
     moved(box.pose, box.edges.map((e, i) => (k >> i & 1 ? 0.5 : -0.5) * e)));
-  const points = [[0, 0, 0], ...path, ...(data.beam || []), ...boxes.flatMap(corners)];
+  const points = [[0, 0, 0], ...path, ...(data.beam || []), ...boxes.flatMap(corners), ...meshes.flatMap(m => m.faces.flat())];
   const seen = [...everywhere, ...points.map(p => ({ p, r: 0 })), ...cylinders.flatMap(c => [c.a, c.b].map(p => ({ p, r: c.r }))),
     ...rounds.flatMap(c => [c.slice(0, 3), c.slice(3, 6)].map(p => ({ p, r: c[6] })))].filter(at => length(at.p) <= 2.5 * reach);
 
@@ -120,9 +123,11 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     layers.path.set([path]);
     layers.beam.set(data.beam ? [data.beam] : []);
     const flat = boxes.flatMap(faces);
-    layers.solids.set([...flat.flatMap((v, k) => (k % 2 ? [] : [[v, flat[k + 1]]])), ...cylinders.flatMap(sides)]);
+    layers.solids.set([...flat.flatMap((v, k) => (k % 2 ? [] : [[v, flat[k + 1]]])), ...cylinders.flatMap(sides),
+      ...meshes.flatMap(m => m.faces.flatMap(([a, b, c]) => [a, b, c].map(p => [p, cross(minus(b, a), minus(c, a))])))]);
     layers.planes.set(planes.flatMap(p => { const c = square(p); return [0, 1, 2, 0, 2, 3].map(k => [c[k], p.slice(3)]); }));
-    layers.edges.set([...boxes.flatMap(edges), ...cylinders.flatMap(c => rings(c).ends), ...planes.map(outline)]);
+    layers.edges.set([...boxes.flatMap(edges), ...cylinders.flatMap(c => rings(c).ends), ...meshes.flatMap(m => m.edges),
+      ...planes.map(outline)]);
     return true;
   };
 
@@ -149,6 +154,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
       [r.slice(0, 3), r.slice(3, 6), r[6], kind === "rounds" && object === i ? colours.pair : colours.scene]));
     layers.near.set(kind === "boxes" && boxes[object] ? edges(boxes[object])
       : kind === "cylinders" && cylinders[object] ? rings(cylinders[object]).ends
+      : kind === "meshes" && meshes[object] ? meshes[object].edges
       : kind === "planes" ? [outline(planes[object])] : []);
     const marks = [[origin(tool), origin(tool), dot_, colours.mark]];
     if (payload) marks.push([moved(tool, payload.com), moved(tool, payload.com), 1.5 * dot_, colours.payload]);

@@ -183,9 +183,11 @@ def _in_space(pictures: Sequence[Json], robot: Robot) -> Board:
             ([_edges(box) for box in picture["boxes"] if not box[2]], SCENE_COLOUR, "scene", 3),
             ([_capsule(c) for c in picture["rounds"] if not c[3]], SCENE_COLOUR, "scene", 2),
             ([_cylinder(c) for c in picture.get("cylinders", ()) if not c[3]], SCENE_COLOUR, "scene", 2),
+            ([_mesh(mesh) for mesh in picture.get("meshes", ()) if not mesh[1]], SCENE_COLOUR, "scene", 2),
             ([_square(plane) for plane in picture["planes"]], SCENE_COLOUR, "scene", 2),
             ([_capsule(c) for c in (*picture["arm"], *picture["rounds"]) if c[3]]
              + [_cylinder(c) for c in picture.get("cylinders", ()) if c[3]]
+             + [_mesh(mesh) for mesh in picture.get("meshes", ()) if mesh[1]]
              + [_edges(box) for box in picture["boxes"] if box[2]], MARK_COLOUR, " and ".join(picture["pair"]), 4),
         ]  # fmt: skip
         for lines, look, name, width in parts:
@@ -235,6 +237,12 @@ def _square(plane: Sequence[Any]) -> Array:
     middle = (point @ normal) * normal
     ends = [middle + PLANE_HALF * (i * across + j * other) for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1), (1, 1))]
     return np.array([*ends, np.full(3, np.nan)])
+
+
+def _mesh(mesh: Sequence[Any]) -> Array:
+    """Return the edges of a mesh as lines (k, 3) [m]."""
+    ends = np.array(mesh[0]).reshape(-1, 2, 3)
+    return np.concatenate([ends, np.full((len(ends), 1, 3), np.nan)], axis=1).reshape(-1, 3)
 
 
 def _frame_along(a: Array, b: Array) -> tuple[Array, Array, Array]:
