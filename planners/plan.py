@@ -321,12 +321,12 @@ class _Planner:
                     break
                 followed, path = self._follow(first.found, None, None, None), first.found
             fixed, optimum = self._time(path, followed, None)
-            plans.append(fixed)
+            found = fixed
             if optimum is not None:
                 choice = choice_for(path, fixed.joint_path, optimum, held=starts_there)
                 found, result, spent = choose_around(choice, scene, fixed, plan_along)
-                rounds += spent
-                plans.append(replace(found, freedom=result))
+                found, rounds = replace(found, freedom=result), rounds + spent
+            plans.append(found)
             if any(plans) or isinstance(path, FreePath):
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))

@@ -85,7 +85,7 @@ def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind:
     scene = drawn(rng)
     K, pairs = choice.programme.K, len(bodies_of(robot, scene)[2])
     slots = rng.integers(-1, pairs, (K + 1, 5))
-    rows = ClearanceLimits(robot, scene, *choice.parts[:2], slots, np.full(slots.shape, 2e-3))
+    rows = ClearanceLimits(robot, scene, *choice.parts[:2], slots, np.full((K + 1, pairs), 2e-3))
     programme = FreeProgramme(choice.optimum.programme, *choice.parts, rows)
 
     def values(p: Array) -> Array:
@@ -120,6 +120,57 @@ def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind:
     assert (here[slots < 0] < -0.99).all()
 
 
+def test_coefficients_are_pushed_until_the_elbow_touches_nothing() -> None:
+    robot = panda()
+    T = robot.fk(REST)
+    goal = T.copy()
+    goal[:3, 3] += [0.0, 0.1, 0.05]
+    freed = free(Line(T, goal), elbow=True)
+    first = plan(robot, freed, REST, limits=LIMITS, timing="smooth")
+    choice = Choice(freed, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1], held=False)
+    elbow = robot.frames(choice.near[0, 60])[3][:3, 3]
+    for way in ((0.0, 1.0, 0.2), (0.0, -1.0, 0.2)):
+        ball = elbow + 0.2 * np.array(way)
+        scene = next(
+            scene
+            for scene in (Scene(spheres=[(ball, r)]) for r in np.linspace(0.02, 0.2, 91))
+            if find_nearest_pairs(robot, scene, choice.near[0])[0].min() < -0.015
+        )
+        found = avoid.push_out(choice, scene, choice.p, choice.near)
+        assert found is not None
+        assert find_nearest_pairs(robot, scene, found[1][0])[0].min() > 0.0
+        tool = robot.fk(found[1][0])
+        np.testing.assert_allclose(tool, freed.given.pose(choice.optimum.programme.s), atol=1e-8)
+
+
+def test_a_step_may_not_end_where_a_pair_without_a_slot_has_too_little_room_and_near_pairs_get_slots() -> None:
+    robot, rng = panda(), np.random.default_rng(8)
+    path = PointToPoint(robot, REST, GOAL)
+    first = plan(robot, path, limits=LIMITS)
+    choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
+    allowed, refused, given = 0, 0, 0
+    for _ in range(30):
+        scene = drawn(rng)
+        pairs, K = len(bodies_of(robot, scene)[2]), choice.programme.K
+        rows = ClearanceLimits(robot, scene, *choice.parts[:2], np.full((K + 1, 6), -1), np.full((K + 1, pairs), 2e-3))
+        for size in (0.0, 0.02, 0.05, 0.1):  # from the second on most rooms are known by bounds only
+            p = choice.p + size * rng.normal(size=choice.p.shape) * choice.programme.window.free.reshape(choice.p.shape)
+            place = choice.programme.place(p, choice.near)
+            assert place is not None
+            least = find_nearest_pairs(robot, scene, place.path[0])[0].min()
+            assert rows.allows(place) == (least >= 2e-3)
+            allowed, refused = allowed + (least >= 2e-3), refused + (least < 2e-3)
+        k, slot = rows.renew(place)
+        assert (np.unique(np.stack([k, slot]), axis=1).shape[1]) == k.size
+        value = rows.values(place)
+        assert (value[k, slot] > 1.0 - 2.0 * 0.03 / 0.05).all()  # these pairs are near
+        given += k.size
+        assert rows.allows(place) or (rows._slots >= 0).all(axis=1).any()  # the rest is limited by slots
+    assert allowed > 10
+    assert refused > 10
+    assert given > 100
+
+
 # ---------------------------------------------------------------- plans
 
 
@@ -130,6 +181,9 @@ def test_a_way_around_a_wall_is_found_proved_and_faster_than_stops_at_its_corner
     assert found
     assert found.search is not None
     assert found.search.samples > 0
+    assert found.freedom is not None
+    assert found.freedom.outcome == "chosen"
+    assert found.freedom.gain > 0.05
     assert found.certificate.clearance is not None
     assert found.certificate.clearance.proved
     assert found.certificate.clearance.value > wall().margin

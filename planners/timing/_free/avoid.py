@@ -23,11 +23,14 @@ NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
 """Room [m] within which the first round limits pairs on the initial path, and how many at each grid point."""
 REQUIRED_ROOM, FURTHER_ROOM = 2e-3, 3e-3
 """Least room [m] at grid points, and what is added to it where the motion came too near beside one."""
-OF_INITIAL = 0.5
-"""Fraction of the initial path's room that a limit may require, so that the initial path keeps it."""
+SPARE_SLOTS = 4
+"""Pairs at each grid point that may be limited besides, when they come near."""
+OF_INITIAL, MORE_OF_INITIAL = 0.5, 0.9
+"""Fractions of the initial path's room that a limit may require, so that the initial path keeps it: at first, and after the
+motion came too near all the same; after another time it need not."""
 EXAMINED_BETWEEN = 4
 """Configurations in each interval that are examined before a motion is certified."""
-TOUCHING_ROOM = 2e-4
+TOUCHING_ROOM = 2e-5
 """Room [m] below which a pair is limited in the next round."""
 PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
 """Steps that move an initial path out of contact: the most, the room that they look for [m], their damping as a fraction of the
@@ -84,6 +87,7 @@ class Cuts:
         self._robot, self._scene, self._bodies = robot, scene, bodies_of(robot, scene)
         self.initial = self.rooms(q)
         self.table = np.full(self.initial.shape, np.nan)
+        self.share = np.full(self.initial.shape, OF_INITIAL)
         count = min(NEAREST_PAIRS, self.initial.shape[1])
         nearest = np.argpartition(self.initial, count - 1, axis=1)[:, :count]
         near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM
@@ -99,24 +103,17 @@ class Cuts:
 
     def limits(self, choice: Choice) -> ClearanceLimits:
         """Return the limits of all grid points but the ends that are given."""
-        table = self.table.copy()
-        if not choice.parts[1][: choice.p.shape[1]].any():
-            table[0] = np.nan
-        if not choice.parts[1][-choice.p.shape[1] :].any():
-            table[-1] = np.nan
-        required = np.where(self.initial > 0.0, np.minimum(table, OF_INITIAL * self.initial), table)
-        width = max(int(np.isfinite(table).sum(axis=1).max()), 1)
-        order = np.argsort(np.where(np.isfinite(table), 0, 1), axis=1, kind="stable")[:, :width]
-        kept = np.take_along_axis(required, order, axis=1)
-        slots = np.ascontiguousarray(np.where(np.isfinite(kept), order, -1))
-        return ClearanceLimits(
-            self._robot, self._scene, *choice.parts[:2], slots, np.where(slots >= 0, kept, 0.0)
-        )  # fmt: skip
-
-    def add(self, k: Indices, pairs: Indices) -> None:
-        """Require room of pairs at grid points, and more where some was required."""
-        before = self.table[k, pairs]
-        self.table[k, pairs] = np.where(np.isnan(before), REQUIRED_ROOM, before + FURTHER_ROOM)
+        chosen = np.isfinite(self.table)
+        required = np.where(chosen, self.table, REQUIRED_ROOM)
+        required = np.where(self.initial > 0.0, np.minimum(required, self.share * self.initial), required)
+        free, D = choice.parts[1], choice.p.shape[1]
+        for end, coefficients in ((0, free[:D]), (-1, free[-D:])):
+            if not coefficients.any():
+                chosen[end], required[end] = False, -np.inf
+        width = int(chosen.sum(axis=1).max()) + SPARE_SLOTS
+        order = np.argsort(~chosen, axis=1, kind="stable")[:, :width]
+        slots = np.where(np.take_along_axis(chosen, order, axis=1), order, -1)
+        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required)
 
     def add_touched(self, q: Array) -> bool:
         """Add the pairs without room among configurations, several in each interval; return whether there are any."""
@@ -138,6 +135,8 @@ class Cuts:
         """Require room of pairs at grid points, and more where some was required."""
         k, pairs = np.unique(np.stack([k, pairs]), axis=1)
         before = self.table[k, pairs]
+        again = np.where(self.share[k, pairs] < MORE_OF_INITIAL, MORE_OF_INITIAL, np.inf)
+        self.share[k, pairs] = np.where(np.isnan(before), OF_INITIAL, again)
         self.table[k, pairs] = np.where(np.isnan(before), REQUIRED_ROOM, before + FURTHER_ROOM)
 
 

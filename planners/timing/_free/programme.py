@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,21 +51,31 @@ class Place(NamedTuple):
     fields: Array
 
 
-class Statics(Protocol):
+class Statics(ABC):
     """Further limits on the path alone, in rows of the grid points; each value is at most 1."""
 
     count: int
     bends: int
 
+    @abstractmethod
     def values(self, place: Place) -> Array:
         """Return the values (K + 1, count); 0 or less where there is no limit."""
 
+    @abstractmethod
     def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the coefficients from the first one of each window on.
 
         joints (K + 1, 4, D, n) are those of the joints in the coordinates, empty if these are the joints. The sum of the
         squares of bends (K + 1, bends, W) is the curvature, with multipliers y (K + 1, count).
         """
+
+    def allows(self, place: Place) -> bool:
+        """Return whether a step may end here."""
+        return True
+
+    def renew(self, place: Place) -> tuple[Indices, Indices]:
+        """Choose what the rows limit from here on; return the grid points and rows that changed."""
+        return np.empty(0, np.int64), np.empty(0, np.int64)
 
 
 class LinePath(NamedTuple):
@@ -258,6 +269,21 @@ class FreeProgramme:
             rows, bends = slice(row, row + one.count), border.bends[:, bend : bend + one.bends]
             one.write(place, joints, y[:, rows], border.columns[:, rows], bends, self.begin)
             row, bend = row + one.count, bend + one.bends
+
+    def allows(self, place: Place) -> bool:
+        """Return whether a step may end at a place."""
+        return all(one.allows(place) for one in self.statics)
+
+    def renew(self, place: Place) -> tuple[Indices, Indices]:
+        """Choose anew what further limits limit; return the grid points and rows that changed."""
+        row, none = self.rows - sum(one.count for one in self.statics), np.empty(0, np.int64)
+        points, rows = [none], [none]
+        for one in self.statics:
+            k, i = one.renew(place)
+            points.append(k)
+            rows.append(i + row)
+            row += one.count
+        return np.concatenate(points), np.concatenate(rows)
 
     def gather(self, y: Array, border: Border) -> Array:
         """Return Σ y ∂c/∂p (P,) over all limited values, from the columns of a border."""

@@ -23,11 +23,13 @@ SLOWEST_START = 1.5
 LONGEST_STEPS = (1.0, 0.3)
 """Longest step of a coefficient [rad, m], of the first attempt and of one after it failed: the limited values are not linear
 farther away. A longer step is damped."""
-CLOSE_STEP, SHORT_STEP = 0.2, 0.3
-"""Longest step of a coefficient [rad, m] after which the barrier's weight falls; and the fraction of the possible length below
+CLOSE_STEP, CLOSE_CHANGE, SHORT_STEP = 0.2, 5e-3, 0.3
+"""Longest step of a coefficient [rad, m] and largest change of the duration, as a fraction of it, after which the barrier's
+weight falls; and the fraction of the possible length below
 which an accepted step counts as short."""
-STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
-"""The iteration has failed after so many steps in a row of which less than this fraction was possible."""
+STUCK_LENGTH, STUCK_STEPS, FURTHER_STEPS = 1e-3, 10, 40
+"""A weight of the barrier has failed after so many steps in a row of which less than the fraction was possible, or after the
+last number of steps if the weight before it gave a solution."""
 LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 """Curvature that is added in each coefficient [1/rad²], since some do not change the motion: the least, the least after a step
 that was too long, and the most."""
@@ -190,18 +192,19 @@ class _Iteration:
         self.damping = self.least_damping = damping
 
     def run(self, least: float) -> FreeSolution | None:
-        """Return the solution at the last barrier weight, or as soon as the duration no longer falls."""
-        K, durations, stuck = self.programme.K, [], 0
+        """Return the solution at the last barrier weight, or as soon as the duration no longer falls.
+
+        If a weight fails, the solution is that of the weight before it.
+        """
+        K, durations, stuck, kept = self.programme.K, [float(self.at.z[:-1, 2].sum())], 0, None
         for steps in range(1, MOST_FREE_STEPS + 1):
-            if not self._newton():
-                return None
-            found = self._search()
-            if found is None:
-                return None
+            found = self._search() if self._newton() else None
+            if found is None or (kept is not None and steps > kept.steps + FURTHER_STEPS):
+                return kept
             alpha, dual, off, longest = found
             stuck = stuck + 1 if alpha < STUCK_LENGTH else 0
             if stuck == STUCK_STEPS:
-                return None
+                return kept
             durations.append(float(self.at.z[:-1, 2].sum()))
             slow = (
                 steps > SLOW_STEPS and abs(durations[-1 - SLOW_STEPS] - durations[-1]) < LEAST_PROGRESS * durations[-1]
@@ -209,11 +212,14 @@ class _Iteration:
             enough = off < SMALL_RESIDUAL * K and self.mu < SMALL_WEIGHT and least >= LAST_WEIGHT
             if enough and (slow or steps == MOST_FREE_STEPS):
                 return self._solution(steps)
-            if alpha > 0.7 and dual > 0.7 and off <= 10.0 * self.mu * K and longest < CLOSE_STEP:
+            close = longest < CLOSE_STEP and abs(durations[-2] - durations[-1]) < CLOSE_CHANGE * durations[-1]
+            if alpha > 0.7 and dual > 0.7 and off <= 10.0 * self.mu * K and close:
                 if self.mu <= least and off < 1e-6 * K:
                     return self._solution(steps)
+                if enough:
+                    kept = self._solution(steps)
                 self.mu, self.count = max(least, min(0.2 * self.mu, self.mu**1.5)), 0
-        return None
+        return kept
 
     def _newton(self) -> bool:
         """Compute the Newton step, with the coefficients damped until theirs is short enough; return whether there is one."""
@@ -252,7 +258,7 @@ class _Iteration:
         for _ in range(STEP_HALVINGS):
             new = p + alpha * dp
             place = self.programme.place(new, self.place.path)
-            if place is not None:
+            if place is not None and self.programme.allows(place):
                 problem, c = self.programme.problem(place), box.values(new)
                 iteration.step(at, alpha, self.d, self.dslack, trial)
                 iteration.values(problem, trial.z, trial.g, trial.c)
@@ -268,11 +274,24 @@ class _Iteration:
         self.place, self.problem, self.p, c = found
         iteration.accept(at, trial, alpha, dual, self.lam, self.ddual, self.dbound)
         box.accept(c, alpha, dual)
+        self._renew()
         if alpha < SHORT_STEP * whole:
             self.damping = min(max(10.0 * self.damping, FIRST_DAMPING), MOST_DAMPING)
         else:
             self.damping = max(0.3 * self.damping, self.least_damping)
         return alpha, dual, off, float(np.abs(dp).max())
+
+    def _renew(self) -> None:
+        """Let further limits choose what they limit; set the slacks and multipliers of what changed on the central path."""
+        at, (k, row) = self.at, self.programme.renew(self.place)
+        if not k.size:
+            return
+        self.problem, self.count = self.programme.problem(self.place), 0
+        iteration.values(self.problem, at.z, at.g, at.c)
+        weight = self.mu * self.problem.tau[np.minimum(k, self.programme.K - 1)]
+        for side, sign in enumerate((1.0, -1.0)):
+            at.slack[k, side, row] = np.maximum(1.0 - sign * at.c[k, row], 1e-2)
+            at.dual[k, side, row] = weight / at.slack[k, side, row]
 
     def _solution(self, steps: int) -> FreeSolution:
         """Return the solution at the present iterate."""
@@ -280,4 +299,6 @@ class _Iteration:
         programme.fill(self.place, self.at.z, y, border)
         time = programme.given.units[1]
         gradient = programme.gather(y, border).reshape(self.p.shape) * time
-        return FreeSolution(self.p, self.at.z, float(self.at.z[:-1, 2].sum()) * time, gradient, steps, self.place.path)
+        return FreeSolution(
+            self.p, self.at.z.copy(), float(self.at.z[:-1, 2].sum()) * time, gradient, steps, self.place.path
+        )

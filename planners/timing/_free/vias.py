@@ -10,7 +10,7 @@ from optik.types import Array, Indices
 from planners.paths._poses import skew_vector
 from planners.paths._spline import DEGREE
 from planners.paths.point_to_point import PointToPoint, Via
-from planners.timing._free.programme import Place
+from planners.timing._free.programme import Place, Statics
 
 EXACT_WITHIN = 1e-6
 """Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the rest is projected away."""
@@ -20,7 +20,7 @@ PASSING_STEPS, PASSED = 10, 1e-13
 """Most Newton steps onto the via points, and the largest distance of the joints that is left [rad, m]."""
 
 
-class ViaLimits:
+class ViaLimits(Statics):
     """√(1 + 3 x²) − 1 of the tool's distance x and of its angle over the tolerance, or the joints where exact.
 
     Each via point stands at the grid point before it, whose window has all coefficients of its span.
@@ -42,7 +42,7 @@ class ViaLimits:
             out[row, : found.size] = found
         return out
 
-    def write(self, place: Place, _joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+    def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the control points, and the factors of curvature (K + 1, 6, W)."""
         p = place.p
         columns[:], bends[:], n, q = 0.0, 0.0, p.shape[1], self._basis.combine(p)[:, 0]
