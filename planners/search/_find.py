@@ -105,13 +105,14 @@ def _search(
     found: list[Array] = []
     samples = 0
     for k in range(paths):
-        vertices, used = method.search(space, start, goals, (seed, k))
+        path, used = method.search(space, start, goals, (seed, k))
         samples += used
+        vertices = None if path is None else np.ascontiguousarray(path, dtype=np.float64)
         if vertices is not None:
             _check_path(space, vertices, start, goals, method)
             if shortcuts:
                 vertices = space.shorten(vertices, np.random.default_rng((seed, k, 0)).random((shortcuts, 2)))
-            if not any(_is_same_way(vertices, other) for other in found):
+            if not any(_is_same_path(vertices, other) for other in found):
                 found.append(vertices)
         if samples >= method.max_samples or (vertices is not None and len(goals) == 1 and len(vertices) <= 2):
             break
@@ -126,7 +127,12 @@ def _search(
 def _check_path(space: JointSpace, vertices: Array, start: Array, goals: Array, method: Search) -> None:
     """Raise InvalidInput unless a path joins the start and a goal, and its edges are proved."""
     expected = "a path from the start to a goal"
-    if vertices.shape != (len(vertices), space.robot.n) or not space.robot.limits.contains(vertices).all():
+    if (
+        vertices.ndim != 2
+        or vertices.shape[1] != space.robot.n
+        or not len(vertices)
+        or not space.robot.limits.contains(vertices).all()
+    ):
         raise InvalidInput(
             f"path of {type(method).__name__}", f"shape {vertices.shape}", f"{expected} inside the limits"
         )
@@ -175,7 +181,7 @@ def _refuse(space: JointSpace, status: SearchStatus, which: str, q: Array) -> Se
     return SearchResult(status, (), 0, reason, advice)
 
 
-def _is_same_way(a: Array, b: Array) -> bool:
+def _is_same_path(a: Array, b: Array) -> bool:
     """Return whether two paths are nearly the same."""
     u = np.linspace(0.0, 1.0, COMPARED_POINTS)
     return bool(np.linalg.norm(_points_along(a, u) - _points_along(b, u), axis=1).max() <= SAME_PATH)

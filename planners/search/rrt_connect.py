@@ -14,6 +14,9 @@ from planners.search.base import Attempt, JointSpace, Search
 NODES_OF_A_SAMPLE = 4
 """Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
 
+MOST_RESTART = 1_000_000
+"""Largest number of samples before a restart: the trees of more would fill the memory."""
+
 
 class RRTConnect(Search):
     """RRT-Connect (Kuffner and LaValle 2000) with proved edges.
@@ -33,7 +36,7 @@ class RRTConnect(Search):
     def __init__(self, max_samples: int = 20_000, step: float = 1.0, restart: int = 5_000) -> None:
         super().__init__(max_samples)
         self.step = check_number(step, "step", "a joint motion above 0 [rad, m]", above=0.0)
-        check_count(restart, "restart", 1)
+        check_count(restart, "restart", 1, MOST_RESTART)
         self.restart = restart
 
     def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102

@@ -60,6 +60,7 @@ LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/
 
 FREEDOM = ("tests/planners/test_freedom.py", "tests/contract/test_paths.py")
 """Tests of paths with freedoms."""
+SEARCH = ("tests/planners/test_search.py",)
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
     "planners/certificate/_clearance.py": (EDGES, *CONTACT),
@@ -109,6 +110,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/search/_around.py": ("tests/planners/test_avoid.py",),
     "planners/timing/_free/solve.py": FREEDOM,
     "planners/paths/free_path.py": FREEDOM,
+    "planners/search/_edges.py": SEARCH,
+    "planners/search/_corners.py": SEARCH,
+    "planners/search/_trees.py": SEARCH,
+    "planners/search/_find.py": SEARCH,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
     "benchmarks/records/folder.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
@@ -199,6 +204,15 @@ DRAWS = {"drawn": (20251121, 80, DRAWN), "newer": (20261122, 100, NEWER)}
 """Changes that are drawn: seed, how many in all, and of which files, of each the same number but for one."""
 
 LISTED: tuple[tuple[str, str, str], ...] = (
+    ("planners/search/_edges.py", "free = h * gap / rate", "free = 1.1 * h * gap / rate"),
+    ("planners/search/_edges.py", "best = 2.0 * ahead / root", "best = 2.6 * ahead / root"),
+    ("planners/search/_edges.py", "h * abs(d) + deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
+    ("planners/search/_edges.py", "> thick[p] + shift", "> thick[p]"),
+    ("planners/search/_edges.py", "half[[0, 0, 1]]", "half[[0, 0, 0]]"),
+    ("planners/search/_corners.py", "- low * half,", "- middle * half,"),
+    ("planners/search/_trees.py", "m > i and find_unproved(body, p, q, exact, work) < 0", "m > i"),
+    ("planners/search/_trees.py", "find_unproved(body, path[i], path[m], exact, work) < 0", "True"),
+    ("planners/search/_find.py", "(vertices[0] != start).any()", "False"),
     ("planners/timing/_optimal/border.py", "slope[j] += x * slope[i]", "slope[j] -= x * slope[i]"),
     ("planners/timing/_free/torques.py", "u[3] += 3.0 * u[1]", "u[3] += 2.0 * u[1]"),
     ("planners/timing/_free/columns.py", "3.0 * f * v * a, f * v * v * v", "2.0 * f * v * a, f * v * v * v"),

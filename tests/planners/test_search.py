@@ -166,6 +166,8 @@ def test_a_path_around_a_thin_wall_is_free_and_shorter_after_shortcuts() -> None
         assert (path[0] == LEFT).all()
         assert (path[-1] == RIGHT).all()
         check(panda(), scene, path)
+    alone = find_path(gantry(), [0.0, 0.0], [1.0, 1.0], scene=Scene())
+    assert alone.vertices.tolist() == [[0.0, 0.0], [1.0, 1.0]], "without any pair of shapes"
     direct = find_path(panda(), LEFT, RIGHT, scene=Scene())
     assert (direct.vertices == [LEFT, RIGHT]).all()
     assert (direct.samples, direct.length) == (1, pytest.approx(2.8))
@@ -264,7 +266,7 @@ def test_invalid_arguments_are_named(change: dict[str, object], words: str) -> N
 def test_an_unknown_search_and_invalid_options_are_refused() -> None:
     with pytest.raises(UnknownName, match="rrt_connect"):
         find_path(panda(), LEFT, RIGHT, scene=wall(), search="rrt")
-    for options in ({"step": 0.0}, {"restart": 0}, {"max_samples": 1.5}):
+    for options in ({"step": 0.0}, {"restart": 0}, {"restart": 10**9}, {"max_samples": 1.5}):
         with pytest.raises(InvalidInput, match=next(iter(options))):
             RRTConnect(**options)
 
@@ -281,8 +283,11 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
     assert find_path(panda(), LEFT, RIGHT, scene=Scene(), search=Straight())
     with pytest.raises(InvalidInput, match="edge 0 is not proved"):
         find_path(panda(), LEFT, RIGHT, scene=wall(), search=Straight())
-    with pytest.raises(InvalidInput, match="other ends"):
-        find_path(panda(), LEFT, LEFT + 0.1, scene=Scene(), search=Straight())
+    with pytest.raises(InvalidInput, match="path of Straight"):
+        find_path(scara(), np.zeros(4), np.ones(4) * 0.1, scene=Scene(), search=Straight())
+    for start, goal in ((LEFT, LEFT + 0.1), (RIGHT - 0.1, RIGHT)):
+        with pytest.raises(InvalidInput, match="other ends"):
+            find_path(panda(), start, goal, scene=Scene(), search=Straight())
     assert planners.search.Search is Search
 
 
