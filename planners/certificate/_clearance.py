@@ -160,7 +160,7 @@ def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Obje
         w = max(abs(T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - size[i, 1], 0.0)
         return sqrt(out * out + w * w) - half
     if kind == MESH:
-        return _length(middle, read_row(scene[12], i)) - half - scene[12][i, 3]
+        return float(_length(middle, read_row(scene[12], i)) - half - scene[12][i, 3])
     c, d = read_row(scene[2], i), read_row(scene[3], i)
     return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
 

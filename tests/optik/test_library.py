@@ -238,10 +238,14 @@ def test_a_robots_speeds_are_those_of_its_data_sheet():
 
 
 FLANGE_X = oracles.rot_z(0.0)[:, [2, 1, 0, 3]] @ np.diag([-1.0, 1.0, 1.0, 1.0])  # x of link_6 is z of tool0
+EE_LINK = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)  # x is outwards
 SSIK = {
     # name: module, before its base, after its tip, and how far its file rounds right angles
     "ur10e": ("universal_robots.ur10e_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), np.eye(4), 2e-9),
     "panda": ("franka.panda_ik", np.eye(4), np.eye(4), 1e-12),
+    "ur5": ("universal_robots.ur5_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), EE_LINK, 2e-9),
     "iiwa14": ("kuka.iiwa14_ik", np.eye(4), np.eye(4), 1e-12),
     "irb120": ("abb.irb120_ik", np.eye(4), FLANGE_X, 1e-12),
     "kr6": ("kuka.kr6_r900_ik", np.eye(4), FLANGE_X, 1e-12),
@@ -298,7 +302,16 @@ def parallel(directions):
     return max(np.linalg.norm(np.cross(directions[0], d)) for d in directions[1:]) < 1e-9
 
 
-PIEPER = {"paper6r": True, "puma560": True, "irb120": True, "kr6": True, "ur5e": True, "ur10e": True, "gen3lite": False}
+PIEPER = {
+    "paper6r": True,
+    "puma560": True,
+    "irb120": True,
+    "kr6": True,
+    "ur5": True,
+    "ur5e": True,
+    "ur10e": True,
+    "gen3lite": False,
+}
 
 
 @pytest.mark.parametrize(("name", "expected"), PIEPER.items())

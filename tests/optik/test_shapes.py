@@ -13,7 +13,7 @@ from optik.arm.library import robot_from_toml
 from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests.oracles.shapes import distances
 
-SHAPED = ("iiwa14", "panda", "paper6r", "puma560", "ur10e", "ur5e")
+SHAPED = ("iiwa14", "panda", "panda_hand", "paper6r", "puma560", "ur10e", "ur5", "ur5e")
 ROWS = [(0, (0, 0, 0), (0, 0, 0.1), 0.06), (1, (0, 0, 0), 0.1), (3, (0, 0, 0), (0, 0, 0.1), 0.06), (5, (0, 0, 0), 0.05)]
 
 
