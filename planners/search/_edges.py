@@ -18,6 +18,7 @@ from optik.scene import Scene
 from optik.scene.contact import (
     BOX,
     CYLINDER,
+    MESH,
     PLANE,
     ROUND,
     SELF,
@@ -67,6 +68,8 @@ def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array
     box_pose, box_half, a, b, _radius, point, normal, pose, size = scene.arrays[:9]
     yield BOX, [(T[:3, 3], T[:3, :3].T, half) for T, half in zip(box_pose, box_half, strict=True)]
     yield CYLINDER, [(T[:3, 3], T[:3, :3].T, half[[0, 0, 1]]) for T, half in zip(pose, size, strict=True)]
+    corners = [(mesh.min(axis=0), mesh.max(axis=0)) for mesh in scene.meshes]
+    yield MESH, [(0.5 * (low + high), np.eye(3), 0.5 * (high - low)) for low, high in corners]
     half = 0.5 * np.linalg.norm(b - a, axis=1)
     turn = [_frame_along(d / (2.0 * h) if h > 0.0 else np.eye(3)[2]) for d, h in zip(b - a, half, strict=True)]
     yield ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]

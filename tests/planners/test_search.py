@@ -87,7 +87,7 @@ def test_proved_edges_are_free_at_dense_samples_and_free_edges_are_proved(robot:
             proved, least = space.is_edge_free(a, b), rooms(robot, scene, between(a, b, 700)).min()
             assert least > 0.0 if proved else least < 1e-3, (least, proved)
             count[proved] += 1
-    assert min(count.values()) > 60
+    assert min(count.values()) > 40
 
 
 def test_an_edge_that_grazes_a_small_sphere_is_refused() -> None:
