@@ -209,7 +209,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/_edges.py", "h * abs(d) + deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
     ("planners/search/_edges.py", "> thick[p] + shift", "> thick[p]"),
     ("planners/search/_edges.py", "half[[0, 0, 1]]", "half[[0, 0, 0]]"),
-    ("planners/search/_edges.py", "np.eye(3), 0.5 * (high - low)", "np.eye(3), 0.3 * (high - low)"),
+    ("planners/search/_edges.py", "np.eye(3), 0.5 * (high - low)", "np.eye(3), 0.1 * (high - low)"),
     ("planners/search/_corners.py", "- low * half,", "- middle * half,"),
     ("planners/search/_trees.py", "m > i and find_unproved(body, p, q, exact, work) < 0", "m > i"),
     ("planners/search/_trees.py", "find_unproved(body, path[i], path[m], exact, work) < 0", "True"),
