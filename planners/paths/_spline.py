@@ -110,3 +110,20 @@ class Spline:
         ends = A[:, :1] * values[:1] + A[:, -1:] * values[-1:]
         inner = np.linalg.lstsq(A[:, 1:-1], values - ends, rcond=None)[0]
         return np.concatenate([values[:1], inner, values[-1:]])
+
+    def interpolate(self, s: Array, q: Array) -> Array:
+        """Return the control points (C, n) of the line, or of the curve with the least ∫ |q'''|² ds, through values at s."""
+        C = self.count
+        if len(s) == 2:  # at the means of the knots (Greville), control points of a line are on it
+            at = np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(C)])
+            return np.asarray(q[0] + at[:, None] / self.end * (q[1] - q[0]))
+        u, width = (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1), np.diff(self.breaks)
+        at = (self.breaks[:-1, None] + width[:, None] * u).ravel()
+        basis, through = self.basis(at), self.basis(s)
+        third, A = np.zeros((at.size, C)), np.zeros((s.size, C))
+        weights = np.sqrt(np.repeat(width, u.size))[:, None]
+        np.put_along_axis(third, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 3], axis=1)
+        np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
+        H = third.T @ third * self.end**5
+        system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
+        return np.asarray(np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
@@ -21,6 +22,7 @@ from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import DEGREE, Spline
+from planners.paths._waypoints import read_joint_waypoints
 from planners.paths.base import Path, fields
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, 3
@@ -133,9 +135,41 @@ class PointToPoint(Path):
         parts = SPANS_DIRECT if len(legs) == 1 else SPANS_PER_LEG
         inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
         self.spline = Spline(float(s[-1]), 0, inner)
-        self.coefficients: Array = _interpolate(self.spline, s, q)
+        self.coefficients: Array = self.spline.interpolate(s, q)
         lower, upper = robot.limits.lower, robot.limits.upper
         self.coefficients[1:-1] = np.clip(self.coefficients[1:-1], lower, upper)
+
+    @classmethod
+    def from_csv(cls, robot: Robot, file: str | os.PathLike[str]) -> Self:
+        """Return the path through the configurations and poses of a table of comma-separated values.
+
+        The header names the joints, ``q1_deg``, … (``q1_mm`` if it slides) or ``q1``, … [rad, m], and optionally the columns of
+        poses of `Polyline.from_csv`. A row is a configuration or a pose; other cells are empty. The first row is the start,
+        a configuration. The last row is the goal. Without an orientation, poses have that of the tool at the start.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        file : str or path
+            The table. Its columns ``tolerance_mm`` and ``tolerance_deg`` are the tolerances of via points; empty: exactly.
+
+        Returns
+        -------
+        PointToPoint
+            Through all rows.
+
+        Raises
+        ------
+        InvalidInput
+            As for `PointToPoint`; a file that cannot be read, or invalid columns or cells; the error names line and column.
+        NoSolution
+            A pose that no configuration reaches.
+        """
+        if not isinstance(robot, Robot):
+            raise InvalidInput("robot", repr(robot)[:60], "a Robot")
+        start, *points = read_joint_waypoints(robot, file)
+        return cls(robot, start.target, *(ViaPoint(*point) for point in points))
 
     def with_coefficients(self, coefficients: Array) -> PointToPoint:
         """Return the path with other control points.
@@ -405,24 +439,6 @@ def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -
             advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
         )
     return np.array(kept)
-
-
-def _interpolate(spline: Spline, s: Array, q: Array) -> Array:
-    """Return the control points (C, n) of the line, or of the curve through configurations at s with the least ∫ |q'''|² ds."""
-    C = spline.count
-    if len(s) == 2:  # at the means of the knots (Greville), control points of a line are on it
-        at = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(C)])
-        return np.asarray(q[0] + at[:, None] / spline.end * (q[1] - q[0]))
-    u, width = (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1), np.diff(spline.breaks)
-    at = (spline.breaks[:-1, None] + width[:, None] * u).ravel()
-    basis, through = spline.basis(at), spline.basis(s)
-    third, A = np.zeros((at.size, C)), np.zeros((s.size, C))
-    weights = np.sqrt(np.repeat(width, u.size))[:, None]
-    np.put_along_axis(third, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 3], axis=1)
-    np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
-    H = third.T @ third * spline.end**5
-    system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
-    return np.asarray(np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C])
 
 
 METHOD = PointToPoint

@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from optik import load
 from optik.errors import InvalidInput
+from optik.ik import Tolerance
 from optik.types import Array
-from planners import Polyline
+from planners import PointToPoint, Polyline, ViaPoint
 
 HEAD = "x,y,z\n0,0,0\n"
 
@@ -117,3 +119,49 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"x,y,z\n\xff")
     with pytest.raises(InvalidInput, match="UTF-8"):
         Polyline.from_csv(tmp_path / "bytes.csv")
+
+
+JOINTS, POSE, TOLERANCE = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", "x_mm,y_mm,z_mm", "tolerance_mm,tolerance_deg"
+STARTS, GOAL = "20,-35,40,25,50,-30", "60,-25,25,25,70,-30"
+
+
+def test_joint_waypoints_are_configurations_and_poses_with_tolerances(tmp_path: Path) -> None:
+    robot, q = load("paper6r"), np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
+    over = robot.fk(q) + np.array([[0, 0, 0, -0.05], [0, 0, 0, 0.05], [0, 0, 0, 0.1], [0, 0, 0, 0]])
+    rows = f"{STARTS},,,,,\n,,,,,,{','.join(f'{1e3 * x:.9f}' for x in over[:3, 3])},5,3\n40,-30,30,25,60,-30,,,,,\n{GOAL},,,,,"
+    file = tmp_path / "cycle.csv"
+    file.write_text(f"{JOINTS},{POSE},{TOLERANCE}\n{rows}\n")
+    found = PointToPoint.from_csv(robot, file)
+    there = np.deg2rad([[40.0, -30.0, 30.0, 25.0, 60.0, -30.0], [60.0, -25.0, 25.0, 25.0, 70.0, -30.0]])
+    same = PointToPoint(robot, q, ViaPoint(over, (5e-3, np.deg2rad(3.0))), *there)
+    assert [via.tolerance for via in found.vias] == [Tolerance(5e-3, np.deg2rad(3.0)), None]
+    np.testing.assert_allclose(found.coefficients, same.coefficients, atol=1e-9)
+    file.write_text(f"{POSE},q1,q2,q3,q4,q5,q6\n,,,{','.join(map(str, q))}\n,,,{','.join(map(str, there[1]))}\n")
+    np.testing.assert_allclose(PointToPoint.from_csv(robot, file).coefficients[-1], there[1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "got no line"),
+        (f"{POSE}\n1,2,3\n", f"names {JOINTS} "),
+        (f"{JOINTS},q7_deg\n{STARTS},1\n", "'q7_deg'"),
+        (f"{JOINTS},tolerance_mm\n{STARTS},1\n", "tolerance_mm,tolerance_deg for tolerances"),
+        (f"{JOINTS}\n{STARTS}\n", "a start and a goal"),
+        (f"{JOINTS}\n{STARTS}\n1,a,1,1,1,1\n", "line 3, column q2_deg"),
+        (f"{JOINTS},{POSE}\n,,,,,,1,2,3\n{GOAL},,,\n", "line 2: expected the start, a configuration"),
+        (f"{JOINTS},{POSE}\n{STARTS},,,\n{GOAL},1,2,3\n", "line 3: expected a configuration, or a pose"),
+        (f"{JOINTS},{POSE}\n{STARTS},,,\n1,,,,,,1,2,3\n", "line 3, column q2_deg: expected numbers in all of"),
+        (
+            f"{JOINTS},{TOLERANCE}\n{STARTS},1,1\n{GOAL},,\n",
+            "line 2: expected the start, a configuration without a tolerance",
+        ),
+        (f"{JOINTS},{TOLERANCE}\n{STARTS},,\n{GOAL},1,1\n", "line 3: expected the goal, without a tolerance"),
+    ],
+)
+def test_invalid_joint_waypoints_name_line_and_column(text: str, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "cycle.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidInput) as raised:
+        PointToPoint.from_csv(load("paper6r"), file)
+    assert words in str(raised.value) and "cycle.csv" in str(raised.value)
