@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.limits import freeze
 from optik.arm.shapes.check import check_excess, check_length, check_point
-from optik.arm.shapes.enclosure import complete_frame
+from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder, enclose_mesh, enclose_objects
 from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
-from optik.scene.mesh import check_mesh, mesh_arrays
+from optik.scene.mesh import check_mesh, find_hull, mesh_arrays
 from optik.types import Array, Flags, Indices
 
 if TYPE_CHECKING:
@@ -156,6 +157,92 @@ class Scene:
             return Scene(**arguments)
         except InvalidInput as error:
             raise InvalidInput(f"{Path(file).name}: {error.argument}", error.got, error.expected) from None
+
+    # ------------------------------------------------------------ attached objects
+
+    def without(self, *names: str) -> Scene:
+        """Return the scene without some objects, and without the pairs in ``allow`` that name them.
+
+        Parameters
+        ----------
+        *names : str
+            Names of objects.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        UnknownName
+            No object of that name.
+        """
+        for name in names:
+            if name not in self.names:
+                raise UnknownName("object", name, self.names)
+        parts: dict[str, Any] = {"margin": self.margin}
+        kept, first = [name not in names for name in self.names], 0
+        for kind in OBJECT_KINDS:
+            rows = getattr(self, kind)
+            parts[kind] = tuple(one for one, keep in zip(rows, kept[first:], strict=False) if keep)
+            first += len(rows)
+        parts["names"] = tuple(name for name in self.names if name not in names)
+        parts["allow"] = tuple(pair for pair in self.allow if pair[1] not in names)
+        return Scene(**parts, excess=self.excess[kept])
+
+    def attach(self, robot: Robot, name: str, q: ArrayLike, allow: Iterable[str] = ()) -> tuple[Robot, Scene]:
+        """Attach an object to the arm's tool at a configuration, as a gripper does.
+
+        Parameters
+        ----------
+        robot : Robot
+            An arm with shapes.
+        name : str
+            Name of the object, and of its capsules on the arm. Boxes, cylinders and meshes are enclosed by capsules.
+        q : (n,) array
+            The configuration at which the gripper closes [rad, m].
+        allow : iterable of str
+            Names of objects that it may touch, such as the table on which it stands.
+
+        Returns
+        -------
+        tuple of (Robot, Scene)
+            The arm with the object, which is not checked against the last two links, and the scene without it.
+
+        Raises
+        ------
+        InvalidInput
+            An arm without shapes, a plane, or a name that parts of the arm have.
+        UnknownName
+            No object of that name.
+        """
+        rest = self.without(name)
+        if robot.shapes is None or name in robot.shapes.names:
+            got = (
+                f"{robot.name!r} without shapes"
+                if robot.shapes is None
+                else f"{robot.name!r} with a part {name[:60]!r}"
+            )
+            raise InvalidInput("robot", got, "an arm with shapes, without a part of the object's name")
+        T = se3.inverse(robot.frames(robot.configuration(q))[robot.n - 1])
+        shapes = robot.shapes.with_part(name, robot.n, self._enclose(name), T)
+        pairs = tuple((name, other) for other in check_words(tuple(allow), "allow"))
+        return robot.with_shapes(shapes), replace(rest, allow=(*rest.allow, *pairs))
+
+    def _enclose(self, name: str) -> list[Capsule]:
+        """Return the capsules that enclose an object."""
+        kinds = [(kind, one) for kind in OBJECT_KINDS for one in getattr(self, kind)]
+        kind, one = kinds[self.names.index(name)]
+        if kind == "planes":
+            raise InvalidInput("name", f"the plane {name[:60]!r}", "an object of finite size")
+        if kind == "meshes":
+            return enclose_mesh(find_hull(one).triangles)
+        if kind == "cylinders":
+            a, b, radius = one
+            return [enclose_cylinder(radius, float(np.linalg.norm(b - a))).transform(_pose_along(a, b))]
+        return enclose_objects([one], name, np.eye(4))
+
+    # ------------------------------------------------------------ data
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain data for JSON; `from_dict` restores it to the last bit."""

@@ -9,10 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import optik
+import planners
 from optik import se3
 from optik.arm.shapes.enclosure import box_triangles
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.scene import files
+from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, find_contact, find_nearest
+from tests.oracles.shapes import distances
 
 T = se3.from_xyz_rpy((0.4, 0.0, -0.025), (0.0, 0.0, 30.0))
 SCENE = optik.Scene(
@@ -225,3 +228,62 @@ def test_plain_data_fails_with_our_errors_only(key, value):
         assert "\n" not in str(error)
     else:
         assert optik.Scene.from_dict(scene.to_dict()) == scene
+
+
+# ---------------------------------------------------------------- attached objects
+Q = np.array([0.3, -0.4, 0.2, -2.0, 0.1, 1.7, 0.5])
+
+
+@pytest.mark.parametrize("name", [name for name in SCENE.names if name != "plane1"])
+def test_an_attached_object_moves_with_the_tool_and_its_capsules_contain_it(name):
+    robot = optik.load("panda_hand")
+    carrying, rest = SCENE.attach(robot, name, Q)
+    assert set(rest.names) == set(SCENE.names) - {name}
+    assert all(pair[1] != name for pair in rest.allow) and rest.margin == SCENE.margin
+    mine = carrying.shapes.find_capsules(name)
+    link, a, b, radius = (column[mine] for column in carrying.shapes.capsules)
+    assert set(link.tolist()) == {7}
+    T = robot.frames(Q)[6]
+    a, b = (end @ T[:3, :3].T + T[:3, 3] for end in (a, b))
+    rng, inside, count = np.random.default_rng(1), SCENE.without(*rest.names), 0
+    low, high = np.minimum(a, b).min(axis=0) - radius.max(), np.maximum(a, b).max(axis=0) + radius.max()
+    for p in rng.uniform(low, high, (2000, 3)):
+        if find_nearest((0, 0, kind_of(inside)), inside.arrays, np.array([[p, p]]))[0] <= radius_of(inside):
+            assert min(distances(p[None], *capsule).item() for capsule in zip(a, b, radius, strict=True)) <= 1e-9
+            count += 1
+    assert count >= 20
+
+
+def kind_of(scene):
+    return (BOX, ROUND, ROUND, 2, CYLINDER, MESH)[
+        [bool(getattr(scene, kind)) for kind in files.OBJECT_KINDS].index(True)
+    ]
+
+
+def radius_of(scene):
+    return float(scene.arrays[4].sum())
+
+
+def test_an_attached_object_in_contact_is_named_unless_it_is_allowed():
+    robot = optik.load("panda_hand")
+    tool = robot.fk(Q)[:3, 3]
+    cup = (tool, tool - np.array([0.0, 0.0, 0.1]), 0.03)
+    low = cup[1] - np.array([0.0, 0.0, 0.06])
+    scene = optik.Scene(boxes=[(se3.pose(p=low), (0.3, 0.3, 0.1))], cylinders=[cup], names=("table", "cup"))
+    carrying, rest = scene.attach(robot, "cup", Q)
+    assert find_contact(carrying, rest, Q).pair == ("cup", "table")
+    refused = planners.plan(carrying, Q + 0.01, Q, scene=rest)
+    assert (refused.status, refused.failure.s) == ("contact", 0.0)
+    assert "cup and table" in refused.failure.reason and "\n" not in refused.failure.reason
+    carrying, rest = scene.attach(robot, "cup", Q, allow=["table"])
+    assert find_contact(carrying, rest, Q).pair != ("cup", "table")
+    assert rest.without("table") == optik.Scene()
+    for arguments, words in (
+        ((robot, "cap", Q), "did you mean cup"),
+        ((robot.with_shapes(None), "cup", Q), "without shapes"),
+        ((carrying, "cup", Q), "a part 'cup'"),
+    ):
+        with pytest.raises(OptikError, match=words):
+            scene.attach(*arguments)
+    with pytest.raises(InvalidInput, match="the plane"):
+        SCENE.attach(robot, "plane1", Q)

@@ -375,6 +375,9 @@ def enclose_objects(objects: Iterable[Any], name: str, place: Array) -> list[Cap
     found: list[Capsule] = []
     for i, one in enumerate(objects):
         where = f"{name}.shapes[{i}]"
+        if isinstance(one, Capsule):
+            found.append(one)
+            continue
         if not isinstance(one, list | tuple) or len(one) not in (2, 3):
             raise InvalidInput(where, format_value(one), expected)
         if len(one) == 2 and np.ndim(one[1]) == 1:
