@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
@@ -148,6 +150,10 @@ class Plan:
         if self.failure is not None:
             why = self.failure
             out |= {"s": why.s, "joint": why.joint, "reason": why.reason, "advice": why.advice}
+        if self.freedom is not None:
+            out["freedom"] = _freedom_to_dict(self.freedom)
+        if self.search is not None:
+            out["search"] = self.search._asdict()
         if self._trajectory is None:
             return out
         motion, t = self._trajectory, self._trajectory.knots
@@ -205,3 +211,18 @@ class Plan:
             The file cannot be written.
         """
         save(self.motion, file, format=format, rate=rate, allow=allow)
+
+
+def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:
+    """Return plain data for programs; None for numbers that are not known, and for ranges without bounds."""
+    data = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
+    for name in ("gradient", "distance", "angle"):
+        data[name] = data[name] if np.isfinite(data[name]) else None
+    ranges = [
+        {
+            "name": one.name, "unit": one.unit, "reached": list(one.reached),
+            "allowed": list(one.allowed) if np.isfinite(one.allowed).all() else None,
+        }
+        for one in chosen.ranges
+    ]  # fmt: skip
+    return data | {"ranges": ranges, "s": chosen.s.tolist(), "values": chosen.values.tolist()}

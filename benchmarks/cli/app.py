@@ -16,7 +16,14 @@ from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.command import add_command, err_console, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
 from benchmarks.cli.motion import DriveCommand, ViewCommand
-from benchmarks.cli.plan import ArcCommand, JointsCommand, LineCommand, PathCommand, PolylineCommand
+from benchmarks.cli.paths import (
+    ArcCommand,
+    JointsCommand,
+    LineCommand,
+    PathCommand,
+    PointToPointCommand,
+    PolylineCommand,
+)
 from benchmarks.cli.robot import FkCommand, IkCommand, RobotsCommand
 from benchmarks.cli.runs import CompareCommand, DemoCommand, ReportCommand, RunCommand
 from optik.errors import InvalidMotion, NoSolution, OptikError, OutputError
@@ -43,6 +50,7 @@ add_command(plan_app, "line", LineCommand, "plan line --move -0.12,0,0.2 --out l
 add_command(plan_app, "arc", ArcCommand, "plan arc --centre 0.1,0.3,0.2 --axis 0,0,1 --angle-deg 20")
 add_command(plan_app, "polyline", PolylineCommand, "plan polyline --waypoints seam.csv --timing constant_speed")
 add_command(plan_app, "joints", JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
+add_command(plan_app, "ptp", PointToPointCommand, "plan ptp --waypoints cycle.csv")
 add_command(plan_app, "path", PathCommand, "plan path ./spiral.py --set radius=0.1")
 add_command(app, "drive", DriveCommand, "drive line.json --on mujoco")
 add_command(app, "view", ViewCommand, "view line.json --html line.html")

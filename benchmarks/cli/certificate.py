@@ -110,3 +110,33 @@ def print_certificate(plan: Any) -> None:
         out_console.print(f"certificate valid: {kept}", style="green")
     else:
         out_console.print("certificate NOT valid: " + translate("; ".join(proof.reasons)), style="yellow")
+
+
+def print_choice(plan: Any) -> None:
+    """Print what a plan chose: the freedoms of its path, and the way around obstacles."""
+    from planners.paths.free_path import FreePath
+
+    chosen, way = plan.freedom, plan.search
+    if way is not None:
+        words = f"{way.rounds} round{'s' * (way.rounds != 1)} of path and timing"
+        if not isinstance(plan.path, FreePath):  # which is not searched
+            ways = f"{way.paths} way{'s' * (way.paths != 1)}"
+            words = f"{way.planner} with {way.samples} random configurations, {ways}, {words}"
+        out_console.print(f"search: {words}", soft_wrap=True)
+    if chosen is None:
+        return
+    words = f"free path: {chosen.outcome}"
+    if chosen.gain > 0.0:
+        words += f", {100.0 * chosen.gain:.3g} % shorter than {chosen.fixed_duration:.4f} s along the initial path"
+    tried = f"{chosen.starts} initial guess{'es' * (chosen.starts != 1)}, {chosen.steps} Newton steps"
+    out_console.print(f"{words} ({tried})" if chosen.starts else words, soft_wrap=True)
+    for one in chosen.ranges if chosen.gain > 0.0 else ():
+        factor, unit = (180.0 / np.pi, "°") if one.unit == "rad" else (1e3, " mm")
+        low, high = (f"{factor * x:.3g}" for x in one.reached)
+        allowed = "no bounds"
+        if np.isfinite(one.allowed).all():
+            allowed = f"allowed {factor * one.allowed[0]:.3g} to {factor * one.allowed[1]:.3g}{unit}"
+        out_console.print(f"  {one.name}: {low} to {high}{unit} (proved; {allowed})", soft_wrap=True)
+    if chosen.gain > 0.0 and np.isfinite(chosen.distance):
+        off = f"{1e3 * chosen.distance:.3g} mm and {np.degrees(chosen.angle):.3g}°"
+        out_console.print(f"  tool at most {off} from the given path (proved)", soft_wrap=True)

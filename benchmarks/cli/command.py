@@ -266,6 +266,32 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> l
     return values
 
 
+def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
+    """Read NAME[=RANGE] of freedoms, in degrees or mm; return their bounds [rad, m], or True for none."""
+    from planners.freedom import freedom_of
+
+    found: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = (word.strip() for word in text.partition("="))
+        kind = freedom_of(name)
+        factor, unit = (np.pi / 180.0, "degrees") if kind.unit == "rad" else (1e-3, "mm")
+        typed = f"{name}=RADIUS above 0 [{unit}]" if kind.round else f"{name}, {name}=90 or {name}=-90:45 [{unit}]"
+        if name in found:
+            raise InvalidInput("--free", f"{name} twice", "each freedom once")
+        if not kind.screws and arm.n <= 6:
+            raise InvalidInput(
+                "--free", f"{name} for {arm.name} with {arm.n} joints", "an arm with more than six joints"
+            )
+        try:
+            bounds = tuple(float(word) * factor for word in value.split(":") if equals)
+            found[name] = True if not equals else bounds[0] if len(bounds) == 1 else bounds
+            kind.check(found[name])
+        except (ValueError, InvalidInput):
+            expected = typed if kind.round else f"{typed}, the lower bound first"
+            raise InvalidInput("--free", repr(text), expected) from None
+    return found
+
+
 def format_numbers(values: Any) -> str:
     """Return numbers as one argument of a command, rounded to 0.001."""
     return ",".join(f"{round(float(value), 3) + 0.0:g}" for value in values)

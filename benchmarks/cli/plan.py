@@ -1,9 +1,8 @@
-"""`optik plan`: timed and certified motions along a line, an arc, a polyline, any path, or in joint space."""
+"""`optik plan`: timed and certified motions along the paths of `benchmarks.cli.paths`."""
 
 from __future__ import annotations
 
 import json
-import tomllib
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,12 +12,11 @@ import numpy as np
 import typer
 
 import optik
-from benchmarks.cli.certificate import print_certificate
+from benchmarks.cli.certificate import print_certificate, print_choice
 from benchmarks.cli.command import (
     ALLOW_HELP,
     MotionCommand,
     Start,
-    argument,
     err_console,
     format_numbers,
     numbers,
@@ -26,7 +24,6 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
     read_allowed,
-    read_configuration,
     read_numbers,
 )
 from optik.arm.model import unit_factors
@@ -46,8 +43,11 @@ ROS_SUFFIXES = (".yaml", ".yml")
 FILES = (*(f".{name}" for name in names("planners.files")), *ROS_SUFFIXES)
 """Suffixes of files that a plan can be written to without ``--format``."""
 
-POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
-"""Syntax of a pose, for the help of several options."""
+AVOID_HELP = (
+    "Search a way around the obstacles of --scene, for joints, ptp, and paths of the tool with --free. Path and timing are "
+    "then chosen together."
+)
+"""Help of ``--avoid``."""
 MASS = "a mass [kg] such as 3, or an interval such as 0:3"
 """Values of ``--payload``."""
 TORQUE_UNITS = {"torque": "[N·m, prismatic N]", "torque_rate": "[N·m/s, prismatic N/s]"}
@@ -87,6 +87,7 @@ class PlanCommand(MotionCommand):
         "Scene", "File of obstacles: .toml, .json or .urdf; or self, to check collisions between links only."
     )
     margin: float | None = option("Scene", "Least distance between arm and scene at every instant [m]; with --scene.")
+    avoid: bool = option("Scene", AVOID_HELP, False, "--avoid")
     out: Path | None = option("Output", "File for the motion: .json, .npz, .csv, or .yaml for ROS.")
     out_failed: Path | None = option("Output", "File for a failed plan, FILE.json, for `optik view`; drives refuse it.")
     rate: float | None = option("Output", "Points per second in --out FILE.yaml or .csv; by default one at each knot.")
@@ -105,13 +106,14 @@ class PlanCommand(MotionCommand):
         from planners.certificate.violation import LIMIT_WORDS, words_for
 
         start = self.load_start()
+        self._check_avoid()
         path = self.make_path(start)
         self._check_out()
         allow, law, arm = read_allowed(self.allow), planners.make_law(self.timing), start.arm
         plan = planners.plan(
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
-            branch=self.branch or _choose_branch(start, path), duration=self.duration, strict=self.strict,
-            scene=self._load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS],
+            branch=self.branch or choose_branch(start, path), duration=self.duration, strict=self.strict,
+            scene=self._load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS], avoid=self.avoid,
         )  # fmt: skip
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
@@ -128,11 +130,12 @@ class PlanCommand(MotionCommand):
             raise typer.Exit(0 if valid else 1)
         begin = plan.trajectory(0.0)  # raises NoSolution without a motion
         print_certificate(plan)
+        print_choice(plan)
         if not valid:
             permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
             out_console.print(f"not written; {permission}" if self.out else permission)
             raise typer.Exit(1)
-        if np.abs(begin - start.q).max() > SILENT_START:
+        if start.q is not None and np.abs(begin - start.q).max() > SILENT_START:
             out_console.print(f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}")
         if self.out is not None:
             out_console.print(f"written to {self.out}")
@@ -177,6 +180,12 @@ class PlanCommand(MotionCommand):
             advice = "for another name add --format"
             raise InvalidInput("--out", out, f"a name that ends in {', '.join(FILES)}", advice=advice)
 
+    def _check_avoid(self) -> None:
+        """Check that there is something to avoid."""
+        if self.avoid and self.scene is None:
+            advice = "add --scene FILE, or --scene self to avoid contact between links"
+            raise InvalidInput("--avoid", "no --scene", "a scene", advice=advice)
+
     def _load_scene(self, arm: optik.Robot) -> optik.Scene | None:
         """Return the scene of ``--scene``."""
         if self.margin is not None and not self.margin >= 0.0:
@@ -197,10 +206,12 @@ class PlanCommand(MotionCommand):
         return scene if self.margin is None else replace(scene, margin=self.margin)
 
 
-def _choose_branch(start: Start, path: Any) -> str:
+def choose_branch(start: Start, path: Any) -> str:
     """Return the default of ``--branch``: the start's branch, or the best branch if the path begins elsewhere."""
     from planners.following.follow import START_TOLERANCE
 
+    if start.q is None:  # the path has its own
+        return "best"
     return "start" if np.abs(start.arm.pose_errors(start.q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 
@@ -254,141 +265,3 @@ def _add_payload(arm: optik.Robot, payload: str) -> optik.Robot:
         return arm.with_payload(masses[0] if len(masses) == 1 else (masses[0], masses[1]))
     except InvalidInput as error:
         raise InvalidInput("--payload", error.got, error.expected) from None
-
-
-# ---------------------------------------------------------------- the paths
-
-
-@dataclass(frozen=True, kw_only=True)
-class LineCommand(PlanCommand):
-    """Plan and certify a motion of the tool along a straight line.
-
-    The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
-    """
-
-    move: str = numbers("Path", "Goal minus start, in the base frame [m].", "-0.12,0,0.2")
-    turn_deg: str = numbers(
-        "Path", "Rotation of the tool along the line, as a rotation vector in the base frame [degrees].", "0,0,0"
-    )
-
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the line."""
-        import planners
-        from optik import se3
-
-        T, turn = start.arm.fk(start.q), read_numbers(self.turn_deg, "--turn-deg", 3)
-        if np.linalg.norm(turn) > 180.0:
-            advice = "a line turns the shortest way"
-            raise InvalidInput("--turn-deg", self.turn_deg, "a rotation vector of at most 180°", advice=advice)
-        position = T[:3, 3] + read_numbers(self.move, "--move", 3)
-        return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArcCommand(PlanCommand):
-    """Plan and certify a motion of the tool along a circular arc: through a point to an end, or about an axis by an angle."""
-
-    via: str = numbers("Path", "Intermediate point x,y,z [m]; with --to.", "")
-    to: str = numbers("Path", f"End pose: {POSE_SYNTAX}", "")
-    centre: str = numbers("Path", "Point on the axis, x,y,z [m]; with --axis and --angle-deg.", "")
-    axis: str = numbers("Path", "Direction of the axis, x,y,z.", "0,0,1")
-    angle_deg: float = option("Path", "Angle about the axis, right-handed [degrees].", 90.0)
-
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the arc."""
-        import planners
-
-        typed = {"--via": self.via, "--to": self.to, "--centre": self.centre}
-        given = [name for name, text in typed.items() if text]
-        T = start.arm.fk(start.q)
-        if given == ["--centre"]:
-            centre, axis = read_numbers(self.centre, "--centre", 3), read_numbers(self.axis, "--axis", 3)
-            return planners.Arc.about(T, centre, axis, float(np.deg2rad(self.angle_deg)))
-        if given == ["--via", "--to"]:
-            return planners.Arc.through(T, read_numbers(self.via, "--via", 3), read_pose(self.to, "--to", T))
-        raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolylineCommand(PlanCommand):
-    """Plan and certify a motion of the tool along a polyline with blended corners.
-
-    With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
-    default in the configuration that is best for the whole path.
-    """
-
-    via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE_SYNTAX}")
-    waypoints: Path | None = option(
-        "Path",
-        "CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
-        "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k.",
-    )
-    blend: float = option("Path", "Largest distance of a blended corner from its waypoint [m].", 1e-3)
-
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the polyline."""
-        import planners
-
-        if bool(self.via) == (self.waypoints is not None):
-            came = "both" if self.via else "no option"
-            raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
-        poses = [start.arm.fk(start.q)]
-        if self.waypoints is not None:
-            return planners.Polyline.from_csv(self.waypoints, orientation=poses[0][:3, :3], blend=self.blend)
-        for text in self.via or ():
-            poses.append(read_pose(text, "--via", poses[-1]))
-        return planners.Polyline(np.stack(poses), blend=self.blend)
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointsCommand(PlanCommand):
-    """Plan and certify a motion to another configuration, straight in joint space."""
-
-    to_deg: str = numbers("Path", "Goal configuration [degrees, prismatic mm].", ...)
-
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the line in joint space."""
-        import planners
-
-        return planners.JointLine(start.arm, start.q, read_configuration(start.arm, self.to_deg, "--to-deg"))
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathCommand(PlanCommand):
-    """Plan and certify a motion of the tool along a path of a type from optik, a file or an installed package.
-
-    --set gives the data of the path, with the keys of its to_dict. By default, start is the tool's pose at the start
-    configuration.
-    """
-
-    path: str = argument("PATH", f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")
-    set_: list[str] | None = option("Path", "KEY=VALUE of the path, repeatable; values as in TOML.", None, "--set")
-
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the path of the typed kind."""
-        import planners
-
-        settings = {"start": start.arm.fk(start.q).tolist()} | read_settings(self.set_ or [])
-        return planners.make_path(self.path, start.arm, **settings)
-
-
-def read_settings(texts: list[str]) -> dict[str, Any]:
-    """Read KEY=VALUE pairs; a value is TOML (numbers, lists, true), otherwise text."""
-    found: dict[str, Any] = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not (key.strip().isidentifier() and equals):
-            raise InvalidInput("--set", repr(text), "KEY=VALUE")
-        try:
-            found[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            found[key.strip()] = value
-    return found
-
-
-def read_pose(text: str, name: str, before: Any) -> Any:
-    """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
-    from optik import se3
-
-    values = read_numbers(text, name, 3, 6)
-    return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)

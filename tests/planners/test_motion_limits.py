@@ -232,7 +232,7 @@ def test_a_motion_promises_only_what_its_limits_have() -> None:
 
 
 def test_the_robot_s_limits_with_changes_are_those_of_the_command_line() -> None:
-    from benchmarks.cli.plan import LineCommand
+    from benchmarks.cli.paths import LineCommand
     from optik.arm.library import load
     from planners import make_law
 

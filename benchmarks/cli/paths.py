@@ -1,0 +1,224 @@
+"""`optik plan line`, arc, polyline, joints, ptp and path: the paths of motions, from options and files."""
+
+from __future__ import annotations
+
+import tomllib
+from abc import abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.cli.command import Start, argument, numbers, option, read_configuration, read_freedoms, read_numbers
+from benchmarks.cli.plan import PlanCommand, choose_branch
+from optik.errors import InvalidInput
+from optik.registry import names
+
+if TYPE_CHECKING:
+    import planners
+
+FREEDOMS = ", ".join(names("planners.freedom"))
+"""Freedoms of a path, for messages."""
+FREE_HELP = (
+    f"Freedom of the path, repeatable, one of: {FREEDOMS}. A range in degrees: turn=180 (−180 to 180), turn=-90:90, tilt=10 (a "
+    "cone), elbow (no bounds). The law optimal chooses it together with the timing."
+)
+"""Help of ``--free``."""
+POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
+"""Syntax of a pose, for the help of several options."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolPathCommand(PlanCommand):
+    """A command that plans along a path of tool poses, which may have freedoms."""
+
+    free: list[str] | None = option("Path", FREE_HELP, metavar="NAME[=RANGE]")
+    start_free: bool = option(
+        "Path",
+        "With --free: the motion may begin with another turn, tilt or elbow than the start's.",
+        False,
+        "--start-free",
+    )
+
+    @abstractmethod
+    def make_given(self, start: Start) -> planners.Path:
+        """Return the typed path without freedoms."""
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the typed path with its freedoms; if it begins elsewhere than the arm, its start is free."""
+        import planners
+
+        given, freedoms = self.make_given(start), read_freedoms(start.arm, self.free or [])
+        if not freedoms:
+            if self.start_free or self.avoid:
+                name = "--start-free" if self.start_free else "--avoid"
+                raise InvalidInput(name, "no --free", "a freedom", advice=f"add --free turn, or another of {FREEDOMS}")
+            return given
+        held = not self.start_free and choose_branch(start, given) == "start"
+        return planners.free(given, hold_start=held, **freedoms)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineCommand(ToolPathCommand):
+    """Plan and certify a motion of the tool along a straight line.
+
+    The exit status is 0 if there is a motion with a valid certificate. Otherwise it is 1, and nothing is written.
+    """
+
+    move: str = numbers("Path", "Goal minus start, in the base frame [m].", "-0.12,0,0.2")
+    turn_deg: str = numbers(
+        "Path", "Rotation of the tool along the line, as a rotation vector in the base frame [degrees].", "0,0,0"
+    )
+
+    def make_given(self, start: Start) -> planners.Path:
+        """Return the line."""
+        import planners
+        from optik import se3
+
+        T, turn = start.arm.fk(start.q), read_numbers(self.turn_deg, "--turn-deg", 3)
+        if np.linalg.norm(turn) > 180.0:
+            advice = "a line turns the shortest way"
+            raise InvalidInput("--turn-deg", self.turn_deg, "a rotation vector of at most 180°", advice=advice)
+        position = T[:3, 3] + read_numbers(self.move, "--move", 3)
+        return planners.Line(T, se3.pose(se3.exp_so3(np.deg2rad(turn)) @ T[:3, :3], position))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArcCommand(ToolPathCommand):
+    """Plan and certify a motion of the tool along a circular arc: through a point to an end, or about an axis by an angle."""
+
+    via: str = numbers("Path", "Intermediate point x,y,z [m]; with --to.", "")
+    to: str = numbers("Path", f"End pose: {POSE_SYNTAX}", "")
+    centre: str = numbers("Path", "Point on the axis, x,y,z [m]; with --axis and --angle-deg.", "")
+    axis: str = numbers("Path", "Direction of the axis, x,y,z.", "0,0,1")
+    angle_deg: float = option("Path", "Angle about the axis, right-handed [degrees].", 90.0)
+
+    def make_given(self, start: Start) -> planners.Path:
+        """Return the arc."""
+        import planners
+
+        typed = {"--via": self.via, "--to": self.to, "--centre": self.centre}
+        given = [name for name, text in typed.items() if text]
+        T = start.arm.fk(start.q)
+        if given == ["--centre"]:
+            centre, axis = read_numbers(self.centre, "--centre", 3), read_numbers(self.axis, "--axis", 3)
+            return planners.Arc.about(T, centre, axis, float(np.deg2rad(self.angle_deg)))
+        if given == ["--via", "--to"]:
+            return planners.Arc.through(T, read_numbers(self.via, "--via", 3), read_pose(self.to, "--to", T))
+        raise InvalidInput("arc", " and ".join(given) or "no option", "--via with --to, or --centre")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolylineCommand(ToolPathCommand):
+    """Plan and certify a motion of the tool along a polyline with blended corners.
+
+    With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
+    default in the configuration that is best for the whole path.
+    """
+
+    via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE_SYNTAX}")
+    waypoints: Path | None = option(
+        "Path",
+        "CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
+        "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k.",
+    )
+    blend: float = option("Path", "Largest distance of a blended corner from its waypoint [m].", 1e-3)
+
+    def make_given(self, start: Start) -> planners.Path:
+        """Return the polyline."""
+        import planners
+
+        if bool(self.via) == (self.waypoints is not None):
+            came = "both" if self.via else "no option"
+            raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
+        poses = [start.arm.fk(start.q)]
+        if self.waypoints is not None:
+            return planners.Polyline.from_csv(self.waypoints, orientation=poses[0][:3, :3], blend=self.blend)
+        for text in self.via or ():
+            poses.append(read_pose(text, "--via", poses[-1]))
+        return planners.Polyline(np.stack(poses), blend=self.blend)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointsCommand(PlanCommand):
+    """Plan and certify a motion to another configuration, straight in joint space."""
+
+    to_deg: str = numbers("Path", "Goal configuration [degrees, prismatic mm].", ...)
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the line in joint space, or a path of free shape if it must avoid obstacles."""
+        import planners
+
+        goal = read_configuration(start.arm, self.to_deg, "--to-deg")
+        kind = planners.PointToPoint if self.avoid else planners.JointLine
+        return kind(start.arm, start.q, goal)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointToPointCommand(PlanCommand):
+    """Plan and certify a motion through via points without stops; path and timing are chosen together.
+
+    The first row of the file is the start configuration, the last one the goal. A row is a
+    configuration or a pose of the tool.
+    """
+
+    waypoints: Path = option(
+        "Path",
+        "CSV file with a header: q1_deg,q2_deg,… [degrees, prismatic q1_mm]; for poses x_mm,y_mm,z_mm and an orientation as "
+        "for `optik plan polyline`; tolerance_mm,tolerance_deg for via points that are passed within a tolerance.",
+        ...,
+    )
+
+    def load_start(self) -> Start:
+        """Load the robot; the start is that of the file."""
+        if self.start_deg.strip():
+            raise InvalidInput("--start-deg", self.start_deg, "no start: the first row of --waypoints is the start")
+        return Start(self.load(), None, "")
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the path through the points."""
+        import planners
+
+        return planners.PointToPoint.from_csv(start.arm, self.waypoints)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathCommand(PlanCommand):
+    """Plan and certify a motion of the tool along a path of a type from optik, a file or an installed package.
+
+    --set gives the data of the path, with the keys of its to_dict. By default, start is the tool's pose at the start
+    configuration.
+    """
+
+    path: str = argument("PATH", f"One of: {', '.join(names('planners.paths'))}; or a file: ./spiral.py.")
+    set_: list[str] | None = option("Path", "KEY=VALUE of the path, repeatable; values as in TOML.", None, "--set")
+
+    def make_path(self, start: Start) -> planners.Path:
+        """Return the path of the typed kind."""
+        import planners
+
+        settings = {"start": start.arm.fk(start.q).tolist()} | read_settings(self.set_ or [])
+        return planners.make_path(self.path, start.arm, **settings)
+
+
+def read_settings(texts: list[str]) -> dict[str, Any]:
+    """Read KEY=VALUE pairs; a value is TOML (numbers, lists, true), otherwise text."""
+    found: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not (key.strip().isidentifier() and equals):
+            raise InvalidInput("--set", repr(text), "KEY=VALUE")
+        try:
+            found[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key.strip()] = value
+    return found
+
+
+def read_pose(text: str, name: str, before: Any) -> Any:
+    """Return the pose of x,y,z[,roll,pitch,yaw]; without angles it has the orientation of the pose before it."""
+    from optik import se3
+
+    values = read_numbers(text, name, 3, 6)
+    return se3.from_xyz_rpy(values[:3], values[3:]) if values[3:] else se3.pose(before[:3, :3], values)

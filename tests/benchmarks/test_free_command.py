@@ -1,0 +1,149 @@
+"""Freedoms of paths, point to point and ways around obstacles, as people type them."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import optik
+import planners
+from planners.paths.free_path import FreePath
+
+START = ("--start-deg", "20,-35,40,25,50,-30")
+LINE = ("plan", "line", *START)
+PANDA = ("--robot", "panda", "--start-deg=-51.6,-45,0,-135,0,90,45")
+JOINTS = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+CYCLE = f"{JOINTS},x_mm,y_mm,z_mm,tolerance_mm,tolerance_deg\n20,-35,40,25,50,-30,,,,,\n,,,,,,114,403,250,5,5\n"
+GOAL = "60,-25,25,25,70,-30,,,,,\n"
+
+
+@pytest.fixture
+def wall(tmp_path: Path) -> str:
+    """A scene with a wall between two configurations of panda."""
+    at = np.eye(4)
+    at[:3, 3] = [0.5, 0.0, 0.45]
+    file = tmp_path / "wall.json"
+    file.write_text(json.dumps(optik.Scene(boxes=[(at, (0.5, 0.02, 0.7))], margin=0.005).to_dict()))
+    return str(file)
+
+
+def test_a_free_tilt_is_in_degrees_and_its_gain_is_printed(typed: Any) -> None:
+    status, out, said = typed(*LINE, "--free", "tilt=10")
+    assert status == 0, said
+    saved = re.search(r"free path: chosen, ([\d.]+) % shorter than 0\.6030 s along the initial path", out)
+    assert saved is not None and float(saved[1]) > 4.0
+    assert "tilt: 0 to 10° (proved; allowed 0 to 10°)" in out
+    assert "start of the motion" not in out  # held
+
+
+def test_a_free_start_turns_the_tool_and_programs_read_it(typed: Any, tmp_path: Path) -> None:
+    file = tmp_path / "free.json"
+    options = ("--free", "tilt=10", "--free", "turn=-30:90", "--start-free", "--out", str(file))
+    status, out, said = typed(*LINE, *options, "--json")
+    assert status == 0, said
+    found = json.loads(out)["freedom"]
+    tilt, turn = found["ranges"]
+    np.testing.assert_allclose(tilt["allowed"] + turn["allowed"], np.deg2rad([0.0, 10.0, -30.0, 90.0]), atol=1e-12)
+    path = planners.load_motion(file).path
+    assert isinstance(path, FreePath) and not path.hold_start
+    assert np.abs(np.array(found["values"][0])).max() > 0.1
+    np.testing.assert_allclose(found["values"], path.coordinates(np.array(found["s"]))[:, 0], atol=1e-9)
+    status, out, _ = typed(*LINE, *options[:-2])
+    assert f"{100.0 * found['gain']:.3g} % shorter" in out and "start of the motion: --start-deg" in out
+
+
+def test_another_law_says_what_it_does_with_freedoms(typed: Any) -> None:
+    status, out, _ = typed(*LINE, "--free", "tilt=10", "--timing", "toppra")
+    assert status == 0
+    assert "free path: the initial coefficients" in out and "tilt:" not in out
+
+
+def test_point_to_point_follows_a_table(typed: Any, tmp_path: Path) -> None:
+    table, file = tmp_path / "cycle.csv", tmp_path / "cycle.npz"
+    table.write_text(CYCLE + GOAL)
+    status, out, said = typed("plan", "ptp", "--waypoints", str(table), "--out", str(file))
+    assert status == 0, said
+    assert "certificate valid" in out and "free path: chosen" in out
+    motion = planners.load_motion(file)
+    q = motion.trajectory.sample(1000)[1]
+    np.testing.assert_allclose(
+        np.rad2deg(q[[0, -1]]), [[20, -35, 40, 25, 50, -30], [60, -25, 25, 25, 70, -30]], atol=1e-6
+    )
+    tool = optik.load("paper6r").fk(q)[:, :3, 3]
+    assert 1e-4 < np.linalg.norm(tool - [0.114, 0.403, 0.25], axis=1).min() < 5e-3
+
+
+def test_joints_go_around_a_wall_and_straight_ones_do_not(typed: Any, wall: str) -> None:
+    move = ("plan", "joints", *PANDA, "--to-deg", "51.6,-45,0,-135,0,90,45", "--scene", wall)
+    assert typed(*move)[0] == 1
+    status, out, said = typed(*move, "--avoid")
+    assert status == 0, said
+    assert re.search(r"search: rrt_connect with \d+ random configurations, 1 way, \d rounds? of path and timing", out)
+    status, out, _ = typed(*move, "--avoid", "--json")
+    data = json.loads(out)
+    assert (status, data["search"]["planner"], data["certificate"]["is_valid"]) == (0, "rrt_connect", True)
+    assert data["freedom"]["gain"] > 0.0 and data["freedom"]["distance"] is None
+
+
+def test_a_search_without_a_way_is_in_the_answer_of_programs(typed: Any, wall: str) -> None:
+    into = ("plan", "joints", *PANDA, "--to-deg", "0,-45,0,-135,0,90,45", "--scene", wall, "--avoid")
+    status, out, _ = typed(*into, "--json")
+    data = json.loads(out)
+    assert (status, data["status"], data["search"]["paths"]) == (1, "contact", 1)
+    status, _, said = typed(*into)
+    assert (status, said.count("\n")) == (1, 1) and "the goal is in collision" in said
+
+
+def test_a_free_path_avoids_obstacles_in_rounds(typed: Any, wall: str) -> None:
+    status, out, said = typed(
+        "plan", "line", *PANDA, "--move", "0,0,0.1", "--scene", wall, "--avoid", "--free", "elbow"
+    )
+    assert status == 0, said
+    assert re.search(r"search: \d rounds? of path and timing", out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--free", "turm"), "did you mean turn"),
+        (("--free", "turn=a"), "--free: expected turn, turn=90 or turn=-90:45 [degrees]"),
+        (("--free", "turn=30:10"), "the lower bound first; got 'turn=30:10'"),
+        (("--free", "turn=1:2:3"), "turn=-90:45 [degrees]"),
+        (("--free", "tilt"), "tilt=RADIUS above 0 [degrees]"),
+        (("--free", "tilt=-5:5"), "tilt=RADIUS above 0 [degrees]"),
+        (("--free", "turn", "--free", "turn=9"), "turn twice"),
+        (("--free", "elbow"), "an arm with more than six joints; got elbow for paper6r with 6 joints"),
+        (("--start-free",), "--start-free: expected a freedom"),
+        (("--avoid",), "--avoid: expected a scene"),
+        (("--avoid", "--scene", "self"), "--avoid: expected a freedom"),
+    ],
+)
+def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[str, ...], words: str) -> None:
+    status, out, said = typed(*LINE, *arguments)
+    assert (status, out, said.strip().count("\n")) == (2, "", 0), said
+    assert words in said
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "status", "words"),
+    [
+        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n", (), 2, f"names {JOINTS} "),
+        (CYCLE + GOAL, ("--robot", "panda"), 2, "q7_deg (or q1,… [rad, m]) for panda"),
+        (CYCLE, (), 2, "expected the goal, without a tolerance"),
+        (CYCLE + GOAL, START, 2, "the first row of --waypoints is the start"),
+        (CYCLE + GOAL, ("--avoid",), 2, "--avoid: expected a scene"),
+        (CYCLE.replace("114", "9114") + GOAL, (), 1, "no configuration inside the limits reaches the pose of point 0"),
+        (CYCLE + GOAL.replace("60", "600"), (), 2, "joint1"),
+    ],
+)
+def test_misuse_of_via_points(
+    typed: Any, tmp_path: Path, text: str, options: tuple[str, ...], status: int, words: str
+) -> None:
+    file = tmp_path / "cycle.csv"
+    file.write_text(text)
+    found, out, said = typed("plan", "ptp", "--waypoints", str(file), *options)
+    assert (found, out, said.strip().count("\n")) == (status, "", 0), said
+    assert words in said
