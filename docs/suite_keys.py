@@ -12,6 +12,7 @@ from pydantic_core import PydanticUndefined
 from benchmarks.blocks._entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.base import KINDS, load_kind
 from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
+from benchmarks.blocks.timing.freedom import FreeSet
 from benchmarks.blocks.timing.laws.settings import Example, LimitSet, LineSet
 from benchmarks.settings import Settings
 from benchmarks.targets import Target
@@ -26,7 +27,7 @@ TABLES: dict[str, type[Settings]] = {
     **{name: load_kind(name).block for name in KINDS if KINDS[name].startswith("benchmarks.") and name != "cell"},
     "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
     "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of timing": LawPeer,
-    "lines": LineSet, "limits of timing": LimitSet, "example": Example, "target": Target,
+    "lines": LineSet, "limits of timing": LimitSet, "example": Example, "free set": FreeSet, "target": Target,
 }  # fmt: skip
 """Models by the name in the marks of the page."""
 

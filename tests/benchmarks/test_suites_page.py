@@ -21,6 +21,7 @@ from benchmarks.blocks.cell.trials import EXECUTION_TYPES
 from benchmarks.blocks.ik.answers import ANSWER_TYPES
 from benchmarks.blocks.ik.batch import measure
 from benchmarks.blocks.timing.clearance import ROW_TYPES
+from benchmarks.blocks.timing.freedom import FREEDOM_TYPES
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.runs import warn_of_cluster
@@ -215,6 +216,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`rows/batch/": set(measure(settings)[0]),
         "`rows/answers/": {*ANSWER_TYPES, "solved"},
         "`rows/clearance/": set(ROW_TYPES),
+        "`rows/freedom/": set(FREEDOM_TYPES),
         "`rows/laws/": set(pl.read_parquet(own / "run/rows/laws/laws--*.parquet").columns),
         "`rows/plans/": set(pl.read_parquet(small_run.path / "rows/plans/line--*.parquet").columns),
     }

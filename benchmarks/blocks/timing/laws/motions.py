@@ -169,13 +169,19 @@ def draw_motion(
         return motion_in_file(robot, path, payload)
     if kind not in MOTION_KINDS:
         raise InvalidInput("kind", repr(kind), f"one of {', '.join(MOTION_KINDS)}")
+    return draw_motion_of(arm_with(robot, payload), robot, kind, index, seed, limits, arm_label(robot, payload))
+
+
+def draw_motion_of(
+    arm: Robot, robot: str, kind: str, index: int, seed: int, limits: Sequence[LimitSet] = (), label: str = ""
+) -> DrawnLine:
+    """Sample one motion of an arm that has its payload and its tool; `robot` is its name, which the seed depends on."""
     check_count(index, "index", 0)
     check_count(seed, "seed", 0)
-    arm, name = arm_with(robot, payload), arm_label(robot, payload)
     stands = stands_of(arm, limits)
     rng = np.random.default_rng((seed, crc32(short_name(robot).encode()), crc32(kind.encode()), index))
     q_start, drawn, sigma, draws = (_joints if kind == "joints" else _tracked)(arm, kind, index, rng, stands)
-    return DrawnLine(arm, kind, index, q_start, drawn, sigma, draws, name)
+    return DrawnLine(arm, kind, index, q_start, drawn, sigma, draws, label)
 
 
 def _joints(

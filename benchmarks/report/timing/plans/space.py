@@ -70,7 +70,7 @@ def line_in_space(run: Run) -> dict[str, Any] | None:
     )  # fmt: skip
     return {
         "words": [f"From ({words[0]}) mm to ({words[1]}) mm."], "boards": [board],
-        "arm": squeeze(json.dumps(embed_arm(robot, motions, ends)).encode()),
+        "arm_title": "The arm along the line (Fig. 6)", "arm": squeeze(json.dumps(embed_arm(robot, motions, ends)).encode()),
     }  # fmt: skip
 
 

@@ -1,0 +1,333 @@
+"""Path and time together: the duration of a motion whose path has freedoms, and of the same motion along the initial path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar
+from zlib import crc32
+
+import numpy as np
+import polars as pl
+from pydantic import AfterValidator, model_validator
+
+from benchmarks.blocks._arms import Payload, arm_label
+from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
+from benchmarks.blocks.timing.laws.motions import draw_motion_of
+from benchmarks.blocks.timing.laws.rows import in_group
+from benchmarks.blocks.timing.laws.settings import LimitSet
+from benchmarks.problems.base import start_of
+from benchmarks.records import Journal, RunFolder
+from benchmarks.settings import (
+    LISTED,
+    Count,
+    Flag,
+    Joints,
+    RobotName,
+    Settings,
+    check_different,
+    check_labels,
+    key,
+    numbered,
+    one_of,
+)  # fmt: skip
+from benchmarks.targets import Measure, Target
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.freedom import freedoms
+from planners.limits import MotionLimits
+from planners.paths.base import Path
+from planners.paths.free_path import free
+from planners.paths.joint_line import JointLine
+from planners.paths.point_to_point import PointToPoint, ViaPoint
+from planners.plan import Plan, plan
+
+ALONG_INITIAL, CHOSEN = "initial path", "path and time"
+"""Labels of both motions: the paths of a set without and with freedoms."""
+
+VIA_TOLERANCE = (5e-3, 0.09)
+"""Largest distance [m] and angle [rad] of the tool from a via pose of a cycle."""
+
+TORCH = (0.05, 0.1)
+"""Offset of a torch's tip from the flange, along its x and z axes [m]."""
+
+SHOWN_INSTANTS = 251
+"""Number of stored instants of the motion of an example."""
+
+
+def _of_rows(column: str, level: float) -> Callable[[pl.DataFrame], float]:
+    return lambda rows: float(np.quantile(rows[column].to_numpy(), level))
+
+
+def _percent(column: str) -> Callable[[pl.DataFrame], float]:
+    return lambda rows: 100.0 * float(rows[column].to_numpy().mean())
+
+
+MEASURES = (
+    Measure("solved", "%", _percent("solved"), "motions found"),
+    Measure("certified", "%", _percent("certified"), "certificate valid"),
+    Measure("median_ratio", "", _of_rows("ratio", 0.5), "median duration after / before"),
+    Measure("worst_ratio", "", _of_rows("ratio", 1.0), "largest duration after / before", show="exact"),
+    Measure("median_ms", "ms", _of_rows("ms", 0.5), "median time of a plan"),
+)
+"""Measures that a target of such a block can name."""
+
+FREEDOM_TYPES = {
+    "method": pl.String, "problem": pl.Int64, "kind": pl.String, "robot": pl.String, "limits": pl.String,
+    "status": pl.String, "outcome": pl.String, "certified": pl.Boolean, "fixed_duration": pl.Float64,
+    "stop_duration": pl.Float64, "duration": pl.Float64, "gain": pl.Float64, "starts": pl.Int64, "steps": pl.Int64,
+    "gradient": pl.Float64, "distance": pl.Float64, "ms_fixed": pl.Float64, "ms": pl.Float64,
+}  # fmt: skip
+"""Columns of the rows."""
+
+
+class FreeSet(Settings):
+    """Motions of a kind on a robot, and the freedom of their paths."""
+
+    robot: RobotName = key("The arm: a name, or the path of a file.")
+    kind: Annotated[str, one_of("regular", "near_singular", "arc", "seam", "joints", "cycle")] = key(
+        "Paths of the tool as in `[[timing]]` (`regular`, `near_singular`, `arc`, `seam`), `joints` (random moves), "
+        "`cycle` (pick and place through six via poses, within 5 mm and 0.09 rad)."
+    )
+    count: Count = key("Number of motions.")
+    freedom: str = key("For paths of the tool: `turn`, `tilt` or `elbow`; joint moves and cycles have free paths.", "")
+    hold_start: Flag = key("Whether the motion starts at the given configuration, with all coordinates at 0.", False)
+    payload: Payload = key("Mass in the tool, or [lightest, heaviest]; by default that of the robot file.", None, "kg")
+    torch_deg: Annotated[float | None, numbered("degrees")] = key(
+        "Angle between a torch and the flange's axis; by default the tool of the robot file.", None, "degrees"
+    )
+    home_deg: Joints = key("Configuration at both ends of a cycle; joint 1 is varied by 1 rad.", (), "degrees, mm")
+
+    @model_validator(mode="after")
+    def _fits(self) -> FreeSet:
+        needs = self.kind not in ("joints", "cycle")
+        if (self.freedom not in freedoms()) if needs else bool(self.freedom):
+            allowed = f"one of {', '.join(freedoms())}" if needs else f"none with the kind {self.kind!r}"
+            raise InvalidInput("freedom", repr(self.freedom), allowed)
+        if (self.kind == "cycle") != bool(self.home_deg):
+            raise InvalidInput("home_deg", self.home_deg, "a configuration for the kind `cycle`, and only there")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Name of the kind and of its freedom in reports and targets."""
+        held = ", start held" if self.hold_start else ""
+        return f"{self.kind.replace('_', '-')}, {self.freedom}{held}" if self.freedom else self.kind
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm in reports and targets, with payload and torch."""
+        torch = "" if self.torch_deg is None else f", torch {self.torch_deg:g}°"
+        return arm_label(self.robot, self.payload) + torch
+
+    def load(self) -> Robot:
+        """Return the arm with its payload and its torch."""
+        return self.fit(load(self.robot))
+
+    def fit(self, arm: Robot) -> Robot:
+        """Give an arm the payload and the torch."""
+        arm = arm if self.payload is None else arm.with_payload(self.payload)
+        if self.torch_deg is None:
+            return arm
+        c, s = np.cos(np.radians(self.torch_deg)), np.sin(np.radians(self.torch_deg))
+        return arm.with_tool([[c, 0, s, TORCH[0]], [0, 1, 0, 0], [-s, 0, c, TORCH[1]], [0, 0, 0, 1]])
+
+
+def _different(sets: tuple[FreeSet, ...]) -> tuple[FreeSet, ...]:
+    check_different([f"{part.label} on {part.arm}" for part in sets], "", "set")
+    return sets
+
+
+class FreedomBlock(Block):
+    """Motions × limits, each along the initial path and with path and time together."""
+
+    noun = "freedom block"
+    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+
+    sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
+    limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The choice of path and time."""
+        return (Entry(CHOSEN, "optimal", {}),)
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Names of the arms, in their order."""
+        return tuple(dict.fromkeys(part.robot for part in self.sets))
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Kinds of motions, arms and limits, which a target can name."""
+        named = (name for part in self.sets for name in (part.label, part.arm))
+        return tuple(dict.fromkeys((*named, *(part.label for part in self.limits))))
+
+
+# ---------------------------------------------------------------- problems
+
+
+def draw(part: FreeSet, limits: Sequence[LimitSet], seed: int, index: int) -> tuple[Robot, Array, Path, Path]:
+    """Sample one problem: arm, start, the initial path, and the path with freedoms."""
+    arm = part.load()
+    if part.kind == "cycle":
+        q, path = _cycle(part, arm, np.random.default_rng((seed, crc32(part.arm.encode()), index)))
+        return arm, q, path, path
+    line = draw_motion_of(arm, part.robot, part.kind, index, seed, limits)
+    if isinstance(line.path, JointLine):
+        return arm, line.q_start, line.path, PointToPoint(arm, line.q_start, line.path.q_goal)
+    given: dict[str, Any] = {part.freedom: 0.2 if part.freedom == "tilt" else True}
+    return arm, line.q_start, line.path, free(line.path, hold_start=part.hold_start, **given)
+
+
+def _cycle(part: FreeSet, arm: Robot, rng: np.random.Generator) -> tuple[Array, PointToPoint]:
+    """Return home, and a path from home over a pick and a place to home: three via poses each, the middle one 0.1 m below."""
+    home = start_of(arm, part.home_deg)
+    home[0] += rng.uniform(-1.0, 1.0)
+    vias, T = [], arm.fk(home)
+    for reach in (0.1, 0.15):
+        down = np.append(rng.uniform(-reach, reach, 2), rng.uniform(-0.15, -0.05))
+        aside = [np.append(rng.uniform(-0.04, 0.04, 2), 0.1) for _ in range(2)]
+        for move in (down + aside[0], down, down + aside[1]):
+            pose = T.copy()
+            pose[:3, 3] += move
+            vias.append(ViaPoint(pose, VIA_TOLERANCE))
+    return home, PointToPoint(arm, home, *vias, home)
+
+
+def _timed(*given: Any, **limits: Any) -> tuple[Plan, float]:
+    """Return a plan and its computing time [ms]."""
+    begin = time.perf_counter()
+    found = plan(*given, **limits)
+    return found, 1e3 * (time.perf_counter() - begin)
+
+
+def solve(
+    part: FreeSet, limits: MotionLimits, problem: tuple[Robot, Array, Path, Path]
+) -> tuple[dict[str, Any], list[Plan], Plan]:
+    """Return the row of one problem, the plans along the initial path (of a cycle from stop to stop), and the chosen plan."""
+    arm, q, given, path = problem
+    lines: list[Path] = [given]
+    if isinstance(given, PointToPoint):
+        lines = [JointLine(arm, a, b) for a, b in pairwise([q, *(via.q for via in given.vias), q])]
+    before = [_timed(arm, line, line.q_start if isinstance(line, JointLine) else q, limits=limits) for line in lines]
+    (found, ms), plans = _timed(arm, path, q, limits=limits), [one for one, _ms in before]
+    duration = sum(one.trajectory.duration for one in plans) if all(plans) else None
+    row = {
+        "status": str(found.status), "ms": ms, "ms_fixed": sum(each for _one, each in before),
+        "stop_duration" if part.kind == "cycle" else "fixed_duration": duration, "certified": False,
+    }  # fmt: skip
+    if found and found.freedom is not None:
+        own = found.freedom
+        row |= {"fixed_duration": own.fixed_duration, "gain": own.gain, "starts": own.starts, "steps": own.steps}
+        row |= {"gradient": own.gradient, "distance": own.distance, "outcome": own.outcome}
+        row |= {"duration": found.trajectory.duration, "certified": bool(found.certificate.is_valid)}
+    return row, plans, found
+
+
+# ---------------------------------------------------------------- examples
+
+
+def _motion(plans: Sequence[Plan], label: str) -> pl.DataFrame:
+    """Return a motion of one or more plans, one row for each instant and joint."""
+    ends = np.cumsum([0.0, *(one.trajectory.duration for one in plans)])
+    joints, frames = plans[0].robot.joint_names, []
+    for one, begin in zip(plans, ends[:-1], strict=True):
+        t = np.linspace(0.0, one.trajectory.end, max(2, SHOWN_INSTANTS // len(plans)))
+        q, dq = (one.trajectory(t, order).ravel() for order in (0, 1))
+        columns = {"t": np.repeat(begin + t, len(joints)), "joint": list(joints) * t.size, "q": q, "dq": dq}
+        frames.append(pl.DataFrame({"motion": label, **columns}))
+    return pl.concat(frames)
+
+
+def _coordinates(found: Plan) -> pl.DataFrame:
+    """Return the free coordinates along the path, with the allowed and the reached range of each."""
+    own, arm = found.freedom, found.robot
+    assert own is not None
+    if own.values.shape[1] == len(own.ranges) > 0:
+        named = [(f"{r.name} {k + 1}" if len(own.ranges) > 1 else r.name, r.unit, *r.allowed, *r.reached)
+                 for k, r in enumerate(own.ranges)]  # fmt: skip
+        s, values = own.s, own.values
+    else:  # the joints themselves: of a free joint path, and of the arm whose elbow is free
+        s = np.linspace(0.0, found.joint_path.end, own.s.size)
+        values = found.joint_path(s)
+        units = ["m" if prismatic else "rad" for prismatic in arm.prismatic]
+        reached = zip(values.min(axis=0), values.max(axis=0), strict=True)
+        named = [(name, unit, low, high, *ends) for name, unit, low, high, ends in
+                 zip(arm.joint_names, units, arm.limits.lower, arm.limits.upper, reached, strict=True)]  # fmt: skip
+    names = ("coordinate", "unit", "least", "most", "reached_least", "reached_most")
+    about = pl.DataFrame(named, schema=list(names), orient="row")
+    return pl.concat([
+        about[k].join(pl.DataFrame({"s": s, "value": values[:, k]}), how="cross") for k in range(len(named))
+    ])  # fmt: skip
+
+
+class _Freedom(Kind):
+    """Blocks of motions with freedoms: ``[[freedom]]`` of a suite."""
+
+    name = "freedom"
+    title = "Path and time together"
+    block = FreedomBlock
+    measures = MEASURES
+    order = 62
+    compared = (
+        Compared("motions found", "%", "more", "solved", exact=True),
+        Compared("certificate valid", "%", "more", "certified", exact=True),
+        Compared("duration", "s", "less", "duration", only="solved"),
+        Compared("time of a plan", "ms", "less", "ms", only="solved"),
+    )
+
+    def prepare(self, block: FreedomBlock, seed: int) -> None:
+        """Check the limits on every arm, and sample the first problem of each set."""
+        for part in block.sets:
+            for limits in block.limits:
+                limits.of(part.load())
+            draw(part, block.limits, seed, 0)
+
+    def timed(
+        self, block: FreedomBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
+        """Yield one part for each set; the first motion of each is an example of the report."""
+        for k in range(len(block.sets)):
+            yield f"{k:04d}", partial(self._rows_of, block, k, seed, folder, tell)
+
+    def _rows_of(self, block: FreedomBlock, number: int, seed: int, folder: RunFolder, tell: Tell) -> pl.DataFrame:
+        part, rows = block.sets[number], []
+        first = sum(one.count for one in block.sets[:number])
+        shown = False
+        for index in range(part.count):
+            tell(f"{block.id}: {part.label} on {part.arm}, motion {index + 1:,} of {part.count:,}")
+            problem = draw(part, block.limits, seed, index)
+            for limits in block.limits:
+                if index == 0:
+                    solve(part, limits.of(problem[0]), problem)  # compiles, and is not counted
+                row, plans, found = solve(part, limits.of(problem[0]), problem)
+                about = {"kind": part.label, "robot": part.arm, "limits": limits.label}
+                rows.append(row | about | {"method": CHOSEN, "problem": first + index})
+                if not shown and all(plans) and found.freedom is not None and found.freedom.gain > 0.0:
+                    shown = True
+                    motions = pl.concat([_motion([found], CHOSEN), _motion(plans, ALONG_INITIAL)])
+                    for name, table in (("motion", motions), ("coordinates", _coordinates(found))):
+                        folder.write(self.file(block, f"{name}-{number}.parquet"), table)
+        return pl.DataFrame(rows, schema=FREEDOM_TYPES)
+
+    def complete(self, rows: pl.DataFrame, block: FreedomBlock) -> pl.DataFrame:
+        """Add whether there is a motion, and the ratio of the durations: over stops at each via pose of a cycle."""
+        before = pl.coalesce("stop_duration", "fixed_duration")
+        return rows.with_columns(
+            solved=pl.col("duration").is_not_null(), before=before, ratio=pl.col("duration") / before
+        )
+
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        """Return the rows of a group, of measures of durations and times those with a motion."""
+        rows = in_group(rows, target.group)
+        if target.measure not in ("solved", "certified"):
+            rows = rows.filter("solved", pl.col("ratio").is_not_null())
+        return rows, f"{len(rows):,} motions"
+
+
+METHOD = _Freedom

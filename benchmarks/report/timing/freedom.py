@@ -1,0 +1,210 @@
+"""Section: durations before and after the choice of path and time, the free coordinates, and the arm along both paths."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FreeSet
+from benchmarks.records import slug
+from benchmarks.report.base import KindReport, Section
+from benchmarks.report.boards import Board, Control, squeeze
+from benchmarks.report.figures import ALARM_COLOUR, MUTED_COLOUR, add, add_steps, axis, colour, entry, figure, line
+from benchmarks.report.numbers import number
+from benchmarks.report.run import Run
+from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.statistics import percentage, quantiles
+from planners.cell.view.page import embed_arm
+from planners.cell.view.show import Track
+
+HOW_COMPARED = (
+    "Before is the motion along the initial path within the same limits: the given path of the tool, or the straight line in "
+    "joint space; of a cycle it is the sum of straight moves with a stop at each via pose. After is the motion whose path and "
+    "timing are chosen together. Each ratio is of one motion. A certificate is valid if every enforced limit is respected at "
+    "every instant."
+)
+"""Description of the compared motions."""
+
+FREEDOM_COLUMNS = (
+    Column("label", "Motions", show="text"),
+    Column("robot", "arm", show="text"),
+    Column("limits", "limits", show="text"),
+    Column("n", "n", show="count"),
+    Column("certified", "certified", "%", show="share"),
+    Column("before", "before, median", "s"),
+    Column("duration", "after, median", "s"),
+    Column("ratio", "after / before, median"),
+    Column("quartiles", "quartiles", show="text"),
+    Column("extremes", "least to largest", show="text", aside=True),
+    Column("ms", "planning, median", "ms"),
+    Column("ms_fixed", "planning of the initial path, median", "ms", aside=True),
+    Column("steps", "Newton steps, median", show="count", aside=True),
+    Column("starts", "initial guesses, median", show="count", aside=True),
+)
+"""Columns of a table."""
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """Return one table for each block."""
+    return [_table(b) for b in run.of("freedom")]
+
+
+def findings(run: Run) -> Sequence[str]:
+    """Return the median of the ratios of the durations, for each block and freedom."""
+    found = []
+    for b in run.of("freedom"):
+        words = [
+            f"{row['label']} of {row['robot']} within {row['limits']} {number(_plain(row['ratio']))} (n = {row['n']})"
+            for row in _table(b).rows
+        ]
+        found.append(f"{b.block.title}: median duration over that of the initial path: {'; '.join(words)}.")
+    return found
+
+
+def _plain(cell: Any) -> float:
+    return float(cell) if isinstance(cell, float | int) else float("nan")
+
+
+def _groups(b: BlockRows) -> list[tuple[FreeSet, str, pl.DataFrame]]:
+    """Return the rows of every set of motions within every set of limits."""
+    found = []
+    for part, limits in product(b.block.sets, b.block.limits):
+        rows = b.rows.filter(kind=part.label, robot=part.arm, limits=limits.label)
+        found += [] if rows.is_empty() else [(part, limits.label, rows)]
+    return found
+
+
+def _table(b: BlockRows) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for part, limits, every in _groups(b):
+        both = every.filter(pl.col("ratio").is_not_null())
+        ratios = quantiles(both["ratio"].to_numpy(), (0.0, 0.25, 0.5, 0.75, 1.0))
+        least, low, _, high, most = map(number, ratios)
+        keys = ("ms", "ms_fixed", "steps", "starts", "before", "duration")
+        medians = {key: quantiles(both[key].to_numpy(), (0.5,))[0] for key in keys}
+        rows.append({
+            "label": part.label, "robot": part.arm, "limits": limits, "n": len(every),
+            "certified": percentage(int(every["certified"].sum()), len(every)), "ratio": ratios[2],
+            "quartiles": f"{low} to {high}", "extremes": f"{least} to {most}", **medians,
+        })  # fmt: skip
+    alone = int(b.rows["ratio"].is_null().sum())
+    note = "The certified rate has Wilson's 95 % interval." + (
+        f" {alone} motions have no ratio: there is no plan before or after." if alone else ""
+    )
+    return Table(f"freedom-{slug(b.block.id)}", f"Duration before and after: {b.block.title}", FREEDOM_COLUMNS,
+                 tuple(rows), note)  # fmt: skip
+
+
+# ---------------------------------------------------------------- plots
+
+
+def section(run: Run) -> dict[str, Any] | None:
+    """Show the ratios of all sets, the table of each block, and an example of each set."""
+    blocks = run.of("freedom")
+    if not blocks:
+        return None
+    boards = [_ratios(blocks)]
+    examples = _examples(blocks)
+    if examples:
+        boards.append(_coordinates(examples))
+    return {"boards": boards, "tables": run.tables_of("freedom"), "after": [HOW_COMPARED]}
+
+
+def _ratios(blocks: Sequence[BlockRows]) -> Board:
+    """Plot the distribution of the ratios of every set."""
+    plot = figure("freedom-ratios", "Motions up to this ratio of durations", axis("duration after / before"),
+                  axis("motions [%]", range=[-2, 102]), 380)  # fmt: skip
+    for b in blocks:
+        for k, (part, limits, rows) in enumerate(_groups(b)):
+            label = f"{part.label}, {part.arm}" + (f", {limits}" if b.block.limits[1:] else "")
+            look = {"color": colour(k), "width": 2, "dash": ("solid", "dash", "dot")[k % 3]}
+            ratios = rows["ratio"].drop_nulls().to_numpy()
+            add_steps(plot, label, ratios, len(rows), look, "%{y:.3g} % up to %{x:.4g}", {"block": [b.block.id]})
+    return Board("freedom-board", (plot,), (Control.of_blocks(blocks),), "Motions without a plan count as never.")
+
+
+Example = tuple[BlockRows, int, FreeSet, pl.DataFrame, pl.DataFrame]
+"""A block, the number of a set and the set, and the motions and coordinates of its example."""
+
+
+def _examples(blocks: Sequence[BlockRows]) -> list[Example]:
+    """Return the first motion that became shorter, of every set that has one."""
+    found = []
+    for b in blocks:
+        for k, part in enumerate(b.block.sets):
+            motions, coordinates = b.table(f"motion-{k}"), b.table(f"coordinates-{k}")
+            if motions is not None and coordinates is not None:
+                found.append((b, k, part, motions, coordinates))
+    return found
+
+
+def _coordinates(examples: Sequence[Example]) -> Board:
+    """Plot the free coordinates along the path of each example, with their ranges."""
+    plot = figure("freedom-coordinates", "Free coordinates along the path of the first motion that became shorter",
+                  axis("fraction of the path", range=[-0.01, 1.01]), "coordinate [rad, m]", 380)  # fmt: skip
+    names = [f"{part.label}, {part.arm}" for _b, _k, part, _motions, _rows in examples]
+    for name, (_b, _k, _part, _motions, rows) in zip(names, examples, strict=True):
+        when = {"set": [name]}
+        for i, ((coordinate,), one) in enumerate(rows.group_by("coordinate", maintain_order=True)):
+            s, unit = one["s"].to_numpy(), one["unit"][0]
+            add(plot, line(
+                s / s[-1], one["value"], name=str(coordinate), line={"color": colour(i), "width": 2},
+                hover=f"{coordinate}<br>%{{x:.3g}} of the path: %{{y:.4g}} {unit}",
+            ), when)  # fmt: skip
+            for key, look, words in (("reached_least", "dot", "reached"), ("reached_most", "dot", "reached"),
+                                     ("least", "dash", "allowed"), ("most", "dash", "allowed")):  # fmt: skip
+                end = float(one[key][0])
+                if np.isfinite(end):
+                    stroke = {"color": ALARM_COLOUR if words == "allowed" else colour(i), "width": 1, "dash": look}
+                    add(plot, line([0.0, 1.0], [end, end], line=stroke, hover=f"{coordinate}, {words}: %{{y:.4g}} {unit}"),
+                        when)  # fmt: skip
+        add(plot, entry("range reached", MUTED_COLOUR, "dot"), when)
+        if rows["most"].is_finite().any():
+            add(plot, entry("range allowed", ALARM_COLOUR, "dash"), when)
+    return Board(
+        "coordinates-board", (plot,), (Control.of("set", "Motions", names),),
+        "The reached range is that of the spline's coefficients, which enclose it. A coordinate of the initial path is 0; of a "
+        "free joint path and of a free elbow the joints are shown.",
+    )  # fmt: skip
+
+
+def arm(run: Run) -> dict[str, Any] | None:
+    """Show the arm along the chosen path, and on request along the initial one beside it."""
+    examples = _examples(run.of("freedom"))
+    if not examples or run.of("plans"):  # a page has one arm, that of its line
+        return None
+    _b, _k, part, motions, _coordinates = examples[0]
+    robot = part.fit(run.robot(part.robot))
+    tracks = {name: _track(motions.filter(motion=name), robot.n) for name in (CHOSEN, ALONG_INITIAL)}
+    path = robot.fk(tracks[ALONG_INITIAL].q)[:, :3, 3]
+    return {
+        "words": [f"{part.label}, {part.arm}: the first motion that became shorter."],
+        "arm": squeeze(json.dumps(embed_arm(robot, tracks, path)).encode()),
+    }  # fmt: skip
+
+
+def _track(rows: pl.DataFrame, n: int) -> Track:
+    t, q, dq = (rows[name].to_numpy().reshape(-1, n) for name in ("t", "q", "dq"))
+    return Track(t[:, 0], q, dq)
+
+
+SECTIONS = (
+    Section("Path and time together", "freedom", section, order=22),
+    Section("The arm along both paths", "freedom-arm", arm, Path(__file__).parent / "plans" / "arm.html.j2", 23),
+)
+"""Plots, tables, and the arm."""
+
+
+def _subjects(blocks: Sequence[Any]) -> Sequence[str]:
+    motions = sum(part.count * len(block.limits) for block in blocks for part in block.sets)
+    return (f"{motions:,} motions along initial and along free paths",)
+
+
+REPORT = KindReport(SECTIONS, _subjects, tables=tables, findings=findings)

@@ -1,0 +1,103 @@
+"""Blocks of motions whose paths have freedoms: rows, targets, settings and the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FREEDOM_TYPES, FreedomBlock, draw
+from benchmarks.records import RunFolder
+from benchmarks.report.run import Run
+from benchmarks.report.timing.freedom import REPORT
+from benchmarks.run.session import run_suite
+from benchmarks.suite import load_suite
+from benchmarks.targets import Target
+from optik.errors import InvalidInput
+
+LIMITS = {"label": "own", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}
+SETS = [
+    {"robot": "paper6r", "torch_deg": 45, "kind": "regular", "freedom": "turn", "count": 2},
+    {"robot": "panda", "kind": "joints", "payload": 3.0, "count": 1},
+    {"robot": "ur5e", "kind": "cycle", "home_deg": [11, -80, 97, -109, -90, 6], "count": 1},
+]
+MOTIONS = 4
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run of a suite with one set of each type."""
+    folder = tmp_path_factory.mktemp("freedom")
+    tables = ", ".join("{ " + ", ".join(f"{k} = {v!r}" for k, v in part.items()) + " }" for part in (*SETS,))
+    limits = "{ " + ", ".join(f"{k} = {v!r}" for k, v in LIMITS.items()) + " }"
+    (folder / "s.toml").write_text(f'[[freedom]]\nid = "f"\nsets = [{tables}]\nlimits = [{limits}]\n')
+    run_suite(load_suite(str(folder / "s.toml")), folder / "run")
+    return Run(RunFolder(folder / "run"))
+
+
+def test_every_motion_has_a_certified_row_that_is_not_longer_than_before(run: Run) -> None:
+    b = run.of("freedom")[0]
+    rows = b.rows
+    assert set(FREEDOM_TYPES) <= set(rows.columns) and rows["problem"].to_list() == list(range(MOTIONS))
+    assert rows["certified"].all() and rows["solved"].all() and (rows["ratio"] <= 1.0 + 1e-9).all()
+    assert np.allclose(rows["gain"], 1.0 - rows["duration"] / rows["fixed_duration"], atol=1e-12)
+    assert rows["stop_duration"].is_not_null().to_list() == [False] * 3 + [True]
+    assert (rows["stop_duration"] > rows["fixed_duration"]).drop_nulls().all()
+    assert rows["ratio"][3] == rows["duration"][3] / rows["stop_duration"][3]
+    assert (rows.filter(pl.col("gain") > 0.0)["steps"] > 0).all() and rows["gain"][0] > 0.01
+    assert rows["distance"].is_nan().to_list() == [False] * 2 + [True] * 2
+
+
+def test_targets_are_judged_on_the_motions_of_a_group_that_have_a_plan(run: Run) -> None:
+    kind, rows = load_kind("freedom"), run.of("freedom")[0].rows
+    failed = rows.with_columns(
+        ratio=pl.when(pl.col("problem") == 0).then("ratio"),
+        solved=pl.col("problem") == 0,
+        certified=pl.col("problem") == 0,
+    )
+    median = kind.judge(failed, Target(measure="median_ratio", group="paper6r, torch 45°", at_most=1))
+    assert median == (rows["ratio"][0], "1 motions")
+    solved = kind.judge(failed, Target(measure="solved", group="regular, turn", at_least=100))
+    assert solved == (50.0, "2 motions")
+
+
+def test_the_report_has_the_table_the_coordinates_and_both_motions(run: Run) -> None:
+    (table,) = REPORT.tables(run)
+    assert [(row["label"], row["robot"], row["n"]) for row in table.rows] == [
+        ("regular, turn", "paper6r, torch 45°", 2), ("joints", "panda 3 kg", 1), ("cycle", "ur5e", 1),
+    ]  # fmt: skip
+    rows = run.of("freedom")[0].rows
+    assert table.rows[0]["ratio"] == pytest.approx(float(np.median(rows["ratio"][:2])))
+    first, arm = (section.build(run) for section in REPORT.sections)
+    assert first is not None and arm is not None
+    assert [board.id for board in first["boards"]] == ["freedom-board", "coordinates-board"]
+    assert {trace.name for trace in first["boards"][1].figures[0].data} >= {"turn", "range reached", "joint1"}
+    motions = run.of("freedom")[0].table("motion-2")
+    ends = {name: motions.filter(motion=name)["t"].max() for name in (CHOSEN, ALONG_INITIAL)}
+    assert ends == pytest.approx({CHOSEN: rows["duration"][3], ALONG_INITIAL: rows["stop_duration"][3]})
+    assert "median duration over that of the initial path" in REPORT.findings(run)[0]
+
+
+def test_problems_depend_only_on_the_seed_and_their_number() -> None:
+    block = FreedomBlock.read({"id": "f", "sets": SETS, "limits": [LIMITS]})
+    for part in block.sets:
+        one, same, other = (draw(part, block.limits, 1, k)[1:3] for k in (0, 0, 1))
+        assert np.array_equal(one[0], same[0]) and one[1].to_dict() == same[1].to_dict()
+        assert not np.array_equal(one[0], other[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"kind": "joints"}, "freedom: expected none with the kind 'joints'; got 'turn'"),
+        ({"freedom": "trun"}, "freedom: expected one of .*turn.*; got 'trun'"),
+        ({"kind": "cycle", "freedom": ""}, "home_deg: expected a configuration"),
+        ({"kind": "spiral"}, "expected one of regular"),
+    ],
+)
+def test_a_set_that_cannot_be_meant_is_refused(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidInput, match=says):
+        FreedomBlock.read({"id": "f", "sets": [SETS[0] | change], "limits": [LIMITS]})
