@@ -57,7 +57,7 @@ def find_path(
     seed : int
         Key of the random numbers.
     max_samples : int, optional
-        Largest number of random configurations of a search, after which no other search begins; 20,000 by default.
+        Largest number of random configurations of each search; 20,000 by default.
     shortcuts : int
         Number of random shortcuts that are tried on each path; 0 returns the path as found.
     paths : int
@@ -114,7 +114,7 @@ def _search(
                 vertices = space.shorten(vertices, np.random.default_rng((seed, k, 0)).random((shortcuts, 2)))
             if not any(_is_same_path(vertices, other) for other in found):
                 found.append(vertices)
-        if samples >= method.max_samples or (vertices is not None and len(goals) == 1 and len(vertices) <= 2):
+        if vertices is not None and len(goals) == 1 and len(vertices) <= 2:
             break
     if found:
         return SearchResult(SearchStatus.FOUND, tuple(sorted(found, key=measure_length)), samples)

@@ -223,10 +223,10 @@ def test_a_goal_that_cannot_be_reached_ends_with_the_samples(search: str) -> Non
     result = find_path(robot, start, goal, scene=scene, max_samples=700, search=search)
     assert result.status is SearchStatus.NO_PATH_FOUND
     assert not result
-    assert result.samples == 700
+    assert result.samples == 3 * 700
     assert result.vertices.size == 0
     assert result.length == np.inf
-    assert "700" in result.reason
+    assert "2100" in result.reason
     assert "max_samples" in result.advice
     again = RRTConnect(700, restart=300).search(JointSpace(robot, scene), start, goal[None], (0, 0))
     assert (again.vertices, again.samples) == (None, 700)
