@@ -225,7 +225,8 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "(np.maximum(x, 0.0) + ROOM_BEND) ** 2",
         "(np.maximum(x, 0.0) + ROOM_BEND)",
     ),
-    ("planners/timing/_free/avoid.py", "table[0] = np.nan", "table[:] = np.nan"),
+    ("planners/timing/_free/avoid.py", "chosen = np.isfinite(self.table)", "chosen = np.isnan(self.table)"),
+    ("planners/timing/_free/clearances.py", "return not bad.any()", "return True"),
     (
         "planners/timing/_free/avoid.py",
         "missing, rows = PUSH_ROOM - room[k, pair]",
