@@ -27,9 +27,8 @@ CLOSE_STEP, CLOSE_CHANGE, SHORT_STEP = 0.2, 5e-3, 0.3
 """Longest step of a coefficient [rad, m] and largest change of the duration, as a fraction of it, after which the barrier's
 weight falls; and the fraction of the possible length below
 which an accepted step counts as short."""
-STUCK_LENGTH, STUCK_STEPS, FURTHER_STEPS = 1e-3, 10, 40
-"""A weight of the barrier has failed after so many steps in a row of which less than the fraction was possible, or after the
-last number of steps if the weight before it gave a solution."""
+STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
+"""A weight of the barrier has failed after so many steps in a row of which less than this fraction was possible."""
 LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 """Curvature that is added in each coefficient [1/rad²], since some do not change the motion: the least, the least after a step
 that was too long, and the most."""
@@ -199,7 +198,7 @@ class _Iteration:
         K, durations, stuck, kept = self.programme.K, [float(self.at.z[:-1, 2].sum())], 0, None
         for steps in range(1, MOST_FREE_STEPS + 1):
             found = self._search() if self._newton() else None
-            if found is None or (kept is not None and steps > kept.steps + FURTHER_STEPS):
+            if found is None:
                 return kept
             alpha, dual, off, longest = found
             stuck = stuck + 1 if alpha < STUCK_LENGTH else 0
