@@ -25,6 +25,7 @@ SETS = [
     {"robot": "ur5e", "kind": "cycle", "home_deg": [11, -80, 97, -109, -90, 6], "count": 1},
 ]
 MOTIONS = 4
+ROUNDING = 1e-12
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,15 @@ def test_the_report_has_the_table_the_coordinates_and_both_motions(run: Run) -> 
     motions = run.of("freedom")[0].table("motion-2")
     ends = {name: motions.filter(motion=name)["t"].max() for name in (CHOSEN, ALONG_INITIAL)}
     assert ends == pytest.approx({CHOSEN: rows["duration"][3], ALONG_INITIAL: rows["stop_duration"][3]})
-    assert "median duration over that of the initial path" in REPORT.findings(run)[0]
+    assert "median duration after / before" in REPORT.findings(run)[0]
+
+
+def test_the_coordinates_of_an_example_are_inside_their_ranges(run: Run) -> None:
+    turn, joints = (run.of("freedom")[0].table(f"coordinates-{k}") for k in (0, 2))
+    assert turn["unit"].unique().to_list() == ["rad"] and turn["value"].abs().max() > 0.01
+    low, high = turn["reached_least"] - ROUNDING, turn["reached_most"] + ROUNDING
+    assert ((turn["value"] >= low) & (turn["value"] <= high)).all()
+    assert joints["coordinate"].n_unique() == 6 and joints["value"].is_between(0.0, 1.0).all()
 
 
 def test_problems_depend_only_on_the_seed_and_their_number() -> None:

@@ -252,13 +252,13 @@ def _coordinates(found: Plan) -> pl.DataFrame:
         named = [(f"{r.name} {k + 1}" if len(own.ranges) > 1 else r.name, r.unit, *r.allowed, *r.reached)
                  for k, r in enumerate(own.ranges)]  # fmt: skip
         s, values = own.s, own.values
-    else:  # the joints themselves: of a free joint path, and of the arm whose elbow is free
-        s = np.linspace(0.0, found.joint_path.end, own.s.size)
-        values = found.joint_path(s)
-        units = ["m" if prismatic else "rad" for prismatic in arm.prismatic]
-        reached = zip(values.min(axis=0), values.max(axis=0), strict=True)
-        named = [(name, unit, low, high, *ends) for name, unit, low, high, ends in
-                 zip(arm.joint_names, units, arm.limits.lower, arm.limits.upper, reached, strict=True)]  # fmt: skip
+    else:  # the joints themselves: of a free joint path, and of an arm with a free elbow
+        s, low, high = np.linspace(0.0, found.joint_path.end, own.s.size), arm.limits.lower, arm.limits.upper
+        values = (found.joint_path(s) - low) / (high - low)
+        named = [
+            (name, "", 0.0, 1.0, *ends)
+            for name, *ends in zip(arm.joint_names, values.min(0), values.max(0), strict=True)
+        ]
     names = ("coordinate", "unit", "least", "most", "reached_least", "reached_most")
     about = pl.DataFrame(named, schema=list(names), orient="row")
     return pl.concat([

@@ -16,7 +16,18 @@ from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FreeSet
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
 from benchmarks.report.boards import Board, Control, squeeze
-from benchmarks.report.figures import ALARM_COLOUR, MUTED_COLOUR, add, add_steps, axis, colour, entry, figure, line
+from benchmarks.report.figures import (
+    ALARM_COLOUR,
+    MUTED_COLOUR,
+    add,
+    add_steps,
+    axis,
+    colour,
+    entry,
+    figure,
+    line,
+    vary,
+)
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
@@ -57,14 +68,14 @@ def tables(run: Run) -> Sequence[Table]:
 
 
 def findings(run: Run) -> Sequence[str]:
-    """Return the median of the ratios of the durations, for each block and freedom."""
+    """Return the median ratio of the durations, for each set of motions and limits."""
     found = []
     for b in run.of("freedom"):
         words = [
             f"{row['label']} of {row['robot']} within {row['limits']} {number(_plain(row['ratio']))} (n = {row['n']})"
             for row in _table(b).rows
         ]
-        found.append(f"{b.block.title}: median duration over that of the initial path: {'; '.join(words)}.")
+        found.append(f"{b.block.title}: median duration after / before path and time were chosen: {'; '.join(words)}.")
     return found
 
 
@@ -119,7 +130,9 @@ def section(run: Run) -> dict[str, Any] | None:
 
 def _ratios(blocks: Sequence[BlockRows]) -> Board:
     """Plot the distribution of the ratios of every set."""
-    plot = figure("freedom-ratios", "Motions up to this ratio of durations", axis("duration after / before"),
+    low = min(b.rows["ratio"].drop_nulls().to_numpy().min(initial=1.0) for b in blocks)
+    across = axis("duration after / before", range=[low - 0.02, 1.02])
+    plot = figure("freedom-ratios", "Motions up to this ratio of durations", across,
                   axis("motions [%]", range=[-2, 102]), 380)  # fmt: skip
     for b in blocks:
         for k, (part, limits, rows) in enumerate(_groups(b)):
@@ -127,7 +140,12 @@ def _ratios(blocks: Sequence[BlockRows]) -> Board:
             look = {"color": colour(k), "width": 2, "dash": ("solid", "dash", "dot")[k % 3]}
             ratios = rows["ratio"].drop_nulls().to_numpy()
             add_steps(plot, label, ratios, len(rows), look, "%{y:.3g} % up to %{x:.4g}", {"block": [b.block.id]})
-    return Board("freedom-board", (plot,), (Control.of_blocks(blocks),), "Motions without a plan count as never.")
+    return Board(
+        "freedom-board",
+        (plot,),
+        (Control.of_blocks(blocks),),
+        "The percentage is of all motions, with or without a plan.",
+    )
 
 
 Example = tuple[BlockRows, int, FreeSet, pl.DataFrame, pl.DataFrame]
@@ -148,7 +166,7 @@ def _examples(blocks: Sequence[BlockRows]) -> list[Example]:
 def _coordinates(examples: Sequence[Example]) -> Board:
     """Plot the free coordinates along the path of each example, with their ranges."""
     plot = figure("freedom-coordinates", "Free coordinates along the path of the first motion that became shorter",
-                  axis("fraction of the path", range=[-0.01, 1.01]), "coordinate [rad, m]", 380)  # fmt: skip
+                  axis("fraction of the path", range=[-0.01, 1.01]), "coordinate", 380)  # fmt: skip
     names = [f"{part.label}, {part.arm}" for _b, _k, part, _motions, _rows in examples]
     for name, (_b, _k, _part, _motions, rows) in zip(names, examples, strict=True):
         when = {"set": [name]}
@@ -158,20 +176,21 @@ def _coordinates(examples: Sequence[Example]) -> Board:
                 s / s[-1], one["value"], name=str(coordinate), line={"color": colour(i), "width": 2},
                 hover=f"{coordinate}<br>%{{x:.3g}} of the path: %{{y:.4g}} {unit}",
             ), when)  # fmt: skip
-            for key, look, words in (("reached_least", "dot", "reached"), ("reached_most", "dot", "reached"),
-                                     ("least", "dash", "allowed"), ("most", "dash", "allowed")):  # fmt: skip
-                end = float(one[key][0])
-                if np.isfinite(end):
-                    stroke = {"color": ALARM_COLOUR if words == "allowed" else colour(i), "width": 1, "dash": look}
-                    add(plot, line([0.0, 1.0], [end, end], line=stroke, hover=f"{coordinate}, {words}: %{{y:.4g}} {unit}"),
-                        when)  # fmt: skip
-        add(plot, entry("range reached", MUTED_COLOUR, "dot"), when)
-        if rows["most"].is_finite().any():
-            add(plot, entry("range allowed", ALARM_COLOUR, "dash"), when)
+        own = bool(rows["unit"][0])  # a coordinate with a unit; joints are shown as fractions of their ranges
+        title = f"{rows['coordinate'][0]} [{rows['unit'][0]}]" if own else "fraction of the joint's range"
+        vary(plot, when, {"yaxis": {"title": {"text": title}}})
+        for words, dash, stroke in (("reached", "dot", MUTED_COLOUR), ("allowed", "dash", ALARM_COLOUR)):
+            keys = ("least", "most") if words == "allowed" else ("reached_least", "reached_most") if own else ()
+            ends = {float(end) for key in keys for end in rows[key].unique() if np.isfinite(end)}
+            for end in sorted(ends):
+                look = {"color": stroke, "width": 1, "dash": dash}
+                add(plot, line([0.0, 1.0], [end, end], line=look, hover=f"{words}: %{{y:.4g}} {rows['unit'][0]}"), when)
+            if ends:
+                add(plot, entry(f"range {words}", stroke, dash), when)
     return Board(
         "coordinates-board", (plot,), (Control.of("set", "Motions", names),),
-        "The reached range is that of the spline's coefficients, which enclose it. A coordinate of the initial path is 0; of a "
-        "free joint path and of a free elbow the joints are shown.",
+        "The initial path has the coordinate 0. The reached range is that of the spline's coefficients, which enclose the "
+        "coordinate. Of free joint paths and free elbows the joints are shown.",
     )  # fmt: skip
 
 
