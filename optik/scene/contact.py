@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 BOX, ROUND, PLANE, SELF, CYLINDER, MESH = 0, 1, 2, 3, 4, 5
 """Kinds of the second body of a pair: a box, a sphere or capsule, a plane, a capsule of the arm, a cylinder, or a mesh."""
-Objects = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Indices]
+Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
-capsule_radius (c,), plane_point, plane_normal (p, 3), cylinder_pose (k, 4, 4), cylinder_size (k, 2), and
-`mesh_arrays` [m, 1]."""
+capsule_radius (c,), planes (p, 6), and `pack_solids` [m, 1]."""
 Bodies = tuple[Capsules, Objects, Indices]
 """The capsules of an arm, the scene, and the checked pairs (k, 3): capsule, number of the second body among those of its
 kind, and that kind. Of two capsules of the arm the first is on the later link."""
@@ -126,6 +125,17 @@ def transform_point(frame: Array, link: int, p: Triple) -> Triple:
     )
 
 
+@compiled
+def _solid_distance(a: Triple, b: Triple, solids: Array, i: int, kind: int) -> NearestPoint:
+    """Return the distance of a segment to a cylinder or a mesh."""
+    if kind == CYLINDER:
+        row = solids[i]
+        return segment_cylinder(a, b, row[:16].reshape((4, 4)), row[16:])
+    head = solids[solids.shape[0] - 1 - i]
+    corners, faces = solids[int(head[0]) : int(head[1])], solids[int(head[2]) : int(head[3])]
+    return segment_mesh(a, b, corners, faces, solids[int(head[4]) : int(head[5])])
+
+
 @inlined
 def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> NearestPoint:
     """Return the distance of a capsule's axis to the second body of a pair, without radii.
@@ -137,15 +147,11 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
     if kind == BOX:
         return segment_box(a, b, scene[0][i], scene[1][i])
     if kind == PLANE:
-        return segment_plane(a, b, scene[5][i], scene[6][i])
+        return segment_plane(a, b, scene[5][i, :3], scene[5][i, 3:])
     if kind == SELF:
         return segment_segment(a, b, read_row(places[i], 0), read_row(places[i], 1))
-    if kind == CYLINDER:
-        return segment_cylinder(a, b, scene[7][i], scene[8][i])
-    if kind == MESH:
-        rows = scene[13][i]
-        corners, faces, edges = scene[9][rows[0] : rows[1]], scene[10][rows[2] : rows[3]], scene[11][rows[4] : rows[5]]
-        return segment_mesh(a, b, corners, faces, edges)
+    if kind >= CYLINDER:
+        return _solid_distance(a, b, scene[6], i, kind)
     return segment_segment(a, b, read_row(scene[2], i), read_row(scene[3], i))
 
 

@@ -18,7 +18,7 @@ from optik.compiled import compiled
 from optik.distance import DISTANCE_ROUNDING, NearestPoint, dot
 from optik.errors import InvalidInput
 from optik.kinematics import Triple
-from optik.types import Array, Indices
+from optik.types import Array
 
 MOST_CORNERS = 4096
 """Most corners of a mesh: all of them are examined for every distance."""
@@ -26,6 +26,8 @@ CONVEX = 1e-5
 """Largest distance of a corner in front of a triangle, as a fraction of a convex mesh's size: STL has single precision."""
 MESH_ERROR = 1e-12
 """Gap between a distance found and its lower bound [m] at which the search ends."""
+SOLID_WIDTH = 18
+"""Numbers in a row of `pack_solids`."""
 SAME_PLANE = 1e-12
 """Largest difference of the normals of triangles of one face: no edge is between them."""
 
@@ -108,22 +110,25 @@ def find_hull(corners: Array, where: str = "mesh") -> Hull:
     return Hull(points, np.unique(faces, axis=0), np.array(edges).reshape(-1, 12), corners[hull.simplices])
 
 
-def mesh_arrays(meshes: tuple[Array, ...]) -> tuple[Array, Array, Array, Array, Indices]:
-    """Return meshes as kernels take them: corners, faces, edges; balls (k, 4) around them; the ranges (k, 6) of their rows."""
-    hulls = [find_hull(corners) for corners in meshes]
-    parts = [
-        np.concatenate([hull[i] for hull in hulls]) if hulls else np.empty((0, w)) for i, w in enumerate((3, 4, 12))
-    ]
-    ends = np.cumsum([[len(part) for part in hull[:3]] for hull in hulls] or np.empty((0, 3), np.int64), axis=0)
-    starts = np.vstack([np.zeros((1, 3), np.int64), ends])[:-1]
-    rows = np.stack([starts, ends], axis=2).reshape(-1, 6).astype(np.int64)
-    balls = np.empty((len(hulls), 4))
-    for ball, hull in zip(balls, hulls, strict=True):
-        ball[:3] = 0.5 * (hull.corners.min(axis=0) + hull.corners.max(axis=0))
-        ball[3] = np.linalg.norm(hull.corners - ball[:3], axis=1).max()
-    for part in (*parts, balls, rows):
-        part.setflags(write=False)
-    return parts[0], parts[1], parts[2], balls, rows
+def pack_solids(cylinders: list[Array], meshes: tuple[Array, ...]) -> Array:
+    """Return cylinders and meshes as the rows of one array: kernels count the references of every array that they take.
+
+    First a row for each cylinder: its pose, radius and half length. Last a row for each mesh, the first one last: the ranges of
+    its rows of corners, faces and edges, and centre and radius of the ball around it.
+    """
+    rows, heads = [*cylinders], []
+    for hull in map(find_hull, meshes):
+        ranges = []
+        for part in hull[:3]:
+            ranges += [len(rows), len(rows) + len(part)]
+            rows += list(part)
+        low, high = hull.corners.min(axis=0), hull.corners.max(axis=0)
+        radius = np.linalg.norm(hull.corners - 0.5 * (low + high), axis=1).max()
+        heads.append(np.concatenate([ranges, 0.5 * (low + high), [radius]]))
+    out = np.zeros((len(rows) + len(heads), SOLID_WIDTH))
+    for row, values in zip(out, [*rows, *reversed(heads)], strict=True):
+        row[: len(values)] = values
+    return freeze(out, "solids")
 
 
 # ---------------------------------------------------------------- kernels

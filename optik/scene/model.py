@@ -20,18 +20,15 @@ from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
-from optik.scene.mesh import check_mesh, find_hull, mesh_arrays
-from optik.types import Array, Flags, Indices
+from optik.scene.mesh import check_mesh, find_hull, pack_solids
+from optik.types import Array, Flags
 
 if TYPE_CHECKING:
     from optik.arm.robot import Robot
 
-SceneArrays: TypeAlias = tuple[
-    Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Indices
-]
+SceneArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it: poses (b, 4, 4) and half edges (b, 3) of the boxes, ends a and b (c, 3) and radius (c,) of the
-spheres and capsules, points (p, 3) and normals (p, 3) of the planes, poses (k, 4, 4) and radius and half length (k, 2) of the
-cylinders, and `mesh_arrays`; all in the base frame [m, 1]."""
+spheres and capsules, points and normals (p, 6) of the planes, and `pack_solids`; all in the base frame [m, 1]."""
 LARGEST_OBJECT = 100.0
 """Largest coordinate, edge and radius in a scene [m]: larger values look like millimetres; a floor is a plane."""
 MOST_OBJECTS = 100_000
@@ -281,13 +278,14 @@ class Scene:
             ([a for a, _, _ in rounded], (3,)),
             ([b for _, b, _ in rounded], (3,)),
             ([radius for _, _, radius in rounded], ()),
-            ([point for point, _ in self.planes], (3,)),
-            ([normal for _, normal in self.planes], (3,)),
-            ([_pose_along(a, b) for a, b, _ in self.cylinders], (4, 4)),
-            ([(radius, 0.5 * float(np.linalg.norm(b - a))) for a, b, radius in self.cylinders], (2,)),
+            ([np.concatenate(plane) for plane in self.planes], (6,)),
         )
         arrays = (freeze(np.array(rows, dtype=np.float64).reshape(-1, *shape), "scene") for rows, shape in columns)
-        return (*arrays, *mesh_arrays(self.meshes))  # type: ignore[return-value]
+        cylinders = [
+            np.append(_pose_along(a, b), (radius, 0.5 * float(np.linalg.norm(b - a))))
+            for a, b, radius in self.cylinders
+        ]
+        return (*arrays, pack_solids(cylinders, self.meshes))  # type: ignore[return-value]
 
     def pair_mask(self, robot: Robot) -> Flags:
         """Return which capsules of an arm are checked against which objects: all but the pairs in ``allow``.

@@ -65,9 +65,12 @@ def make_body(robot: Robot, scene: Scene) -> Body:
 
 def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array]]]]:
     """Yield each kind of objects, and for each object centre, axes (3, 3) and half edges of a box around it, without radii."""
-    box_pose, box_half, a, b, _radius, point, normal, pose, size = scene.arrays[:9]
+    box_pose, box_half, a, b, _radius, planes, solids = scene.arrays
     yield BOX, [(T[:3, 3], T[:3, :3].T, half) for T, half in zip(box_pose, box_half, strict=True)]
-    yield CYLINDER, [(T[:3, 3], T[:3, :3].T, half[[0, 0, 1]]) for T, half in zip(pose, size, strict=True)]
+    yield (
+        CYLINDER,
+        [(T[[3, 7, 11]], T[:12].reshape(3, 4)[:, :3].T, T[[16, 16, 17]]) for T in solids[: len(scene.cylinders)]],
+    )
     corners = [(mesh.min(axis=0), mesh.max(axis=0)) for mesh in scene.meshes]
     yield MESH, [(0.5 * (low + high), np.eye(3), 0.5 * (high - low)) for low, high in corners]
     half = 0.5 * np.linalg.norm(b - a, axis=1)
@@ -75,7 +78,10 @@ def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array
     yield ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]
     yield (
         PLANE,
-        [(x - HALF_SPACE * n, _frame_along(n), np.full(3, HALF_SPACE)) for x, n in zip(point, normal, strict=True)],
+        [
+            (x - HALF_SPACE * n, _frame_along(n), np.full(3, HALF_SPACE))
+            for x, n in zip(planes[:, :3], planes[:, 3:], strict=True)
+        ],
     )
 
 

@@ -32,22 +32,21 @@ EXAMPLE = "\n".join(line[4:] for line in (files.__doc__ or "").splitlines() if l
 
 
 def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
-    pose, half, a, b, radius, point, normal, cylinder, size, *mesh = SCENE.arrays
+    pose, half, a, b, radius, planes, solids = SCENE.arrays
     assert np.abs(pose - T).max() <= 1e-15
     assert half.tolist() == [[0.4, 0.6, 0.025]]
     assert a.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.0]]
     assert b.tolist() == [[0.5, 0.0, 0.3], [0.6, 0.3, 0.9]]
     assert radius.tolist() == [0.06, 0.03]
-    assert point.tolist() == [[0.0, 0.0, -0.7]]
-    assert normal.tolist() == [[0.0, 0.0, 1.0]]
-    np.testing.assert_allclose(cylinder[0, :3, 2:], [[0.0, 0.6], [0.0, -0.3], [1.0, 0.06]], rtol=0, atol=1e-16)
-    np.testing.assert_allclose(size, [[0.04, 0.06]], rtol=0, atol=1e-16)
+    assert planes.tolist() == [[0.0, 0.0, -0.7, 0.0, 0.0, 1.0]]
+    cylinder = solids[0, :16].reshape(4, 4)
+    np.testing.assert_allclose(cylinder[:3, 2:], [[0.0, 0.6], [0.0, -0.3], [1.0, 0.06]], rtol=0, atol=1e-16)
+    np.testing.assert_allclose(solids[0, 16:], [0.04, 0.06], rtol=0, atol=1e-16)
     assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1", "mesh1")
-    assert [len(part) for part in mesh] == [4, 4, 6, 1, 1]
-    assert mesh[-1].tolist() == [[0, 4, 0, 4, 0, 6]]
+    assert solids.shape == (1 + 4 + 4 + 6 + 1, 18)
+    assert solids[-1, :6].tolist() == [1, 5, 5, 9, 9, 15]
     empty = optik.Scene().arrays
-    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 3), (0, 3), (0, 4, 4), (0, 2),
-        (0, 3), (0, 4), (0, 12), (0, 4), (0, 6)]  # fmt: skip
+    assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 6), (0, 18)]
     for x, none in zip(SCENE.arrays, empty, strict=True):
         assert x.flags.c_contiguous
         assert not x.flags.writeable
@@ -196,13 +195,13 @@ def test_a_static_urdf_is_a_scene_with_its_joints_at_0(tmp_path):
 def test_a_mesh_is_the_hull_of_its_corners_or_convex_triangles(tmp_path):
     hull = np.array([(x, y, z) for x in (0.0, 0.2) for y in (0.0, 0.3) for z in (0.0, 0.4)])
     inside = optik.Scene(meshes=[np.vstack([hull, [(0.1, 0.1, 0.1)]])])
-    corners, faces, edges, balls, _ = inside.arrays[9:]
-    assert (len(corners), len(faces), len(edges)) == (8, 6, 12)
-    np.testing.assert_allclose(sorted(faces[:, 3]), [0.0, 0.0, 0.0, 0.2, 0.3, 0.4], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(balls, [[0.1, 0.15, 0.2, np.sqrt(0.0725)]], rtol=0, atol=1e-15)
+    solids = inside.arrays[6]
+    assert solids[-1, :6].tolist() == [0, 8, 8, 14, 14, 26]
+    np.testing.assert_allclose(sorted(solids[8:14, 3]), [0.0, 0.0, 0.0, 0.2, 0.3, 0.4], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(solids[-1, 6:10], [0.1, 0.15, 0.2, np.sqrt(0.0725)], rtol=0, atol=1e-15)
     # the orientation of triangles does not count, nor single precision
     rounded = np.vstack([CUBE[:6], CUBE[6:, ::-1]]) * (1.0 + 1e-7 * np.arange(12)[:, None, None])
-    assert len(optik.Scene(meshes=[rounded]).arrays[9]) >= 8
+    assert len(optik.Scene(meshes=[rounded]).meshes[0]) >= 8
     with pytest.raises(InvalidInput, match="corners_mm"):
         (tmp_path / "bad.toml").write_text("[[meshes]]\ncorners_mm = [[0, 0]]", encoding="utf-8")
         optik.Scene.load(tmp_path / "bad.toml")

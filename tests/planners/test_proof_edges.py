@@ -168,7 +168,7 @@ def test_a_normal_of_any_length_is_made_one(normal: tuple[float, float, float]) 
     scaled = np.array(normal) / np.abs(normal).max()
     unit = scaled / np.linalg.norm(scaled)
     scene = Scene(planes=[((0.1, -0.2, 0.3), normal)])
-    np.testing.assert_allclose(scene.arrays[6][0], unit, rtol=0.0, atol=2e-16)
+    np.testing.assert_allclose(scene.arrays[5][0, 3:], unit, rtol=0.0, atol=2e-16)
     robot = bar(rng, 0.3, 0.02)
     ends = robot.fk(np.zeros(1)) @ np.array([[0.0, 0.0, 0.0, 1.0], [0.3, 0.0, 0.0, 1.0]]).T
     true = float(((ends[:3].T - (0.1, -0.2, 0.3)) @ unit).min()) - 0.02

@@ -246,7 +246,7 @@ class CoalSampling:
 
     def _scene(self, scene: Scene) -> dict[int, list[int]]:
         """Add the objects; their numbers by the kinds of `find_pairs`."""
-        box_pose, box_half, a, b, radius, point, normal, cylinder_pose, cylinder_size, *_ = scene.arrays
+        box_pose, box_half, a, b, radius, flat, solids = scene.arrays
         boxes = [
             self._add(0, T, self._coal.Box(*(2.0 * half)), f"box {i}")
             for i, (T, half) in enumerate(zip(box_pose, box_half, strict=True))
@@ -254,11 +254,11 @@ class CoalSampling:
         rounds = [self._capsule(0, a[i], b[i], float(radius[i]), f"round {i}") for i in range(len(radius))]
         planes = [
             self._add(0, np.eye(4), self._coal.Halfspace(n, float(n @ p)), f"plane {i}")
-            for i, (p, n) in enumerate(zip(point, normal, strict=True))
+            for i, (p, n) in enumerate(zip(flat[:, :3], flat[:, 3:], strict=True))
         ]
         cylinders = [
-            self._add(0, T, self._coal.Cylinder(radius, 2.0 * half), f"cylinder {i}")
-            for i, (T, (radius, half)) in enumerate(zip(cylinder_pose, cylinder_size.tolist(), strict=True))
+            self._add(0, row[:16].reshape(4, 4), self._coal.Cylinder(row[16], 2.0 * row[17]), f"cylinder {i}")
+            for i, row in enumerate(solids[: len(scene.cylinders)])
         ]
         meshes = [self._add(0, np.eye(4), self._hull(corners), f"mesh {i}") for i, corners in enumerate(scene.meshes)]
         return {BOX: boxes, BOX + 1: rounds, PLANE: planes, CYLINDER: cylinders, MESH: meshes}

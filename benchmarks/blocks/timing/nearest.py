@@ -55,7 +55,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     q = planned.trajectory(closest.time)
     arm, (_, pairs) = placed(robot, q), _rooms(robot, scene, q[None], own=proof.scene is None)
     one, other, kind = pairs[0].tolist()
-    box_pose, box_half, a, b, radius, point, normal, *_ = scene.arrays
+    box_pose, box_half, a, b, radius, *_ = scene.arrays
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
         "found": closest.found, "margin": proof.margin, "pair": list(closest.pair), "words": _words(proof),
@@ -80,7 +80,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
             (find_hull(corners).edges[:, [0, 1, 2, 9, 10, 11]].tolist(), kind == MESH and i == other)
             for i, corners in enumerate(scene.meshes)
         ],
-        "planes": [(p.tolist(), n.tolist()) for p, n in zip(point, normal, strict=True)],
+        "planes": [(p.tolist(), n.tolist()) for p, n in scene.planes],
     }  # fmt: skip
 
 

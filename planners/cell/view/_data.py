@@ -119,7 +119,7 @@ def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], di
     hulls = [find_hull(corners) for corners in scene.meshes]
     balls = [(T[:3, 3], np.linalg.norm(edges) / 2) for T, edges in scene.boxes]
     balls += [((a + b) / 2, r + np.linalg.norm(b - a) / 2) for a, b, r in (*ends, *scene.cylinders)]
-    balls += [(ball[:3], ball[3]) for ball in scene.arrays[12]]
+    balls += [(row[6:9], row[9]) for row in scene.arrays[6][::-1][: len(scene.meshes)]]
     facts: Facts = ()
     chosen = np.arange(len(balls))
     if len(balls) > MOST_OBJECTS_DRAWN:
