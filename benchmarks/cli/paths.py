@@ -40,6 +40,9 @@ class ToolPathCommand(PlanCommand):
         False,
         "--start-free",
     )
+    coefficients: int | None = option(
+        "Path", "With --free: coefficients of each coordinate; by default 8, or 3 for each segment if these are more."
+    )
 
     @abstractmethod
     def make_given(self, start: Start) -> planners.Path:
@@ -51,12 +54,12 @@ class ToolPathCommand(PlanCommand):
 
         given, freedoms = self.make_given(start), read_freedoms(start.arm, self.free or [])
         if not freedoms:
-            if self.start_free or self.avoid:
-                name = "--start-free" if self.start_free else "--avoid"
+            typed = {"--start-free": self.start_free, "--avoid": self.avoid, "--coefficients": self.coefficients}
+            for name in (name for name, value in typed.items() if value):
                 raise InvalidInput(name, "no --free", "a freedom", advice=f"add --free turn, or another of {FREEDOMS}")
             return given
         held = not self.start_free and choose_branch(start, given) == "start"
-        return planners.free(given, hold_start=held, **freedoms)
+        return planners.free(given, coefficients=self.coefficients, hold_start=held, **freedoms)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,6 +177,8 @@ class PointToPointCommand(PlanCommand):
         """Load the robot; the start is that of the file."""
         if self.start_deg.strip():
             raise InvalidInput("--start-deg", self.start_deg, "no start: the first row of --waypoints is the start")
+        if self.branch is not None:
+            raise InvalidInput("--branch", self.branch, "no branch: configurations are chosen over all points")
         return Start(self.load(), None, "")
 
     def make_path(self, start: Start) -> planners.Path:
