@@ -197,3 +197,21 @@ def test_a_bad_table_of_shapes_is_named(tmp_path, old, new, words):
     file.write_text(TABLE.format(convention="dh").replace(old, new, 1), encoding="utf-8")
     with pytest.raises(OptikError, match=words):
         robot_from_toml(file)
+
+
+SPHERES = """<robot name="beads"><link name="base"><collision><geometry><sphere radius=".08"/></geometry></collision></link>
+<link name="arm"><collision><origin xyz="0 0 .1"/><geometry><sphere radius=".06"/></geometry></collision>
+<collision><origin xyz="0 .03 .2" rpy="1 2 3"/><geometry><sphere radius=".05"/></geometry></collision></link>
+<link name="tip"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 .3"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="b" type="fixed"><parent link="arm"/><child link="tip"/></joint></robot>"""
+
+
+def test_a_sphere_model_of_an_arm_is_read_exactly(tmp_path):
+    (tmp_path / "beads.urdf").write_text(SPHERES, encoding="utf-8")
+    shapes = optik.Robot.from_urdf(tmp_path / "beads.urdf", shapes=True).shapes
+    link, a, b, radius = shapes.capsules
+    assert (link.tolist(), shapes.names, radius.tolist()) == ([0, 1, 1], ("base", "arm", "arm"), [0.08, 0.06, 0.05])
+    assert (a == b).all() and (shapes.excess == 0.0).all()
+    np.testing.assert_allclose(a, [(0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (0.0, 0.03, 0.2)], rtol=0, atol=1e-15)
