@@ -108,6 +108,7 @@ class PointToPoint(Path):
     name: ClassVar[str] = "point_to_point"
     in_joints = True
     points: Sequence[ViaPoint] = ()
+    corners: Array | None = None  # (k, n), of the way around obstacles near which the path began
 
     def __init__(
         self, robot: Robot, q_start: ArrayLike, *points: ViaPoint | ArrayLike, usable: Callable[[Array], Flags] | None = None
@@ -186,6 +187,7 @@ class PointToPoint(Path):
         """
         path = object.__new__(PointToPoint)
         path.robot, path.vias, path.spline, path.unit = self.robot, self.vias, self.spline, self.unit
+        path.corners = self.corners
         path.coefficients = coefficients.copy()
         return path
 
@@ -213,7 +215,7 @@ class PointToPoint(Path):
         spline = Spline(float(s[-1]), 0, inner)
         greville = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(spline.count)])
         path = object.__new__(PointToPoint)
-        path.robot, path.spline, path.unit = self.robot, spline, self.unit
+        path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
         path.vias = tuple(via._replace(s=float(x)) for via, x in zip(self.vias, at[:-1], strict=True))
         path.coefficients = np.stack([np.interp(greville, s, x) for x in corners.T], axis=1)
         return path
@@ -346,14 +348,14 @@ class PointToPoint(Path):
         return {
             "path": self.name, "robot": self.robot.name, "fingerprint": self.robot.fingerprint,
             "knots": self.spline.breaks.tolist(), "coefficients": self.coefficients.tolist(), "vias": vias,
+            "corners": None if self.corners is None else self.corners.tolist(),
         }  # fmt: skip
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], robot: Robot | None = None) -> Self:
         """Return the path that `to_dict` wrote, for the arm that it belongs to."""
-        name, fingerprint, knots, coefficients, vias = fields(
-            data, cls.name, "robot", "fingerprint", "knots", "coefficients", "vias"
-        )  # fmt: skip
+        names = "robot", "fingerprint", "knots", "coefficients", "vias", "corners"
+        name, fingerprint, knots, coefficients, vias, corners = fields(data, cls.name, *names)
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], f"the arm {name}, because the path is in joint space")
         if robot.fingerprint != fingerprint:
@@ -368,6 +370,8 @@ class PointToPoint(Path):
         path.unit = "m" if robot.prismatic.all() else "rad"
         path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
         path.vias = tuple(_read_via(via, robot.n) for via in vias)
+        if corners is not None:
+            path.corners = read_numbers(corners, (len(np.atleast_1d(corners)), robot.n), "corners")
         missed = path.find_missed()
         if missed is not None:
             raise InvalidInput(

@@ -122,6 +122,9 @@ def _moves() -> dict[str, Path]:
         "through a point": through,
         "drawn": line.with_coefficients(drawn),
         "a sliding joint": slide,
+        "near a polyline": line.along(
+            [np.stack([START, through.coefficients[5], line.coefficients[-1]])], np.array([0.2, 0.3, 0.4])
+        ),
     }
 
 

@@ -1,5 +1,6 @@
 """Ways around obstacles: rooms and their derivatives against differences, motions against coal, what is refused."""
 
+import pathlib
 from functools import cache
 from typing import Any
 
@@ -10,7 +11,9 @@ from optik import Scene
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, plan
+from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
+from planners.cell.view._data import describe_show
+from planners.cell.view.show import show_motion
 from planners.timing._free import avoid
 from planners.timing._free.choose import Choice, JointChoice
 from planners.timing._free.clearances import ClearanceLimits, bodies_of, pair_rooms
@@ -193,6 +196,18 @@ def test_a_way_around_a_wall_is_found_proved_and_faster_than_stops_at_its_corner
     np.testing.assert_allclose(found.trajectory(found.trajectory.duration), GOAL, atol=1e-9)
     for order, most in ((1, 2.0), (2, 10.0), (3, 100.0)):
         assert np.abs(found.trajectory(t, order)).max() <= most * (1.0 + 1e-9)
+
+
+def test_files_and_the_viewer_have_the_first_way(tmp_path: pathlib.Path) -> None:
+    robot, found = panda(), around()
+    found.save(tmp_path / "around.json")
+    show = show_motion(load_motion(tmp_path / "around.json"))
+    assert show.before is not None
+    np.testing.assert_allclose(show.before[[0, -1]], robot.fk(np.stack([REST, GOAL]))[:, :3, 3], atol=1e-12)
+    assert np.linalg.norm(np.diff(show.before, axis=0), axis=1).max() < 0.1
+    assert describe_show(show)[0]["before"] is not None
+    straight = plan(robot, GOAL, REST, limits=LIMITS)
+    assert describe_show(show_motion(straight))[0]["before"] is None
 
 
 def test_the_same_scene_gives_the_same_motion() -> None:

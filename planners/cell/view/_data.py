@@ -52,7 +52,8 @@ def describe_show(show: Show) -> tuple[dict[str, Any], Facts]:
             track = thin(track, max(2, MOST_NUMBERS // (2 + 3 * show.robot.n)))
             data[name] = describe_track(track) | _describe_load(show.robot, track) | pairs.describe(track.q)
     beam = None if show.beam is None else [point.tolist() for point in show.beam]
-    return data | {"clearance": pairs.to_dict(), "beam": beam}, facts
+    before = None if show.before is None else _numbers(show.before)
+    return data | {"clearance": pairs.to_dict(), "beam": beam, "before": before}, facts
 
 
 def list_plots(robot: Robot, data: dict[str, Any]) -> list[tuple[str, str, str]]:

@@ -106,7 +106,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16) / 255);
   };
   const theme = () => {
-    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "near", "contact", "payload", "grid", "mark",
+    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "near", "contact", "payload", "before", "grid", "mark",
       "x", "y", "z"];
     colours = Object.fromEntries(names.map(name => [name, colour(name)]));
   };
@@ -115,13 +115,14 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     if (!surface) return false;
     const { lines, capsules: round, triangles } = surface;
     layers = {
-      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), edges: lines(), near: lines(),
+      grid: lines(), path: lines(), executed: lines(), planned: lines(), beam: lines(), before: lines(), edges: lines(), near: lines(),
       x: lines(), y: lines(), z: lines(), arm: round(), second: round(), marks: round(), rounds: round(),
       solids: triangles(), planes: triangles(),
     };
     layers.grid.set(gridLines());
     layers.path.set([path]);
     layers.beam.set(data.beam ? [data.beam] : []);
+    layers.before.set(data.before ? [rows(data.before, 3)] : []);
     const flat = boxes.flatMap(faces);
     layers.solids.set([...flat.flatMap((v, k) => (k % 2 ? [] : [[v, flat[k + 1]]])), ...cylinders.flatMap(sides),
       ...meshes.flatMap(m => m.faces.flatMap(([a, b, c]) => [a, b, c].map(p => [p, cross(minus(b, a), minus(c, a))])))]);
@@ -167,7 +168,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
 
   const paintLines = (gl, names, alpha) => {
     const { line } = surface;
-    const widths = { grid: 1, edges: 1.5, near: 3, path: 5, executed: 2.5, planned: 2.5, beam: 3, x: 3, y: 3, z: 3 };
+    const widths = { grid: 1, edges: 1.5, near: 3, path: 5, executed: 2.5, planned: 2.5, beam: 3, before: 2, x: 3, y: 3, z: 3 };
     line.use();
     gl.uniformMatrix4fv(line.at("camera"), false, camera.matrix);
     gl.uniform2f(line.at("viewport"), gl.drawingBufferWidth, gl.drawingBufferHeight);
@@ -196,7 +197,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     camera.update();
     label(poses);
     if (!surface) return;
-    const { gl, solid, mesh } = surface, traces = ["path", "executed", "planned", "beam", "near", "x", "y", "z"];
+    const { gl, solid, mesh } = surface, traces = ["before", "path", "executed", "planned", "beam", "near", "x", "y", "z"];
     move(poses, beside);
     gl.viewport(0, 0, width, height);
     gl.clearColor(...colours.back, 1);

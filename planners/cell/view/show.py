@@ -27,6 +27,7 @@ from planners.following.follow import JointPath
 from planners.limits import MotionLimits
 from planners.motion import HasMotion, Motion, get_motion
 from planners.paths.base import Path
+from planners.paths.point_to_point import PointToPoint
 from planners.trajectory import Trajectory
 
 MOST_INSTANTS = 2000
@@ -114,6 +115,8 @@ class Show:
         The laser beam to the spot.
     facts : tuple of (name, text)
         Rows of a table.
+    before : (m, 3) array or None
+        Points of the tool along the way around obstacles near which the path began [m].
     """
 
     robot: Robot
@@ -125,6 +128,7 @@ class Show:
     limits: MotionLimits | None = None
     beam: Beam | None = None
     facts: tuple[tuple[str, str], ...] = ()
+    before: Array | None = None
 
     @property
     def duration(self) -> float:
@@ -160,7 +164,7 @@ def show_motion(motion: Motion | HasMotion) -> Show:
     return Show(
         found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
         sample_path(found.path), scene=found.scene, limits=found.limits,
-        facts=(*motion_facts(found), *certificate_facts(proof)),
+        facts=(*motion_facts(found), *certificate_facts(proof)), before=sample_first_way(found.path),
     )  # fmt: skip
 
 
@@ -245,6 +249,15 @@ def thin_execution(t: Array, q: Array, dq: Array, torque: Array | None = None) -
         torque = None
     whole, unread = Track(t, q, dq, None, torque), int(read.size - read.sum())
     return thin(_select(whole, read), MOST_INSTANTS) if read.any() else None, unread
+
+
+def sample_first_way(path: Path) -> Array | None:
+    """Return the points of the tool along the way around obstacles near which a path began, or None."""
+    if not isinstance(path, PointToPoint) or path.corners is None:
+        return None
+    u = np.linspace(0.0, len(path.corners) - 1.0, PATH_POINTS)
+    q = np.stack([np.interp(u, np.arange(len(path.corners)), x) for x in path.corners.T], axis=1)
+    return np.asarray(path.robot.fk(q)[:, :3, 3])
 
 
 def sample_path(path: Path) -> Array:
