@@ -31,9 +31,9 @@ from benchmarks.report.figures import (
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.report.timing.plans.space import read_track
 from benchmarks.statistics import percentage, quantiles
 from planners.cell.view.page import embed_arm
-from planners.cell.view.show import Track
 
 HOW_COMPARED = (
     "Before is the motion along the initial path within the same limits: the given path of the tool, or the straight line in "
@@ -201,17 +201,12 @@ def arm(run: Run) -> dict[str, Any] | None:
         return None
     _b, _k, part, motions, _coordinates = examples[0]
     robot = part.fit(run.robot(part.robot))
-    tracks = {name: _track(motions.filter(motion=name), robot.n) for name in (CHOSEN, ALONG_INITIAL)}
+    tracks = {name: read_track(motions.filter(motion=name), robot.n) for name in (CHOSEN, ALONG_INITIAL)}
     path = robot.fk(tracks[ALONG_INITIAL].q)[:, :3, 3]
     return {
         "words": [f"{part.label}, {part.arm}: the first motion that became shorter."],
         "arm": squeeze(json.dumps(embed_arm(robot, tracks, path)).encode()),
     }  # fmt: skip
-
-
-def _track(rows: pl.DataFrame, n: int) -> Track:
-    t, q, dq = (rows[name].to_numpy().reshape(-1, n) for name in ("t", "q", "dq"))
-    return Track(t[:, 0], q, dq)
 
 
 SECTIONS = (

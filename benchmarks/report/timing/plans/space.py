@@ -62,7 +62,7 @@ def line_in_space(run: Run) -> dict[str, Any] | None:
     ends = np.array([np.array(found.solved[0]["path"][end])[:3, 3] for end in ("start", "goal")])
     laws = law_control(rows["law"].unique(maintain_order=True).to_list())
     names = sorted((law for law, _ in laws.options), key=lambda law: law != laws.value)
-    motions = {law: _track(rows.filter(pl.col("law") == law), robot.n) for law in names}
+    motions = {law: read_track(rows.filter(pl.col("law") == law), robot.n) for law in names}
     words = [", ".join(number(1e3 * x, 4) for x in point) for point in ends]
     board = Board(
         "line-board", (_straight(1e3 * ends, found.block.samples),), (),
@@ -74,7 +74,7 @@ def line_in_space(run: Run) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _track(rows: pl.DataFrame, n: int) -> Track:
+def read_track(rows: pl.DataFrame, n: int) -> Track:
     """Return a motion for the viewer, from a row for each instant and joint."""
     t, q, dq = (rows[name].to_numpy().reshape(-1, n) for name in ("t", "q", "dq"))
     return thin(Track(t[:, 0], q, dq), ARM_INSTANTS)
