@@ -53,7 +53,7 @@ def test_what_cannot_be_drawn_is_said() -> None:
     with pytest.raises(InvalidInput, match="regular, near_singular"):
         draw_motion("ur5e", "singular", 0)
     with pytest.raises(UnknownName, match="ur5e"):
-        draw_motion("ur5", "regular", 0)
+        draw_motion("ur5ee", "regular", 0)
     with pytest.raises(InvalidInput, match="index"):
         draw_motion("ur5e", "regular", -1)
 
