@@ -114,10 +114,10 @@ def find_first_path(path: PointToPoint, scene: Scene, search: str | os.PathLike[
             status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
             return FirstPath(PlanFailure(status, s, None, found.reason, found.advice), samples)
         legs.append(found.vertices)
-    return FirstPath(_round(path, legs, scene), samples)
+    return FirstPath(round_corners(path, legs, scene), samples)
 
 
-def _round(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
+def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
     """Return a spline near the polylines of the legs that is free of contact at samples, with as few spans as that needs."""
     corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))

@@ -133,6 +133,8 @@ class Oracle:
         self.planes = scene.planes
         self.moving = np.flatnonzero(self.link > 0)
         self.pairs = [(i, j) for i, j in shapes.pairs.tolist()]
+        planes = sum(map(len, (scene.boxes, scene.spheres, scene.capsules))) + np.arange(len(scene.planes))
+        self.checked = np.delete(scene.pair_mask(robot), planes, axis=1)  # in the order of the bodies
 
     def _add(self, shape: Any, T: Array, half: Array, radius: float) -> None:
         self.bodies.append((shape, self._coal.Transform3s(T[:3, :3].copy(), T[:3, 3].copy()), T, half, radius))
@@ -160,10 +162,10 @@ class Oracle:
                 made[k, i] = self._coal.Transform3s(along(b[k, i] - a[k, i]), middle[k, i].copy())
             return made[k, i]
 
-        for shape, there, T, half, radius in self.bodies:
+        for column, (shape, there, T, half, radius) in enumerate(self.bodies):
             off = np.maximum(np.abs((thirds[:, self.moving] - T[:3, 3]) @ T[:3, :3]) - half, 0.0)
             rough = np.linalg.norm(off, axis=3).min(axis=2) - radius - around[self.moving]
-            for k, m in np.argwhere(rough <= scene_within).tolist():
+            for k, m in np.argwhere((rough <= scene_within) & self.checked[self.moving, column]).tolist():
                 i = int(self.moving[m])
                 scene[k] = min(scene[k], self._between(self.parts[i], at(k, i), shape, there))
         for i, j in self.pairs:
