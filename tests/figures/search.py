@@ -102,10 +102,10 @@ def measure(case: int) -> Row:
     if found:
         edges = list(pairwise(found.vertices))
         q, few = (np.concatenate([np.linspace(a, b, count) for a, b in edges]) for count in (SAMPLED, BY_COAL))
-        near = Oracle(robot, scene).near(few, 0.05, 0.05) if ARMS[name] else None  # it knows no allowed pairs
+        near = Oracle(robot, scene).near(few, 0.05, 0.05)
         row |= {"rough_length": rough.length if rough else None, "length": found.length}
         row["least"] = float(find_nearest_pairs(robot, scene, q)[0].min())
-        row["coal"] = None if near is None else float(min(near.scene.min(), near.own.min()))
+        row["coal"] = float(min(near.scene.min(), near.own.min()))
     return row
 
 
@@ -130,7 +130,7 @@ def judge(rows: list[Row]) -> list[Value]:
             print(f"    {kind}: {solved}, {words}, {length}")
         rate, cpu = len(found) / max(len(asked), 1), [row["cpu"] for row in asked]
         rough = [row["rough"] for row in asked]
-        wrong = [row for row in found if row["least"] <= 0.0 or (row["coal"] or 0.0) < -COAL_ERROR]
+        wrong = [row for row in found if row["least"] <= 0.0 or row["coal"] < -COAL_ERROR]
         lengths = [row["length"] for row in found]
         values += [
             Value(f"{name}: path found, ends free", "≥ 99 %", f"{100 * rate:.1f} % of {len(asked)}", rate >= 0.99),

@@ -210,6 +210,16 @@ def test_pairs_that_are_left_out_are_named() -> None:
     assert any(why == "neighbours" for *_, why in allowed.left_out)
 
 
+def test_coal_leaves_out_the_pairs_that_a_scene_allows() -> None:
+    robot = panda()
+    at = robot.fk(REST)[:3, 3]
+    post = (at, at + np.array([0.0, 0.0, 0.02]), 0.01)
+    scene = Scene(planes=[((0.0, 0.0, -2.0), (0.0, 0.0, 1.0))], cylinders=[post], names=("floor", "cup"))
+    allowed = replace(scene, allow=[("joint7", "cup")])
+    one, other = (Oracle(robot, each).near(REST[None], 0.05, 0.0).scene[0] for each in (scene, allowed))
+    assert one < 0.0 < other
+
+
 def test_the_margin_must_be_exceeded() -> None:
     motion = line(REST, REACHED)
     free = clearance(panda(), motion, table()).scene
