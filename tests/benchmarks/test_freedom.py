@@ -79,7 +79,9 @@ def test_the_report_has_the_table_the_coordinates_and_both_motions(run: Run) -> 
     motions = run.of("freedom")[0].table("motion-2")
     ends = {name: motions.filter(motion=name)["t"].max() for name in (CHOSEN, ALONG_INITIAL)}
     assert ends == pytest.approx({CHOSEN: rows["duration"][3], ALONG_INITIAL: rows["stop_duration"][3]})
-    assert "median duration after / before" in REPORT.findings(run)[0]
+    assert REPORT.findings(run)[0].startswith(
+        "f within own, median duration after / before path and time were chosen: reg"
+    )
 
 
 def test_the_coordinates_of_an_example_are_inside_their_ranges(run: Run) -> None:

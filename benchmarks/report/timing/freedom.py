@@ -71,11 +71,16 @@ def findings(run: Run) -> Sequence[str]:
     """Return the median ratio of the durations, for each set of motions and limits."""
     found = []
     for b in run.of("freedom"):
+        each = bool(b.block.limits[1:])  # one set of limits is named once
         words = [
-            f"{row['label']} of {row['robot']} within {row['limits']} {number(_plain(row['ratio']))} (n = {row['n']})"
+            f"{row['label']} of {row['robot']}{' within ' + str(row['limits']) if each else ''} "
+            f"{number(_plain(row['ratio']))} (n = {row['n']})"
             for row in _table(b).rows
         ]
-        found.append(f"{b.block.title}: median duration after / before path and time were chosen: {'; '.join(words)}.")
+        within = "" if each else f" within {b.block.limits[0].label}"
+        found.append(
+            f"{b.block.title}{within}, median duration after / before path and time were chosen: {'; '.join(words)}."
+        )
     return found
 
 
