@@ -7,23 +7,19 @@ of VAMP's published figures, ``NAME_spherized.urdf`` and ``NAME.srdf``, as in gi
 from __future__ import annotations
 
 import os
-import tarfile
 import warnings
 from collections import defaultdict
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import numpy as np
-import yaml
 
 import optik
-from optik import Robot, Scene
-from optik.scene.contact import find_contact, find_nearest_pairs
-from optik.scene.moveit import scene_from_moveit
+from benchmarks.problems._motionbench import MotionProblem, read_problem
+from optik import Robot
+from optik.scene.contact import find_nearest_pairs
 from planners import SearchStatus, find_path
 from planners.search import JointSpace
 from tests.figures.figure import Row, Value, main
@@ -53,31 +49,10 @@ def arm(name: str) -> Robot:
         return Robot.from_urdf(model, tip=ARMS[name], shapes=True, srdf=folder() / f"{name}.srdf")
 
 
-@cache
-def files(name: str) -> dict[str, str]:
-    with tarfile.open(folder() / f"{name}.tar.bz2") as archive:
-        members = ((member.name, archive.extractfile(member)) for member in archive if member.isfile())
-        return {name: file.read().decode() for name, file in members if file is not None}
-
-
-def problem(name: str, kind: str, number: int) -> tuple[Scene, Any, Any]:
+def problem(name: str, kind: str, number: int) -> MotionProblem:
     """The scene, the start and the goal."""
-    model = name.removesuffix("_hand")
-    texts, where = files(model), f"problems/{kind}_{model}/{{}}{number:04d}.yaml"
-    request = yaml.load(texts[where.format("request")], yaml.CSafeLoader)
-    state = request["start_state"]["joint_state"]
-    start = dict(zip(state["name"], state["position"], strict=True))
-    goal = {each["joint_name"]: each["position"] for each in request["goal_constraints"][0]["joint_constraints"]}
-    ends = [np.array([end[joint] for joint in arm(model).joint_names]) for end in (start, goal)]
-    given = scene_from_moveit(texts[where.format("scene")])
-    if not ARMS[name]:  # links have other names, and are checked by our own pairs
-        given["allow"] = ()
-    scene = Scene(**given)
-    while not ARMS[name] and (near := find_contact(arm(name), scene, ends[1])).pair[0] in GRASPING and near.room <= 0.0:
-        if near.pair[1] not in scene.names:
-            break
-        scene = replace(scene, allow=(*scene.allow, *((part, near.pair[1]) for part in GRASPING)))
-    return scene, *ends
+    file = folder() / f"{name.removesuffix('_hand')}.tar.bz2"
+    return read_problem(file, kind, number, arm(name), () if ARMS[name] else GRASPING)
 
 
 def measure(case: int) -> Row:

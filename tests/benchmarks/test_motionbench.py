@@ -1,0 +1,113 @@
+"""Motion problems in MotionBenchMaker's wording: ten generated ones are read, and their ways are found."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import optik
+from benchmarks.problems._motionbench import END_ROOM, read_archive, read_problem, write_problems
+from optik import Robot
+from optik.errors import InvalidInput
+from optik.scene.contact import find_nearest_pairs
+from planners import find_path
+from tests.planners.contacts import Oracle
+
+pytest.importorskip("yaml")
+GRASPING = ("hand", "fingers")
+SCENE = """
+allowed_collision_matrix:
+  entry_names: [other_link, cup]
+  entry_values: [[false, true], [true, false]]
+world:
+  collision_objects:
+    - id: cup
+      primitives: [{type: cylinder, dimensions: [0.1, 0.02]}]
+      primitive_poses: [{position: [%g, %g, %g], orientation: [0, 0, 0, 1]}]
+"""
+REQUEST = """
+start_state: {joint_state: {name: [%s], position: %s}}
+goal_constraints: [{joint_constraints: [%s]}]
+"""
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return optik.load("panda_hand")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
+    made = tmp_path_factory.mktemp("problems") / "ten.tar.bz2"
+    write_problems(made, robot, seed=26)
+    return made
+
+
+def write(file: Path, **texts: str) -> Path:
+    with tarfile.open(file, "w") as archive:
+        for name, text in texts.items():
+            member = tarfile.TarInfo(f"problems/table_pick_panda/{name}0007.yaml")
+            member.size = len(text.encode())
+            archive.addfile(member, io.BytesIO(text.encode()))
+    return file
+
+
+def test_ten_problems_have_free_ends_and_a_way_around_the_obstacles(file: Path, robot: Robot) -> None:
+    problems = list(read_archive(file))
+    assert problems == [(kind, k) for kind in ("table_boxes", "table_cylinders") for k in range(1, 6)]
+    assert len({texts["scene"] for texts in read_archive(file).values()}) == 10
+    for kind, number in problems:
+        scene, start, goal = read_problem(file, kind, number, robot)
+        shapes = scene.cylinders if kind == "table_cylinders" else scene.boxes
+        assert len(scene.names) == 6 and len(shapes) == (5 if kind == "table_cylinders" else 6)
+        ends = np.array([start, goal])
+        assert robot.limits.contains(ends).all() and (find_nearest_pairs(robot, scene, ends)[0] > END_ROOM).all()
+        between = Oracle(robot, scene).near(np.linspace(start, goal, 100), 0.05, 0.05)
+        assert min(between.scene.min(), between.own.min()) < 0.0  # the straight motion is in contact by coal, too
+        assert find_path(robot, start, goal, scene=scene, paths=1, shortcuts=0), (kind, number)
+
+
+def test_a_seed_gives_equal_problems_and_a_larger_count_begins_with_them(
+    tmp_path: Path, file: Path, robot: Robot
+) -> None:
+    write_problems(tmp_path / "three.tar.bz2", robot, seed=26, count=3)
+    three = read_archive(tmp_path / "three.tar.bz2")
+    assert len(three) == 3 and all(read_archive(file)[key] == texts for key, texts in three.items())
+    write_problems(tmp_path / "other.tar.bz2", robot, seed=27, count=1)
+    assert read_archive(tmp_path / "other.tar.bz2")["table_boxes", 1] != three["table_boxes", 1]
+
+
+def test_the_grasped_object_may_be_touched_by_the_hand_alone(tmp_path: Path, robot: Robot) -> None:
+    start = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    goal = start + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    order = [2, 0, 1, 3, 4, 5, 6]  # joints are found by name; the file's have a prefix, and it names fingers, too
+    names = [f"panda_{robot.joint_names[k]}" for k in order]
+    joints = ", ".join(f"{{joint_name: panda_{robot.joint_names[k]}, position: {goal[k]}}}" for k in reversed(order))
+    request = REQUEST % (", ".join(["panda_finger_joint1", *names]), [0.04, *start[order].tolist()], joints)
+    made = write(tmp_path / "grasp.tar", scene=SCENE % tuple(robot.fk(goal)[:3, 3]), request=request)
+    scene, *ends = read_problem(made, "table_pick", 7, robot, GRASPING)
+    assert np.array_equal(ends, [start, goal])
+    assert sorted(scene.allow) == [("fingers", "cup"), ("hand", "cup")]
+    assert read_problem(made, "table_pick", 7, robot).scene.allow == (("other_link", "cup"),)
+    made = write(tmp_path / "base.tar", scene=SCENE % (0.0, 0.0, 0.1), request=request)  # touched by the base
+    assert not read_problem(made, "table_pick", 7, robot, GRASPING).scene.allow
+
+
+def test_bad_files_fail_with_one_line(tmp_path: Path, file: Path, robot: Robot) -> None:
+    with pytest.raises(InvalidInput, match="a tar file of problems"):
+        read_archive(tmp_path / "none.tar.bz2")
+    (tmp_path / "text.tar.bz2").write_text("no tar file")
+    with pytest.raises(InvalidInput, match="a tar file of problems"):
+        read_archive(tmp_path / "text.tar.bz2")
+    with pytest.raises(InvalidInput, match="scene0001"):
+        read_archive(write(tmp_path / "half.tar", scene=SCENE))
+    with pytest.raises(InvalidInput, match="table_boxes, table_cylinders"):
+        read_problem(file, "cage", 1, robot)
+    for request in ("[]", "start_state: {}", REQUEST % ("a", [0.0], "")):
+        made = write(tmp_path / f"{len(request)}.tar", scene=SCENE % (1, 1, 1), request=request)
+        with pytest.raises(InvalidInput, match=r"joints of|joint values"):
+            read_problem(made, "table_pick", 7, robot)
