@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,17 @@ import polars as pl
 import pytest
 
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FREEDOM_TYPES, FreedomBlock, draw
+from benchmarks.blocks.timing.freedom import (
+    ALONG_INITIAL,
+    CHOSEN,
+    FREEDOM_TYPES,
+    SIMULTANEOUS,
+    FreedomBlock,
+    draw,
+    solve,
+    solve_by_peer,
+)
+from benchmarks.peers import casadi_simultaneous
 from benchmarks.records import RunFolder
 from benchmarks.report.run import Run
 from benchmarks.report.timing.freedom import REPORT
@@ -90,6 +101,46 @@ def test_the_coordinates_of_an_example_are_inside_their_ranges(run: Run) -> None
     low, high = turn["reached_least"] - ROUNDING, turn["reached_most"] + ROUNDING
     assert ((turn["value"] >= low) & (turn["value"] <= high)).all()
     assert joints["coordinate"].n_unique() == 6 and joints["value"].is_between(0.0, 1.0).all()
+
+
+def test_a_peer_has_rows_beside_ours_and_a_reason_where_it_does_not_take_the_limits(tmp_path: Path) -> None:
+    own = "label = 'own', velocity = 2.0, acceleration = 10.0, jerk = 100.0"
+    (tmp_path / "s.toml").write_text(
+        '[[freedom]]\nid = "f"\nsets = [{ robot = "panda", kind = "joints", count = 1 }]\n'
+        f'limits = [{{ {own} }}, {{ {own.replace("own", "torque")}, torque = "robot" }}]\npeers = ["{SIMULTANEOUS}"]\n'
+    )
+    run_suite(load_suite(str(tmp_path / "s.toml")), tmp_path / "run")
+    run = Run(RunFolder(tmp_path / "run"))
+    rows = run.of("freedom")[0].rows
+    assert rows["method"].to_list() == [CHOSEN, SIMULTANEOUS] * 2 and rows["problem"].to_list() == [0] * 4
+    expected = [True, True, True, False]
+    assert rows["certified"].to_list() == expected and rows["solved"].to_list() == expected
+    assert rows["duration"][1] == pytest.approx(rows["duration"][0], rel=0.03)  # limits hold at its grid points only
+    assert rows["before"][0] == rows["before"][1]
+    assert rows["status"][3] == "timing_infeasible" and "got velocity, acceleration, jerk, torque" in rows["outcome"][3]
+    (table,) = REPORT.tables(run)
+    assert [(row["method"], row["limits"], row["n"]) for row in table.rows] == [
+        (CHOSEN, "own", 1), (CHOSEN, "torque", 1), (SIMULTANEOUS, "own", 1), (SIMULTANEOUS, "torque", 1),
+    ]  # fmt: skip
+    judged = (Target(measure="solved", at_least=100, method=method) for method in ("", SIMULTANEOUS))
+    assert [load_kind("freedom").judge(rows, one)[0] for one in judged] == [100.0, 50.0]
+    assert SIMULTANEOUS not in REPORT.findings(run)[0]
+
+
+def test_the_peer_turns_the_tool_as_we_do_and_takes_no_via_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(casadi_simultaneous, "SIMULTANEOUS_INTERVALS", 12)
+    block = FreedomBlock.read({"id": "f", "sets": SETS, "limits": [LIMITS]})
+    problem = draw(block.sets[0], block.limits, 2026, 1)
+    limits = block.limits[0].of(problem[0])
+    ours = solve(block.sets[0], limits, problem)[0]
+    row = solve_by_peer(limits, problem, ours)
+    assert row["status"] == "solved" and row["certified"] and row["steps"] > 1 and row["ms"] > 0.0
+    assert row["gain"] == 1.0 - row["duration"] / ours["fixed_duration"]
+    assert row["duration"] == pytest.approx(ours["duration"], rel=0.01)
+    assert row["duration"] < 0.99 * ours["fixed_duration"]
+    cycle = draw(block.sets[2], block.limits, 1, 0)
+    row = solve_by_peer(block.limits[0].of(cycle[0]), cycle, {"stop_duration": 9.0})
+    assert "via points" in row["outcome"] and row["stop_duration"] == 9.0 and "duration" not in row
 
 
 def test_problems_depend_only_on_the_seed_and_their_number() -> None:

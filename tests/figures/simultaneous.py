@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers.casadi_simultaneous import solve_jointly
 from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
@@ -21,7 +22,6 @@ from planners.timing.optimal import Optimal
 from tests.figures.figure import Row, Value, main
 from tests.figures.freedom import arm_of
 from tests.figures.moving import span
-from tests.oracles.simultaneous import solve_jointly
 
 SEED, INTERVALS = 20261125, 24
 SAME = 1e-5

@@ -36,18 +36,23 @@ from benchmarks.settings import (
 from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
+from planners.certificate.certification import certify
+from planners.fit import fit_to_limits
 from planners.freedom import freedoms
-from planners.limits import MotionLimits
+from planners.limits import DERIVATIVES, MotionLimits
+from planners.motion import PlanStatus
 from planners.paths.base import Path
-from planners.paths.free_path import free
+from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.plan import Plan, plan
 
 ALONG_INITIAL, CHOSEN = "initial path", "path and time"
 """Labels of both motions: the paths of a set without and with freedoms."""
+SIMULTANEOUS = "casadi_simultaneous"
+"""Name of the peer that chooses path and time."""
 
 VIA_TOLERANCE = (5e-3, 0.09)
 """Largest distance [m] and angle [rad] of the tool from a via pose of a cycle."""
@@ -150,11 +155,14 @@ class FreedomBlock(Block):
 
     sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
+    peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS)], ...], LISTED] = key(
+        "Other solvers of path and time together: `casadi_simultaneous`.", ()
+    )
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The choice of path and time."""
-        return (Entry(CHOSEN, "optimal", {}),)
+        """The choice of path and time, and the peers."""
+        return (Entry(CHOSEN, "optimal", {}), *(Entry(name, name, {}, role="peer") for name in self.peers))
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -227,6 +235,30 @@ def solve(
         row |= {"gradient": own.gradient, "distance": own.distance, "outcome": own.outcome}
         row |= {"duration": found.trajectory.duration, "certified": bool(found.certificate.is_valid)}
     return row, plans, found
+
+
+def solve_by_peer(
+    limits: MotionLimits, problem: tuple[Robot, Array, Path, Path], ours: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the row of the peer beside ours: its motion along its path, slowed uniformly until it respects the limits."""
+    from benchmarks.peers.casadi_simultaneous import motion_of, solve_as_peer  # CasADi is imported only here
+
+    arm, q, _given, path = problem
+    assert isinstance(path, FreePath | PointToPoint)
+    row = {name: ours.get(name) for name in ("fixed_duration", "stop_duration", "ms_fixed")} | {"certified": False}
+    begin = time.perf_counter()
+    try:
+        choice, found = solve_as_peer(arm, path, q, limits)
+        row |= {"ms": 1e3 * (time.perf_counter() - begin), "starts": 1, "steps": found.iterations}
+        chosen, raw = motion_of(choice, found, limits)
+        motion = fit_to_limits(arm, raw, limits, DERIVATIVES, chosen)
+    except NoSolution as error:
+        return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
+    proof = certify(arm, chosen, motion, limits, law=SIMULTANEOUS, enforced=DERIVATIVES)
+    status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED
+    row |= {"status": str(status), "outcome": "chosen", "duration": motion.duration, "certified": bool(proof.is_valid)}
+    fixed = row["fixed_duration"]
+    return row if fixed is None else row | {"gain": 1.0 - motion.duration / fixed}
 
 
 # ---------------------------------------------------------------- examples
@@ -306,8 +338,11 @@ class _Freedom(Kind):
                 if index == 0:
                     solve(part, limits.of(problem[0]), problem)  # compiles, and is not counted
                 row, plans, found = solve(part, limits.of(problem[0]), problem)
-                about = {"kind": part.label, "robot": part.arm, "limits": limits.label}
-                rows.append(row | about | {"method": CHOSEN, "problem": first + index})
+                about: dict[str, Any] = {"kind": part.label, "robot": part.arm, "limits": limits.label}
+                about["problem"] = first + index
+                rows.append(row | about | {"method": CHOSEN})
+                for peer in block.peers:
+                    rows.append(solve_by_peer(limits.of(problem[0]), problem, row) | about | {"method": peer})
                 if not shown and all(plans) and found.freedom is not None and found.freedom.gain > 0.0:
                     shown = True
                     motions = pl.concat([_motion([found], CHOSEN), _motion(plans, ALONG_INITIAL)])
@@ -323,8 +358,8 @@ class _Freedom(Kind):
         )
 
     def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
-        """Return the rows of a group, of measures of durations and times those with a motion."""
-        rows = in_group(rows, target.group)
+        """Return our rows, or those of a named peer, of a group; of measures of durations and times those with a motion."""
+        rows = in_group(rows if target.method else rows.filter(method=CHOSEN), target.group)
         if target.measure not in ("solved", "certified"):
             rows = rows.filter("solved", pl.col("ratio").is_not_null())
         return rows, f"{len(rows):,} motions"

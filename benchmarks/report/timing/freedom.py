@@ -39,7 +39,7 @@ HOW_COMPARED = (
     "Before is the motion along the initial path within the same limits: the given path of the tool, or the straight line in "
     "joint space; of a cycle it is the sum of straight moves with a stop at each via pose. After is the motion whose path and "
     "timing are chosen together. Each ratio is of one motion. A certificate is valid if every enforced limit is respected at "
-    "every instant."
+    "every instant. A peer's motion is slowed uniformly until it respects all limits."
 )
 """Description of the compared motions."""
 
@@ -47,6 +47,7 @@ FREEDOM_COLUMNS = (
     Column("label", "Motions", show="text"),
     Column("robot", "arm", show="text"),
     Column("limits", "limits", show="text"),
+    Column("method", "method", show="text"),
     Column("n", "n", show="count"),
     Column("certified", "certified", "%", show="share"),
     Column("before", "before, median", "s"),
@@ -76,6 +77,7 @@ def findings(run: Run) -> Sequence[str]:
             f"{row['label']} of {row['robot']}{' within ' + str(row['limits']) if each else ''} "
             f"{number(_plain(row['ratio']))} (n = {row['n']})"
             for row in _table(b).rows
+            if row["method"] == CHOSEN
         ]
         within = "" if each else f" within {b.block.limits[0].label}"
         found.append(
@@ -88,25 +90,26 @@ def _plain(cell: Any) -> float:
     return float(cell) if isinstance(cell, float | int) else float("nan")
 
 
-def _groups(b: BlockRows) -> list[tuple[FreeSet, str, pl.DataFrame]]:
-    """Return the rows of every set of motions within every set of limits."""
+def _groups(b: BlockRows, method: str = CHOSEN) -> list[tuple[FreeSet, str, pl.DataFrame]]:
+    """Return the rows of a method, of every set of motions within every set of limits."""
     found = []
     for part, limits in product(b.block.sets, b.block.limits):
-        rows = b.rows.filter(kind=part.label, robot=part.arm, limits=limits.label)
+        rows = b.rows.filter(kind=part.label, robot=part.arm, limits=limits.label, method=method)
         found += [] if rows.is_empty() else [(part, limits.label, rows)]
     return found
 
 
 def _table(b: BlockRows) -> Table:
     rows: list[dict[str, Cell]] = []
-    for part, limits, every in _groups(b):
+    named = [(method, *group) for method in b.block.labels for group in _groups(b, method)]
+    for method, part, limits, every in named:
         both = every.filter(pl.col("ratio").is_not_null())
         ratios = quantiles(both["ratio"].to_numpy(), (0.0, 0.25, 0.5, 0.75, 1.0))
         least, low, _, high, most = map(number, ratios)
         keys = ("ms", "ms_fixed", "steps", "starts", "before", "duration")
         medians = {key: quantiles(both[key].to_numpy(), (0.5,))[0] for key in keys}
         rows.append({
-            "label": part.label, "robot": part.arm, "limits": limits, "n": len(every),
+            "label": part.label, "robot": part.arm, "limits": limits, "n": len(every), "method": method,
             "certified": percentage(int(every["certified"].sum()), len(every)), "ratio": ratios[2],
             "quartiles": f"{low} to {high}", "extremes": f"{least} to {most}", **medians,
         })  # fmt: skip
