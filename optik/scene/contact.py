@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,7 +12,14 @@ from numpy.typing import ArrayLike
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.compiled import compiled, inlined
-from optik.distance import NearestPoint, segment_box, segment_cylinder, segment_plane, segment_segment
+from optik.distance import (
+    DISTANCE_ROUNDING,
+    NearestPoint,
+    segment_box,
+    segment_cylinder,
+    segment_plane,
+    segment_segment,
+)
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
 from optik.scene.mesh import segment_mesh
@@ -125,6 +133,19 @@ def transform_point(frame: Array, link: int, p: Triple) -> Triple:
     )
 
 
+@inlined
+def middle_of(a: Triple, b: Triple) -> Triple:
+    """Return the middle of two points."""
+    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+
+
+@inlined
+def length_between(a: Triple, b: Triple) -> float:
+    """Return the distance of two points."""
+    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    return sqrt(x * x + y * y + z * z)
+
+
 @compiled
 def _solid_distance(a: Triple, b: Triple, solids: Array, i: int, kind: int) -> NearestPoint:
     """Return the distance of a segment to a cylinder or a mesh."""
@@ -156,22 +177,70 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
 
 
 @compiled
+def _bound_solid(middle: Triple, solids: Array, i: int, kind: int) -> float:
+    """Return a lower bound on the distance of a point from a cylinder or a mesh."""
+    if kind == CYLINDER:
+        x, y, z = middle[0] - solids[i, 3], middle[1] - solids[i, 7], middle[2] - solids[i, 11]
+        u = solids[i, 0] * x + solids[i, 4] * y + solids[i, 8] * z
+        v = solids[i, 1] * x + solids[i, 5] * y + solids[i, 9] * z
+        w = max(abs(solids[i, 2] * x + solids[i, 6] * y + solids[i, 10] * z) - solids[i, 17], 0.0)
+        out = max(sqrt(u * u + v * v) - solids[i, 16], 0.0)
+        return sqrt(out * out + w * w)
+    last = solids.shape[0] - 1 - i
+    return length_between(middle, (solids[last, 6], solids[last, 7], solids[last, 8])) - float(solids[last, 9])
+
+
+@inlined
+def _bound_body(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
+    """Return a lower bound on the distance of an axis to the second body of a pair but solids, from spheres around axes."""
+    if kind == BOX:
+        T, edges = scene[0], scene[1]
+        x, y, z = middle[0] - T[i, 0, 3], middle[1] - T[i, 1, 3], middle[2] - T[i, 2, 3]
+        u = max(abs(T[i, 0, 0] * x + T[i, 1, 0] * y + T[i, 2, 0] * z) - edges[i, 0], 0.0)
+        v = max(abs(T[i, 0, 1] * x + T[i, 1, 1] * y + T[i, 2, 1] * z) - edges[i, 1], 0.0)
+        w = max(abs(T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - edges[i, 2], 0.0)
+        return sqrt(u * u + v * v + w * w) - half
+    if kind == PLANE:
+        plane = scene[5]
+        x, y, z = middle[0] - plane[i, 0], middle[1] - plane[i, 1], middle[2] - plane[i, 2]
+        return float(x * plane[i, 3] + y * plane[i, 4] + z * plane[i, 5] - half)
+    if kind == SELF:
+        return float(length_between(middle, read_row(spheres, i)) - half - spheres[i, 3])
+    c, d = read_row(scene[2], i), read_row(scene[3], i)
+    return length_between(middle, middle_of(c, d)) - half - 0.5 * length_between(c, d)
+
+
+@inlined
+def bound_distance(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
+    """Return a lower bound on the distance of an axis to the second body of a pair, from spheres around axes and meshes."""
+    if kind >= CYLINDER:
+        return _bound_solid(middle, scene[6], i, kind) - half
+    return _bound_body(middle, half, kind, i, scene, spheres)
+
+
+@compiled
 def rooms_batch(chain: Chain, bodies: Bodies, q: Array, margin: float, room: Array, which: Indices) -> None:
     """Write the least room at configurations and the index of its pair.
 
     Shapes and units: q (k, n) [rad, m], margin [m], room (k,) [m], which (k,).
     """
     (link, a, b, radius), scene, pairs = bodies
-    frame, places = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3))
+    frame, places, spheres = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 2, 3)), np.empty((link.shape[0], 4))
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         for m in range(link.shape[0]):
-            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = transform_point(frame, link[m], read_row(a, m))
-            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = transform_point(frame, link[m], read_row(b, m))
+            u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
+            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = u
+            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = v
+            spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
+            spheres[m, 3] = 0.5 * length_between(u, v)
         room[k], which[k] = np.inf, -1
         for p in range(pairs.shape[0]):
             m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
+            bound = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres)
+            if bound > 0.0 and bound - DISTANCE_ROUNDING - thick > room[k]:
+                continue
             found = find_nearest((m, i, kind), scene, places)[0] - thick
             if found < room[k]:
                 room[k], which[k] = found, p

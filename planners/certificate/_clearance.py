@@ -9,16 +9,16 @@ import numpy as np
 from optik import kinematics
 from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
-from optik.kinematics import Chain, Triple
+from optik.kinematics import Chain
 from optik.scene.contact import (
-    BOX,
-    CYLINDER,
-    PLANE,
     ROUND,
     SELF,
     Bodies,
     Objects,
+    bound_distance,
     find_nearest,
+    length_between,
+    middle_of,
     read_row,
     transform_point,
 )
@@ -34,17 +34,6 @@ velocity (m, 2, n + 1, 3) at its middle [m/s], and bounds on displacement and ac
 SearchOptions = tuple[float, float, float, float, int]
 """Margin to the scene [m]; fraction of the least distance found, and distance [m], within which a bound is close enough;
 shortest half interval [s]; largest number of intervals."""
-
-
-@inlined
-def _middle(a: Triple, b: Triple) -> Triple:
-    return 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-
-
-@inlined
-def _length(a: Triple, b: Triple) -> float:
-    x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    return sqrt(x * x + y * y + z * z)
 
 
 @inlined
@@ -97,8 +86,8 @@ def _locate_capsule(
     _locate_end(chain, frame, axes[0][k], axes[1][k], joint, 0, moved, k)
     _locate_end(chain, frame, axes[0][k], axes[2][k], joint, 1, moved, k)
     a, b = read_row(moved[0][k], 0), read_row(moved[0][k], 1)
-    spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
-    spheres[k, 3] = 0.5 * _length(a, b)
+    spheres[k, 0], spheres[k, 1], spheres[k, 2] = middle_of(a, b)
+    spheres[k, 3] = 0.5 * length_between(a, b)
 
 
 @compiled
@@ -133,40 +122,6 @@ def _bound_joints(
                     factor *= h / (m + 1)
                 joint[1 + i, j] = min(joint[1 + i, j], total)
     return h, smooth
-
-
-@compiled
-def _solid_distance(middle: Triple, solids: Array, i: int, kind: int) -> float:
-    """Return a lower bound on the distance of a point from a cylinder or a mesh."""
-    if kind == CYLINDER:
-        x, y, z = middle[0] - solids[i, 3], middle[1] - solids[i, 7], middle[2] - solids[i, 11]
-        u = solids[i, 0] * x + solids[i, 4] * y + solids[i, 8] * z
-        v = solids[i, 1] * x + solids[i, 5] * y + solids[i, 9] * z
-        w = max(abs(solids[i, 2] * x + solids[i, 6] * y + solids[i, 10] * z) - solids[i, 17], 0.0)
-        out = max(sqrt(u * u + v * v) - solids[i, 16], 0.0)
-        return sqrt(out * out + w * w)
-    last = solids.shape[0] - 1 - i
-    return _length(middle, (solids[last, 6], solids[last, 7], solids[last, 8])) - float(solids[last, 9])
-
-
-@inlined
-def _sphere_distance(middle: Triple, half: float, kind: int, i: int, scene: Objects, spheres: Array) -> float:
-    """Return a lower bound on the distance of an axis to the second body of a pair but solids, from spheres around axes."""
-    if kind == BOX:
-        T, edges = scene[0], scene[1]
-        x, y, z = middle[0] - T[i, 0, 3], middle[1] - T[i, 1, 3], middle[2] - T[i, 2, 3]
-        u = max(abs(T[i, 0, 0] * x + T[i, 1, 0] * y + T[i, 2, 0] * z) - edges[i, 0], 0.0)
-        v = max(abs(T[i, 0, 1] * x + T[i, 1, 1] * y + T[i, 2, 1] * z) - edges[i, 1], 0.0)
-        w = max(abs(T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - edges[i, 2], 0.0)
-        return sqrt(u * u + v * v + w * w) - half
-    if kind == PLANE:
-        plane = scene[5]
-        x, y, z = middle[0] - plane[i, 0], middle[1] - plane[i, 1], middle[2] - plane[i, 2]
-        return float(x * plane[i, 3] + y * plane[i, 4] + z * plane[i, 5] - half)
-    if kind == SELF:
-        return float(_length(middle, read_row(spheres, i)) - half - spheres[i, 3])
-    c, d = read_row(scene[2], i), read_row(scene[3], i)
-    return _length(middle, _middle(c, d)) - half - 0.5 * _length(c, d)
 
 
 @inlined
@@ -244,7 +199,7 @@ def _judge_level(
     Returns start and number (k, 2) of the remaining pairs of each interval.
     """
     (link, ends_a, ends_b, radius), scene, pairs = bodies
-    count, n, solids = link.shape[0], chain[1].shape[0], scene[6]
+    count, n = link.shape[0], chain[1].shape[0]
     away = np.empty((count, 2, n + 1))
     moved = (np.empty((count, 2, 3)), np.empty((count, 2, n + 1, 3)), away, np.empty_like(away))
     frame, D, joint, spheres = np.empty((n, 4, 4)), np.empty((1, 6, n)), np.empty((4, n)), np.empty((count, 4))
@@ -270,12 +225,7 @@ def _judge_level(
                 elif kind == ROUND:
                     thick += scene[4][i]
                 shift = max(away[k, 0, base], away[k, 1, base])
-                if kind >= CYLINDER:
-                    rough = _solid_distance(read_row(spheres, k), solids, i, kind) - spheres[k, 3] - shift - thick
-                else:
-                    rough = (
-                        _sphere_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
-                    )
+                rough = bound_distance(read_row(spheres, k), spheres[k, 3], kind, i, scene, spheres) - shift - thick
                 if rough < _target(least[own, 0], own, wanted):
                     before, interval = least[own, 0], (0.5 * (nodes[0][node, 0] + nodes[0][node, 1]), h, smooth)
                     judged = _judge((k, i, kind, base), thick, scene, moved, shift, interval, least[own])

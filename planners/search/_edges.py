@@ -25,11 +25,13 @@ from optik.scene.contact import (
     Objects,
     find_nearest,
     find_pairs,
+    length_between,
+    middle_of,
     read_row,
     transform_point,
 )
 from optik.types import Array, Indices
-from planners.certificate._clearance import EndMotion, _length, _locate_capsule, _middle
+from planners.certificate._clearance import EndMotion, _locate_capsule
 
 Body = tuple[Chain, Capsules, Objects, Indices, Array, Array]
 """An arm, its capsules, and a scene; the checked pairs (k, 4): capsule, number of the second body, its kind, and its row among
@@ -115,7 +117,7 @@ def _rough_distance(spheres: Array, boxes: Array, k: int, i: int, kind: int, row
     """Return a lower bound on the distance of axis k from the second body of a pair, from spheres and boxes around them."""
     middle = read_row(spheres, k)
     if kind == SELF:
-        return _length(middle, read_row(spheres, i)) - float(spheres[k, 3] + spheres[i, 3])
+        return length_between(middle, read_row(spheres, i)) - float(spheres[k, 3] + spheres[i, 3])
     return _distance_from_box(boxes, row, middle) - float(spheres[k, 3])
 
 
@@ -133,8 +135,8 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
         b = transform_point(frame, link[k], read_row(ends_b, k))
         places[k, 0, 0], places[k, 0, 1], places[k, 0, 2] = a
         places[k, 1, 0], places[k, 1, 1], places[k, 1, 2] = b
-        spheres[k, 0], spheres[k, 1], spheres[k, 2] = _middle(a, b)
-        spheres[k, 3] = 0.5 * _length(a, b)
+        spheres[k, 0], spheres[k, 1], spheres[k, 2] = middle_of(a, b)
+        spheres[k, 3] = 0.5 * length_between(a, b)
     for p in range(pairs.shape[0]):
         k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
         if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p]:

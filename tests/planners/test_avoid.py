@@ -16,7 +16,7 @@ from planners.cell.view._data import describe_show
 from planners.cell.view.show import show_motion
 from planners.timing._free import avoid
 from planners.timing._free.choose import Choice, JointChoice
-from planners.timing._free.clearances import ClearanceLimits, bodies_of, pair_rooms
+from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.timing._free.programme import FreeProgramme
 from planners.timing.optimal import Optimal
 from tests.planners.contacts import REST, drawn, panda, pose
@@ -66,6 +66,23 @@ def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_diffe
             np.testing.assert_allclose(slope[..., j][outside], change[outside], atol=2e-6)
             seen += int((outside & (np.abs(change) > 1e-3)).sum())
     assert seen > 2000
+
+
+def test_near_pairs_are_those_below_the_bound_from_step_to_step() -> None:
+    robot, rng, seen = panda(), np.random.default_rng(5), 0
+    for _ in range(30):
+        scene = drawn(rng)
+        bodies, q, pairs = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (4, 7)), NearPairs(robot, scene, 4)
+        slots = np.tile(np.arange(len(bodies[2])), (4, 1))
+        room = np.empty(slots.shape)
+        for size, within in ((0.0, 0.1), (0.02, 0.1), (0.05, 0.05), (1.0, 0.02), (0.02, np.inf)):
+            q = q + size * rng.normal(size=q.shape)
+            pair_rooms(robot.chain, bodies, q, scene.margin, slots, room, np.empty((0, 0, 0)))
+            k, pair, rooms = pairs.find(q, within)
+            np.testing.assert_array_equal(np.argwhere(room < within), np.column_stack([k, pair]))
+            np.testing.assert_array_equal(room[k, pair], rooms)
+            seen += k.size if within < np.inf else 0
+    assert seen > 500
 
 
 @pytest.mark.parametrize("kind", ["joints", "elbow"])

@@ -9,12 +9,13 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
+from optik.scene.contact import find_pairs
 from optik.types import Array, Indices
 from planners.paths._spline import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.timing._free.choose import Choice, FreedomResult, P, report
-from planners.timing._free.clearances import ClearanceLimits, bodies_of, pair_rooms
+from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.timing._free.columns import joint_changes
 from planners.timing._free.programme import FreeProgramme
 from planners.timing._free.solve import solve
@@ -48,18 +49,21 @@ def push_out(choice: Choice, scene: Scene, p: Array, near: Array) -> tuple[Array
     """
     robot, programme, bodies = choice.robot, choice.programme, bodies_of(choice.robot, scene)
     basis, free, K, D = choice.parts[0], programme.window.free, programme.K, programme.D
-    every = np.tile(np.arange(len(bodies[2])), (K + 1, 1))
-    room, slope = np.empty(every.shape), np.empty((*every.shape, robot.n))
+    pairs = NearPairs(robot, scene, K + 1)
     for _ in range(PUSHES):
         place = programme.place(p, near)
         if place is None:
             return None
         near = place.path
-        pair_rooms(robot.chain, bodies, near[0], scene.margin, every, room, slope)
-        if (room > 0.0).all() and robot.limits.contains(near[0]).all():
+        k, pair, rooms = pairs.find(near[0], PUSH_ROOM)
+        if (rooms > 0.0).all() and robot.limits.contains(near[0]).all():
             return p, near
-        k, pair = np.nonzero(room < PUSH_ROOM)
-        missing, rows = PUSH_ROOM - room[k, pair], slope[k, pair]
+        slot = np.arange(k.size) - np.searchsorted(k, k)
+        slots = np.full((K + 1, int(slot.max(initial=-1)) + 1), -1)
+        slots[k, slot] = pair
+        room, slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
+        pair_rooms(robot.chain, bodies, near[0], scene.margin, slots, room, slope)
+        missing, rows = PUSH_ROOM - rooms, slope[k, slot]
         over = np.maximum(near[0] - robot.limits.upper, 0.0) - np.maximum(robot.limits.lower - near[0], 0.0)
         outside = np.nonzero(over)
         missing = np.concatenate([missing, -over[outside]])
@@ -84,8 +88,8 @@ class Cuts:
     """The least rooms that are required of pairs at grid points: table (K + 1, pairs) [m], NaN where none is."""
 
     def __init__(self, robot: Robot, scene: Scene, q: Array) -> None:
-        self._robot, self._scene, self._bodies = robot, scene, bodies_of(robot, scene)
-        self.initial = self.rooms(q)
+        self._robot, self._scene, self._count = robot, scene, len(find_pairs(robot, scene).bodies)
+        self.initial = self.rooms(q, NEAR_ROOM)
         self.table = np.full(self.initial.shape, np.nan)
         self.share = np.full(self.initial.shape, OF_INITIAL)
         count = min(NEAREST_PAIRS, self.initial.shape[1])
@@ -93,13 +97,12 @@ class Cuts:
         near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM
         np.put_along_axis(self.table, nearest, np.where(near, REQUIRED_ROOM, np.nan), axis=1)
 
-    def rooms(self, q: Array) -> Array:
-        """Return the rooms of all pairs at configurations (k, pairs) [m]."""
-        count = len(self._bodies[2])
-        slots, room = np.tile(np.arange(count), (len(q), 1)), np.empty((len(q), count))
-        margin = self._scene.margin
-        pair_rooms(self._robot.chain, self._bodies, np.ascontiguousarray(q), margin, slots, room, np.empty((0, 0, 0)))
-        return room
+    def rooms(self, q: Array, within: float) -> Array:
+        """Return the rooms of all pairs at configurations (k, pairs) that are below a bound [m], and infinity for others."""
+        found = np.full((len(q), self._count), np.inf)
+        k, pair, room = NearPairs(self._robot, self._scene, len(q)).find(q, within)
+        found[k, pair] = room
+        return found
 
     def limits(self, choice: Choice) -> ClearanceLimits:
         """Return the limits of all grid points but the ends that are given."""
@@ -117,7 +120,7 @@ class Cuts:
 
     def add_touched(self, q: Array) -> bool:
         """Add the pairs without room among configurations, several in each interval; return whether there are any."""
-        at, pairs = np.nonzero(self.rooms(q) < TOUCHING_ROOM)
+        at, pairs, _rooms = NearPairs(self._robot, self._scene, len(q)).find(q, TOUCHING_ROOM)
         inside = (at > 0) & (at < len(q) - 1)
         self._add(
             np.concatenate([at[inside] // EXAMINED_BETWEEN, -(-at[inside] // EXAMINED_BETWEEN)]),
@@ -127,7 +130,7 @@ class Cuts:
 
     def add_failed(self, q: Array, s: float, grid: Array) -> None:
         """Add the pair with the least room at a configuration, around its place s on the grid."""
-        pair, k = int(self.rooms(q[None])[0].argmin()), int(np.searchsorted(grid, s))
+        pair, k = int(self.rooms(q[None], np.inf)[0].argmin()), int(np.searchsorted(grid, s))
         around = np.unique(np.clip(np.arange(k - 2, k + 2), 0, len(grid) - 1))
         self._add(around, np.full(around.size, pair))
 

@@ -9,7 +9,18 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.kinematics import Chain
 from optik.scene import Scene
-from optik.scene.contact import ROUND, SELF, Bodies, find_nearest, find_pairs, read_row, transform_point
+from optik.scene.contact import (
+    ROUND,
+    SELF,
+    Bodies,
+    bound_distance,
+    find_nearest,
+    find_pairs,
+    length_between,
+    middle_of,
+    read_row,
+    transform_point,
+)
 from optik.types import Array, Flags, Indices
 from planners.paths._spline import DEGREE, Basis
 from planners.timing._free.programme import Place, Statics
@@ -20,17 +31,38 @@ FREE_ROOM = 1e3
 """Room [m] of what is not limited."""
 SLOT_ROOM = 0.03
 """Room [m] below which a pair is limited."""
-MOST_MEASURED = 0.3
-"""Fraction of the pairs that are near the others' last rooms above which all are measured anew."""
 NO_DIRECTION = 1e-12
 """Distance of axes [m] below which nothing tells where to move."""
+
+
+class NearPairs:
+    """The pairs of shapes with little room at each of some configurations, from one step of them to the next.
+
+    A lower bound on each room is known from the last time, and how far the ends of each capsule have moved since. A room is
+    computed where this bound, and one from a sphere around the capsule, do not suffice.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
+        self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
+        capsules, pairs = len(self._bodies[0][0]), len(self._bodies[2])
+        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.full((count, pairs), -np.inf)
+        size = count * pairs
+        self._found = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
+
+    def find(self, q: Array, within: float) -> tuple[Indices, Indices, Array]:
+        """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms."""
+        count = find_near(
+            self._chain, self._bodies, np.ascontiguousarray(q), self._margin, within, self._memory, self._found
+        )
+        k, pair, room = self._found
+        return k[:count].copy(), pair[:count].copy(), room[:count].copy()
 
 
 class ClearanceLimits(Statics):
     """The rooms of a few pairs at each grid point: those in `slots` (K + 1, S), indices of `find_pairs` or −1 for none.
 
-    required (K + 1, pairs) is the least room [m] of each pair, −infinity where it has none. No step ends where another pair has
-    less. Pairs that come near take the place of farther ones.
+    required (K + 1, pairs) is the least room [m] of each pair, below `SLOT_ROOM`, and −infinity where it has none. No step ends
+    where another pair has less. Pairs that come near take the place of farther ones.
     """
 
     bends = 0
@@ -38,60 +70,41 @@ class ClearanceLimits(Statics):
     def __init__(self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices, required: Array) -> None:
         self._robot, self._bodies, self._basis, self._free = robot, bodies_of(robot, scene), basis, free
         self._margin, self._slots, self._required, self.count = scene.margin, slots.copy(), required, slots.shape[1]
-        self._every = np.tile(np.arange(required.shape[1]), (len(required), 1))
-        self._rooms, self._slope = np.empty(required.shape), np.empty((*slots.shape, robot.n))
-        self._known, self._q = np.full(required.shape, -np.inf), np.zeros((len(required), robot.n))
-        self._reach = find_reaches(robot)
-        self._at: Place | None = None  # the joints that the derivatives belong to
+        self._pairs = NearPairs(robot, scene, len(required))
+        self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
+        self._at: Place | None = None  # the joints that the rooms of the slots and their derivatives belong to
+        self._near: tuple[Place, Indices, Indices, Array] | None = None  # pairs without a slot that are near there
 
     def allows(self, place: Place) -> bool:
         """Return whether every pair keeps its room."""
-        self._measure(place.path[0])
-        bad = self._rooms < self._required
-        k, slot = np.nonzero(self._slots >= 0)
-        bad[k, self._slots[k, slot]] = False  # limited by its slack
-        return not bad.any()
-
-    def _measure(self, q: Array) -> None:
-        """Compute the rooms below `SLOT_ROOM`, and lower bounds on others: no joint moves a shape farther than its reach."""
-        least = self._known - (np.abs(q - self._q) @ self._reach)[:, None]
-        near = least < SLOT_ROOM
-        if near.sum() > MOST_MEASURED * near.size:
-            self._q, near = q.copy(), np.ones_like(near)
-        width = int(near.sum(axis=1).max())
-        order = np.argsort(~near, axis=1, kind="stable")[:, :width] if width < near.shape[1] else self._every
-        room = np.empty(order.shape)
-        pair_rooms(
-            self._robot.chain, self._bodies, q, self._margin, np.ascontiguousarray(order), room, np.empty((0, 0, 0))
-        )
-        self._rooms = least
-        np.put_along_axis(self._rooms, order, room, axis=1)
-        if near.all():
-            self._known = self._rooms.copy()
+        k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM)
+        other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
+        k, pair, room = k[other], pair[other], room[other]
+        self._near = place, k, pair, room
+        return not bool((room < self._required[k, pair]).any())
 
     def renew(self, place: Place) -> tuple[Indices, Indices]:
-        """Give slots to the pairs that came near, after `allows` at this place."""
-        near = (self._rooms < SLOT_ROOM) & np.isfinite(self._required)
-        k, slot = np.nonzero(self._slots >= 0)
-        near[k, self._slots[k, slot]] = False
+        """Give slots to the pairs that came near."""
+        if self._near is None or self._near[0] is not place:
+            self.allows(place)
+        if self._at is not place:
+            self.values(place)
+        assert self._near is not None
         changed = []
-        for point, pair in np.argwhere(near):
-            held = self._slots[point]
-            rooms = np.where(held < 0, np.inf, self._rooms[point, held])
-            at = int(rooms.argmax())
-            if rooms[at] > self._rooms[point, pair]:
-                held[at] = pair
-                changed.append((point, at))
+        for k, pair, room in zip(*self._near[1:], strict=True):
+            slot = int(self._room[k].argmax())
+            if self._room[k, slot] > room and np.isfinite(self._required[k, pair]):
+                self._slots[k, slot], self._room[k, slot] = pair, room
+                changed.append((k, slot))
         found = np.unique(np.array(changed, np.int64).reshape(-1, 2), axis=0)
         return found[:, 0], found[:, 1]
 
     def values(self, place: Place) -> Array:
         """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
-        room, self._at = np.empty(self._slots.shape), place
-        pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, room, self._slope)
+        self._at = place
+        pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
         required = np.take_along_axis(self._required, np.maximum(self._slots, 0), axis=1)
-        room -= np.where(self._slots >= 0, required, 0.0)
-        x = np.minimum(room, FREE_ROOM)
+        x = np.minimum(self._room - np.where(self._slots >= 0, required, 0.0), FREE_ROOM)
         self._slope *= (
             -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]
         )
@@ -108,21 +121,6 @@ class ClearanceLimits(Statics):
         part = np.einsum("kb,ksd->ksbd", values, slope) * self._free[window][:, None]
         columns[:] = 0.0
         columns[:, :, : part.shape[2] * D] = part.reshape(*part.shape[:2], -1)
-
-
-def find_reaches(robot: Robot) -> Array:
-    """Return how far a unit of each joint moves a shape at most (n,) [m/rad, 1]."""
-    assert robot.shapes is not None
-    link, a, b, _radius = robot.shapes.capsules
-    lengths = np.linalg.norm(robot.fixed[:, :3, 3], axis=1)
-    span = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper))
-    lengths += np.where(robot.prismatic & np.isfinite(span), span, 0.0)
-    extents = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-    reach = np.ones(robot.n)
-    for j in np.flatnonzero(~robot.prismatic):
-        behind = [lengths[j + 1 : m].sum() + extent for m, extent in zip(link, extents, strict=True) if m > j]
-        reach[j] = max(behind, default=0.0)
-    return reach
 
 
 def bodies_of(robot: Robot, scene: Scene) -> Bodies:
@@ -171,3 +169,44 @@ def pair_rooms(
                 else:
                     d0, d1, d2 = x - frame[j, 0, 3], y - frame[j, 1, 3], z - frame[j, 2, 3]
                     slope[k, s, j] = u0 * (z1 * d2 - z2 * d1) + u1 * (z2 * d0 - z0 * d2) + u2 * (z0 * d1 - z1 * d0)
+
+
+@compiled
+def find_near(
+    chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
+    memory: tuple[Array, Array, Array], found: tuple[Indices, Indices, Array],
+) -> int:  # fmt: skip
+    """Find the pairs with less room than a bound, and return their number.
+
+    memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
+    each pair plus the way of its capsules until it was found (k, pairs) [m]. found (written): configurations, pairs, and rooms.
+
+    Shapes and units: q (k, n) [rad, m], margin, within [m].
+    """
+    (link, a, b, radius), scene, pairs = bodies
+    places, moved, known = memory
+    frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        at = places[k]
+        for m in range(link.shape[0]):
+            u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
+            moved[k, m] += max(length_between(read_row(at[m], 0), u), length_between(read_row(at[m], 1), v))
+            at[m, 0, 0], at[m, 0, 1], at[m, 0, 2] = u
+            at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
+            spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
+            spheres[m, 3] = 0.5 * length_between(u, v)
+        for p in range(pairs.shape[0]):
+            m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+            way = moved[k, m] + (moved[k, i] if kind == SELF else 0.0)
+            if known[k, p] - way >= within:
+                continue
+            thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
+            room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
+            if room < within:
+                room = find_nearest((m, i, kind), scene, at)[0] - thick
+            known[k, p] = room + way
+            if room < within:
+                found[0][count], found[1][count], found[2][count] = k, p, room
+                count += 1
+    return count
