@@ -6,18 +6,16 @@ import csv
 import io
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import polars as pl
+
+from benchmarks.blocks.columns import Cell as Cell
+from benchmarks.blocks.columns import Column as Column
 from benchmarks.records import slug
 from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number, p_value, ratio
-
-Cell = str | float | int | None | tuple[float, float, float]
-"""A value of a table: text, a number, None if there is none, or a value with the ends of its interval."""
-
-FIRST = "label"
-"""Key of the first column, of a method or law; the row has its colour."""
 
 LEAST_DIGITS, MOST_DIGITS = 2, 4
 """Significant digits of a value with an interval."""
@@ -28,37 +26,6 @@ DECIMALS_OF_SHARES = 3
 
 LOOKS = {"met": "good", "missed (a goal)": "partly", "missed": "bad"}
 """Look of each verdict of a target on the page, by its first words."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table: the key of its values in the rows, its heading, and the look of its values."""
-
-    key: str
-    words: str
-    unit: str = ""
-    """Of its values; empty for text, counts and ratios."""
-    better: str = ""
-    """``more`` or ``less``, where one value is better than another; else empty."""
-    show: str = "number"
-    """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with as
-    many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or missed), or
-    ``mixed``: what the row's ``show`` says, else a share where its ``unit`` is %, else a number."""
-    aside: bool = False
-    """Whether the page shows it only on request: for columns that few readers ask for."""
-    among: str = ""
-    """Key of what a row must have (neither None nor empty) to be the best in this column; any row may where this is empty.
-    A motion that breaks a limit must not be called the shortest."""
-
-    @property
-    def is_text(self) -> bool:
-        """Whether its values are words, which stand at the left."""
-        return self.show in ("text", "verdict")
-
-    @property
-    def head(self) -> str:
-        """The heading with the unit."""
-        return f"{self.words} [{self.unit}]" if self.unit else self.words
 
 
 @dataclass(frozen=True)
@@ -86,6 +53,18 @@ class Table:
         named = {column.key: replace(column, aside=False) for column in self.columns}
         order = dict.fromkeys(key for key in (self.columns[0].key, *keys) if key in named)
         return replace(self, columns=tuple(named[key] for key in order))
+
+
+Group = tuple[Mapping[str, Cell], pl.DataFrame | None]
+"""One row of a table: values that are given, and the rows of results from which all others are computed, if there are any."""
+
+
+def table_of(id: str, title: str, columns: Iterable[Column], groups: Iterable[Group], note: str = "") -> Table:
+    """Return a table with a row for each group of results."""
+    columns = tuple(columns)
+    computed = [(column.key, column.of) for column in columns if column.of is not None]
+    rows = [{**given, **({} if rows is None else {key: of(rows) for key, of in computed})} for given, rows in groups]
+    return Table(id, title, columns, tuple(rows), note)
 
 
 # ---------------------------------------------------------------- cells

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Annotated, Any, ClassVar
 from zlib import crc32
 
@@ -13,6 +12,7 @@ from pydantic import BeforeValidator
 
 from benchmarks.blocks._arms import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
+from benchmarks.blocks.columns import count, mean, median, quantile
 from benchmarks.peers._pinocchio import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from benchmarks.targets import Measure
@@ -29,30 +29,22 @@ from planners.curve import quintic_through
 from planners.trajectory import Trajectory
 
 
-def _share(says: str) -> Callable[[pl.DataFrame], float]:
-    return lambda rows: 100.0 * float((rows["says"] == says).to_numpy().mean())
+def says(word: str) -> pl.Expr:
+    """Say whether a method gave this judgement."""
+    return pl.col("says") == word
 
 
-def _quantile(share: float) -> Callable[[pl.DataFrame], float]:
-    return lambda rows: float(np.quantile(rows["ms"].to_numpy(), share))
-
-
-def _count(column: str) -> Callable[[pl.DataFrame], float]:
-    return lambda rows: float(rows[column].sum())
-
-
-def _per_second(rows: pl.DataFrame) -> float:
-    return float(np.median(rows["ms"].to_numpy() / rows["duration"].to_numpy()))
-
+PER_SECOND = pl.col("ms") / pl.col("duration")
+"""Time of a judgement per second of motion [ms/s]."""
 
 MEASURES = (
-    Measure("free", "%", _share("free"), "judged free"),
-    Measure("undecided", "%", _share("undecided"), "undecided"),
-    Measure("missed", "", _count("missed"), "missed contacts", show="count"),
-    Measure("false_contacts", "", _count("false_contact"), "false contacts", show="count"),
-    Measure("median_ms", "ms", _quantile(0.5), "median time of a motion"),
-    Measure("p99_ms", "ms", _quantile(0.99), "99th percentile of the time"),
-    Measure("median_ms_per_s", "ms/s", _per_second, "median time per second of motion"),
+    Measure("free", "%", mean(says("free"), 100.0), "judged free"),
+    Measure("undecided", "%", mean(says("undecided"), 100.0), "undecided"),
+    Measure("missed", "", count("missed"), "missed contacts", show="count"),
+    Measure("false_contacts", "", count("false_contact"), "false contacts", show="count"),
+    Measure("median_ms", "ms", quantile("ms", 0.5), "median time of a motion"),
+    Measure("p99_ms", "ms", quantile("ms", 0.99), "99th percentile of the time"),
+    Measure("median_ms_per_s", "ms/s", median(PER_SECOND), "median time per second of motion"),
 )
 """Measures that a target of such a block can name."""
 

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.timing.clearance import PROOF
+from benchmarks.blocks.columns import count, median, quantile, share
+from benchmarks.blocks.timing.clearance import PER_SECOND, PROOF, says
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, add_steps, axis, figure, interval, line
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
-from benchmarks.statistics import percentage, quantiles
-
-if TYPE_CHECKING:
-    from benchmarks.report.tables import Cell
+from benchmarks.report.tables import Column, Table, table_of
+from benchmarks.statistics import percentage
 
 TIME_TICKS = (0.1, 0.3, 1, 3, 10, 30, 100, 300)
 """Numbers on the axes of times [ms]."""
@@ -35,15 +33,15 @@ HOW = (
 
 CLEARANCE_COLUMNS = (
     Column("label", "Method", show="text"),
-    Column("missed", "missed contacts", "%", "less", "share"),
-    Column("count", "contacts", show="count"),
-    Column("free", "judged free", "%", "", "share"),
-    Column("undecided", "undecided", "%", "less", "share"),
-    Column("ms", "median time", "ms", "less"),
-    Column("ms_p99", "p99 time", "ms", "less"),
-    Column("per_second", "median per second of motion", "ms", "less"),
-    Column("samples", "median samples", show="count", aside=True),
-    Column("false_contacts", "false contacts", show="count", aside=True),
+    Column("missed", "missed contacts", "%", "less", "share", of=share("missed", among="contact")),
+    Column("count", "contacts", show="count", of=count("contact")),
+    Column("free", "judged free", "%", "", "share", of=share(says("free"))),
+    Column("undecided", "undecided", "%", "less", "share", of=share(says("undecided"))),
+    Column("ms", "median time", "ms", "less", of=quantile("ms", 0.5)),
+    Column("ms_p99", "p99 time", "ms", "less", of=quantile("ms", 0.99)),
+    Column("per_second", "median per second of motion", "ms", "less", of=median(PER_SECOND)),
+    Column("samples", "median samples", show="count", aside=True, of=median("samples")),
+    Column("false_contacts", "false contacts", show="count", aside=True, of=count("false_contact")),
 )
 """Columns of a table."""
 
@@ -82,26 +80,14 @@ def _by_method(b: BlockRows) -> list[tuple[str, pl.DataFrame]]:
 
 
 def _table(b: BlockRows) -> Table:
-    rows = []
-    for label, part in _by_method(b):
-        contacts, ms = int(part["contact"].sum()), part["ms"].to_numpy()
-        row: dict[str, Cell] = {
-            "label": label, "missed": percentage(int(part["missed"].sum()), contacts) if contacts else None, "count": contacts,
-            "free": percentage(int((part["says"] == "free").sum()), len(part)),
-            "undecided": percentage(int((part["says"] == "undecided").sum()), len(part)),
-            "per_second": float(np.median(ms / part["duration"].to_numpy())),
-            "false_contacts": int(part["false_contact"].sum()),
-        }  # fmt: skip
-        row |= dict(zip(("ms", "ms_p99"), quantiles(ms, (0.5, 0.99)), strict=True))
-        samples = part["samples"].drop_nulls().to_numpy()
-        rows.append(row | {"samples": float(np.median(samples)) if len(samples) else None})
+    groups = [({"label": label}, rows) for label, rows in _by_method(b)]
     note = (
         f"{b.rows['problem'].n_unique():,} motions of {b.block.robot}. Rates have Wilson's 95 % intervals. "
         "Collision-free motions take longest: sampling stops at the first contact."
         + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
-        + ("" if len(rows) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
+        + ("" if len(groups) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
     )
-    return Table(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, tuple(rows), note)
+    return table_of(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, groups, note)
 
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:

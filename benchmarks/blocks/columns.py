@@ -1,0 +1,116 @@
+"""Columns of a table: quantities of the rows of a block with their words, their unit and their computation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.statistics import median_interval, percentage, quantiles
+from optik.types import Array
+
+Cell = str | float | int | None | tuple[float, float, float]
+"""A value of a table: text, a number, None if there is none, or a value with the ends of its interval."""
+
+Of = Callable[[pl.DataFrame], Cell]
+"""Computation of a value from the rows of a group, such as those of one method."""
+
+What = str | pl.Expr
+"""A column of the rows, or an expression of some."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table: the key of its values in the rows, its heading, the look of its values, and their computation."""
+
+    key: str
+    words: str
+    unit: str = ""
+    """Of its values; empty for text, counts and ratios."""
+    better: str = ""
+    """``more`` or ``less``, where one value is better than another; else empty."""
+    show: str = "number"
+    """``number`` (three digits), ``precise`` (four), ``exact`` (seven), ``limit`` (a value over its limit: above 1 with as
+    many digits as show it), ``p`` (a p-value), ``count``, ``share`` (a percentage), ``text``, ``verdict`` (met or missed), or
+    ``mixed``: what the row's ``show`` says, else a share where its ``unit`` is %, else a number."""
+    aside: bool = False
+    """Whether the page shows it only on request: for columns that few readers ask for."""
+    among: str = ""
+    """Key of what a row must have (neither None nor empty) to be the best in this column; any row may where this is empty.
+    A motion that breaks a limit must not be called the shortest."""
+    of: Of | None = None
+    """From the rows of a group to its value; None where the value is given."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its values are words, which stand at the left."""
+        return self.show in ("text", "verdict")
+
+    @property
+    def head(self) -> str:
+        """The heading with the unit."""
+        return f"{self.words} [{self.unit}]" if self.unit else self.words
+
+
+# ---------------------------------------------------------------- computations
+
+
+def values_of(rows: pl.DataFrame, what: What) -> Array:
+    """Return the numbers of a column or an expression, without those that are missing."""
+    return rows.select(what).to_series().drop_nulls().cast(pl.Float64).to_numpy()
+
+
+def count_of(rows: pl.DataFrame, what: What) -> int:
+    """Return the number of rows at which a condition is true."""
+    return int(rows.select(what).to_series().cast(pl.Boolean).sum())
+
+
+def _statistic(compute: Callable[[Array], Any], what: What, scale: float, among: What | None) -> Of:
+    def of(rows: pl.DataFrame) -> float | None:
+        found = values_of(rows if among is None else rows.filter(among), what)
+        return scale * float(compute(found)) if len(found) else None
+
+    return of
+
+
+def median(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+    """Return the computation of the median; of no values it is None."""
+    return _statistic(np.median, what, scale, among)
+
+
+def mean(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+    """Return the computation of the mean; of no values it is None."""
+    return _statistic(np.mean, what, scale, among)
+
+
+def largest(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+    """Return the computation of the largest value; of no values it is None."""
+    return _statistic(np.max, what, scale, among)
+
+
+def quantile(what: What, level: float, *, among: What | None = None) -> Of:
+    """Return the computation of a quantile, which infinite values do not make NaN; of no values it is NaN."""
+    return lambda rows: quantiles(values_of(rows if among is None else rows.filter(among), what), (level,))[0]
+
+
+def median_with_interval(what: What) -> Of:
+    """Return the computation of the median with its bootstrap interval."""
+    return lambda rows: median_interval(values_of(rows, what))
+
+
+def count(what: What) -> Of:
+    """Return the computation of the number of rows at which a condition is true."""
+    return lambda rows: count_of(rows, what)
+
+
+def share(what: What, *, among: What | None = None) -> Of:
+    """Return the computation of the percentage of rows at which a condition is true, with Wilson's interval."""
+
+    def of(rows: pl.DataFrame) -> Cell:
+        chosen = rows if among is None else rows.filter(among)
+        return percentage(count_of(chosen, what), len(chosen)) if len(chosen) else None
+
+    return of
