@@ -22,9 +22,11 @@ from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import load_report
 from benchmarks.report.boards import strict
+from benchmarks.report.figures import figure
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans import limitations
+from benchmarks.report.timing.plans.motion import add_friction
 from benchmarks.report.timing.plans.tables import (
     _limit_words,
     broken_limits,
@@ -136,8 +138,8 @@ def test_every_board_is_strict_json_with_finite_numbers(page: Page) -> None:
     figures = [a for a in page.all("figure") if "board" in a.get("class", "")]
     boards = boards_of(page)
     assert len(boards) == len(figures) > 0
-    for figure, plots in zip(figures, boards, strict=True):
-        assert all(isinstance(v, str) for v in json.loads(figure["data-state"], parse_constant=refuse).values())
+    for shown, plots in zip(figures, boards, strict=True):
+        assert all(isinstance(v, str) for v in json.loads(shown["data-state"], parse_constant=refuse).values())
         assert all(plot["layout"]["meta"]["id"] in {a.get("id") for a in page.all("div")} for plot in plots)
         assert any(plot["data"] for plot in plots)
 
@@ -365,3 +367,15 @@ def test_limits_are_listed_joint_by_joint_with_repeats() -> None:
     assert _limit_words({"torque": [87.0, 87.0, 12.0]}).startswith("torque 87, 87, 12 ")
     assert _limit_words({"velocity": [2.0, 2.0]}).startswith("velocity 2 ")
     assert _limit_words({"velocity": [[-1.0, -1.0], [2.0, 2.0]]}).startswith("velocity -1 to 2 ")
+
+
+def test_coulomb_friction_is_drawn_either_way_only_where_a_joint_rests_or_reverses() -> None:
+    """At rest at 0 and 1, and a reversal between 7 and 8: there the torque can differ by the friction to either side."""
+    dq = np.array([0.0, 0.0, *np.ones(6), *-np.ones(4)])
+    torque = np.arange(12.0) + 2.0 * np.sign(dq)
+    rows = pl.DataFrame({"law": "l", "joint": "j", "t": np.arange(12.0), "dq": dq, "torque": torque, "coulomb": 2.0})
+    plot = figure("torque", "Torque", "t", "torque")
+    add_friction(plot, rows, ["j"])
+    (trace,) = plot.data
+    np.testing.assert_array_equal(trace.x, [0, 1, 2, 3, 3, 2, 1, 0, np.nan, 6, 7, 8, 9, 9, 8, 7, 6, np.nan])
+    np.testing.assert_array_equal(trace.y, [2, 3, 4, 5, 5, 0, -1, -2, np.nan, 8, 9, 10, 7, 7, 6, 5, 8, np.nan])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
+from scipy.ndimage import binary_dilation, label
 
 from benchmarks.blocks.timing.plans import LinePlans
 from benchmarks.report.boards import Board, Control
@@ -144,7 +145,7 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
             look = {"name": str(law), "line": {"color": run.colour(str(law))}}
             add(plot, trace, when, at={"law": [ALL_LAWS]}, look=look)
         if column == "torque":
-            _add_friction(plot, rows, joints)
+            add_friction(plot, rows, joints)
         _bands(plot, _limits(found, column, robot), column, joints)
         _whole_ranges(plot, rows, column, laws, joints)
         _time_ranges(plot, rows, laws)
@@ -164,18 +165,24 @@ def _joint_board(found: LinePlans, rows: pl.DataFrame, run: Run) -> Board:
     )  # fmt: skip
 
 
-def _add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
-    """Add the possible torques of Coulomb friction at each instant: an interval if a joint rests or reverses."""
+def add_friction(plot: Figure, rows: pl.DataFrame, joints: list[str]) -> None:
+    """Add the torques that Coulomb friction allows where a joint rests or reverses."""
     for (law, joint), part in rows.group_by("law", "joint", maintain_order=True):
         friction = float(part["coulomb"][0])
         if friction == 0.0:
             continue
-        t, moved = part["t"].to_numpy(), np.sign(part["dq"].to_numpy())
-        without = part["torque"].to_numpy() - friction * moved
-        around = np.concatenate([without + friction, (without - friction)[::-1]])
+        t, torque, moved = part["t"].to_numpy(), part["torque"].to_numpy(), np.sign(part["dq"].to_numpy())
+        change = np.diff(moved) != 0.0
+        either = (moved == 0.0) | np.append(change, False) | np.append(False, change)
+        without, width = torque - friction * moved, friction * either
+        ends = np.where(either, without, torque)
+        of_run, count = label(binary_dilation(either))
+        runs = [np.flatnonzero(of_run == k) for k in range(1, count + 1)]
+        x = [[*t[run], *t[run[::-1]], np.nan] for run in runs]
+        y = [[*(ends + width)[run], *(ends - width)[run[::-1]], np.nan] for run in runs]
         trace = line(
-            np.concatenate([t, t[::-1]]), around, name="Coulomb friction either way", fill="toself",
-            hoverinfo="skip", opacity=0.18, line={"color": colour(joints.index(str(joint))), "width": 0},
+            np.concatenate([[], *x]), np.concatenate([[], *y]), name="Coulomb friction either way", fill="toself",
+            hoverinfo="skip", opacity=0.3, line={"color": colour(joints.index(str(joint))), "width": 0},
             fillcolor=colour(joints.index(str(joint))),
         )  # fmt: skip
         add(plot, trace, {"law": [str(law)], "joint": [str(joint)]})
