@@ -18,8 +18,11 @@ Cell = str | float | int | None | tuple[float, float, float]
 Of = Callable[[pl.DataFrame], Cell]
 """Computation of a value from the rows of a group, such as those of one method."""
 
-What = str | pl.Expr
-"""A column of the rows, or an expression of some."""
+Condition = str | pl.Expr
+"""A column of truth values, or an expression."""
+
+What = Condition | Callable[[pl.DataFrame], Array]
+"""Numbers of the rows: a column, an expression, or a function of the rows."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,17 @@ class Column:
 
 def values_of(rows: pl.DataFrame, what: What) -> Array:
     """Return the numbers of a column or an expression, without those that are missing."""
+    if callable(what):
+        return what(rows)
     return rows.select(what).to_series().drop_nulls().cast(pl.Float64).to_numpy()
 
 
-def count_of(rows: pl.DataFrame, what: What) -> int:
+def count_of(rows: pl.DataFrame, what: Condition) -> int:
     """Return the number of rows at which a condition is true."""
     return int(rows.select(what).to_series().cast(pl.Boolean).sum())
 
 
-def _statistic(compute: Callable[[Array], Any], what: What, scale: float, among: What | None) -> Of:
+def _statistic(compute: Callable[[Array], Any], what: What, scale: float, among: Condition | None) -> Of:
     def of(rows: pl.DataFrame) -> float | None:
         found = values_of(rows if among is None else rows.filter(among), what)
         return scale * float(compute(found)) if len(found) else None
@@ -76,22 +81,22 @@ def _statistic(compute: Callable[[Array], Any], what: What, scale: float, among:
     return of
 
 
-def median(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+def median(what: What, scale: float = 1.0, *, among: Condition | None = None) -> Of:
     """Return the computation of the median; of no values it is None."""
     return _statistic(np.median, what, scale, among)
 
 
-def mean(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+def mean(what: What, scale: float = 1.0, *, among: Condition | None = None) -> Of:
     """Return the computation of the mean; of no values it is None."""
     return _statistic(np.mean, what, scale, among)
 
 
-def largest(what: What, scale: float = 1.0, *, among: What | None = None) -> Of:
+def largest(what: What, scale: float = 1.0, *, among: Condition | None = None) -> Of:
     """Return the computation of the largest value; of no values it is None."""
     return _statistic(np.max, what, scale, among)
 
 
-def quantile(what: What, level: float, *, among: What | None = None) -> Of:
+def quantile(what: What, level: float, *, among: Condition | None = None) -> Of:
     """Return the computation of a quantile, which infinite values do not make NaN; of no values it is NaN."""
     return lambda rows: quantiles(values_of(rows if among is None else rows.filter(among), what), (level,))[0]
 
@@ -101,12 +106,12 @@ def median_with_interval(what: What) -> Of:
     return lambda rows: median_interval(values_of(rows, what))
 
 
-def count(what: What) -> Of:
+def count(what: Condition) -> Of:
     """Return the computation of the number of rows at which a condition is true."""
     return lambda rows: count_of(rows, what)
 
 
-def share(what: What, *, among: What | None = None) -> Of:
+def share(what: Condition, *, among: Condition | None = None) -> Of:
     """Return the computation of the percentage of rows at which a condition is true, with Wilson's interval."""
 
     def of(rows: pl.DataFrame) -> Cell:

@@ -424,7 +424,7 @@ def test_outcomes_claims_and_processor_time_are_shown_where_a_run_has_them(block
         cpu_ns=2 * pl.col("ns"),
     )
     found = table(CallRows(block.block, rows, block.folder, block.facts))
-    assert "false_claims" not in found["lm"]
+    assert found["lm"]["false_claims"] is None
     assert found["dls"]["false_claims"] == found["dls"]["failed"]
     assert (found["dls"]["raised"], found["dls"]["crashed"], found["lm"]["raised"]) == (COUNT, 0, 0)
     assert found["dls"]["cpu"] == pytest.approx(2.0)

@@ -6,29 +6,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import polars as pl
 
+from benchmarks.blocks.columns import Of, count, count_of, mean, median, quantile, share
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, SHIFT_US, CallRows, ratio_where_solved
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, solved_at
 from benchmarks.records import slug
 from benchmarks.report.numbers import listed
-from benchmarks.report.tables import Cell, Column, Table
-from benchmarks.statistics import (
-    holm,
-    is_too_few,
-    mcnemar,
-    percentage,
-    quantiles,
-    ratio_interval,
-    shifted_geometric_mean,
-    signed_rank,
-)
+from benchmarks.report.tables import Cell, Column, Group, Table, table_of
+from benchmarks.statistics import holm, is_too_few, mcnemar, ratio_interval, shifted_geometric_mean, signed_rank
 from optik.ik import Tolerance
 from optik.registry import short_name
-
-TAIL = (0.5, 0.95, 0.99, 1.0)
-"""Fractions of calls whose times are shown: median, p95, p99 and the longest."""
+from optik.types import Array
 
 TIME_BUDGETS_US = (10.0, 30.0, 100.0, 1e3, 1e4, 1e5)
 """Times within which a call must have its answer in the table of equal time [µs]: a control cycle has 1,000."""
@@ -42,8 +31,8 @@ PROBLEM_COUNT = Column("count", "problems", show="count")
 GIVEN = Column("given", "given the largest number of problems", show="text", aside=True)
 """Whether a method was given the largest number of problems; no value of the others is marked as the best of its column."""
 
-CellsOf = Callable[[str, pl.DataFrame], dict[str, Cell]]
-"""Function from the label and the rows of an entry to its cells."""
+FALSE_CLAIM = pl.col("claimed").fill_null(value=False) & ~pl.col("solved")
+"""Whether a method claims success for an answer that is none."""
 
 
 def block_tables(b: CallRows) -> list[Table]:
@@ -53,92 +42,90 @@ def block_tables(b: CallRows) -> list[Table]:
 
 
 def _table(
-    b: CallRows, ending: str, title: str, columns: Iterable[Column], cells: CellsOf, note: str,
-    *, parts: Mapping[str, pl.DataFrame] | None = None, absent: str = "",
+    b: CallRows, ending: str, title: str, columns: Iterable[Column], note: str,
+    *, given: Callable[[str], dict[str, Cell]] = lambda label: {}, parts: Mapping[str, pl.DataFrame] | None = None,
+    absent: str = "",
 ) -> Table:  # fmt: skip
     """Return a table with a row for each method, or the reason for its absence; the best is marked on equal problems."""
     first, *others = (replace(column, among=GIVEN.key) if column.better else column for column in columns)
     found = b.by_method if parts is None else parts
     counts = {label: part["problem"].n_unique() for label, part in found.items()}
     most = max(counts.values(), default=0)
-    rows: list[Mapping[str, Cell]] = []
+    groups: list[Group] = []
     for label in b.entries:
         row: dict[str, Cell] = {"label": label, first.key: b.why_not(label)[0] or absent}
         if label in found:
-            row = {"label": label, "count": counts[label], GIVEN.key: "yes" if counts[label] == most else ""}
-            row |= cells(label, found[label])
-        rows.append(row)
-    heading = f"{b.block.title}: {title}"
-    return Table(
-        f"speed-{slug(b.block.id)}{ending}", heading, (LABEL, PROBLEM_COUNT, first, *others, GIVEN), tuple(rows), note
-    )
+            row = given(label)
+            row |= {"label": label, "count": counts[label], GIVEN.key: "yes" if counts[label] == most else ""}
+        groups.append((row, found.get(label)))
+    columns = (LABEL, PROBLEM_COUNT, first, *others, GIVEN)
+    return table_of(f"speed-{slug(b.block.id)}{ending}", f"{b.block.title}: {title}", columns, groups, note)
+
+
+def _us(rows: pl.DataFrame) -> Array:
+    """Return the times of calls [µs]."""
+    return rows["ns"].to_numpy() / 1e3
+
+
+def _where_known(column: str, of: Of) -> Of:
+    """Return a computation whose value is None where a method says nothing about a column."""
+    return lambda part: None if part[column].is_null().all() else of(part)
+
+
+def _outcome(word: str) -> Of:
+    return count(pl.col("outcome") == word)
+
+
+false_claims = _where_known("claimed", count(FALSE_CLAIM))
+changed_input = count("changed_input")
+
+
+def first_round(part: pl.DataFrame) -> float:
+    """Return the first call over the median call, the median over the problems."""
+    return float(part["first_round"][0])
 
 
 def success_and_time(b: CallRows) -> Table:
     """Return the success rate, and the times of the calls that solved apart from those that did not."""
-    us = "µs"
+    us, no, reference = "µs", ~pl.col("solved"), b.block.reference
+    spread = median((pl.col("most_ns") - pl.col("least_ns")) / pl.col("ns"), 100.0)
     columns = (
-        Column("solved", "solved", "%", "more", "share"),
-        Column("median", "median time, solved", us, "less"),
-        Column("p95", "p95, solved", us, "less"),
-        Column("p99", "p99, solved", us, "less"),
-        Column("failed_median", "median time, not solved", us),
-        Column("ratio", f"time ratio to {b.block.reference}, solved by both", "", "less"),
-        Column("false_claims", "false success claims", "", "less", "count"),
-        Column("max", "longest, solved", us, "less", aside=True),
-        Column("failed", "not solved", show="count", aside=True),
-        Column("failed_p95", "p95, not solved", us, aside=True),
-        Column("failed_p99", "p99, not solved", us, aside=True),
-        Column("failed_max", "longest, not solved", us, aside=True),
-        Column("mean", "mean time, all", us, aside=True),
-        Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, aside=True),
-        Column("cpu", "CPU time / wall time, all", "", "less", aside=True),
-        *(Column(key, words, show="count", aside=True) for key, words in (("none", "no answer"), ("raised", "raised"))),
-        *(Column(key, key, show="count", aside=True) for key in ("crashed", "refused")),
-        Column("iterations", "mean iterations", aside=True),
-        Column("restarts", "mean restarts", aside=True),
-        Column("noise", "spread between rounds, median", "%", aside=True),
-        Column("first_round", "first call / median call, median over problems", aside=True),
-        Column("changed_input", "changed input", "", "less", "count", aside=True),
+        Column("solved", "solved", "%", "more", "share", of=share("solved")),
+        Column("median", "median time, solved", us, "less", of=quantile(_us, 0.5, among="solved")),
+        Column("p95", "p95, solved", us, "less", of=quantile(_us, 0.95, among="solved")),
+        Column("p99", "p99, solved", us, "less", of=quantile(_us, 0.99, among="solved")),
+        Column("failed_median", "median time, not solved", us, of=quantile(_us, 0.5, among=no)),
+        Column("ratio", f"time ratio to {reference}, solved by both", "", "less",
+               of=lambda part: ratio_where_solved(b.rows, str(part["method"][0]), reference)),
+        Column("false_claims", "false success claims", "", "less", "count", of=false_claims),
+        Column("max", "longest, solved", us, "less", aside=True, of=quantile(_us, 1.0, among="solved")),
+        Column("failed", "not solved", show="count", aside=True, of=count(no)),
+        Column("failed_p95", "p95, not solved", us, aside=True, of=quantile(_us, 0.95, among=no)),
+        Column("failed_p99", "p99, not solved", us, aside=True, of=quantile(_us, 0.99, among=no)),
+        Column("failed_max", "longest, not solved", us, aside=True, of=quantile(_us, 1.0, among=no)),
+        Column("mean", "mean time, all", us, aside=True, of=mean(_us)),
+        Column("shifted", f"shifted geometric mean, all (shift {SHIFT_US:g} µs)", us, aside=True,
+               of=lambda part: shifted_geometric_mean(_us(part), SHIFT_US)),
+        Column("cpu", "CPU time / wall time, all", "", "less", aside=True,
+               of=_where_known("cpu_ns", lambda part: float(part["cpu_ns"].sum()) / float(part["ns"].sum()))),
+        Column("none", "no answer", show="count", aside=True, of=_outcome("none")),
+        *(Column(key, key, show="count", aside=True, of=_outcome(key)) for key in ("raised", "crashed", "refused")),
+        Column("iterations", "mean iterations", aside=True, of=mean("iterations")),
+        Column("restarts", "mean restarts", aside=True, of=mean("restarts")),
+        Column("noise", "spread between rounds, median", "%", aside=True,
+               of=lambda part: spread(part) if (part["most_ns"] != part["least_ns"]).any() else None),
+        Column("first_round", "first call / median call, median over problems", aside=True, of=first_round),
+        Column("changed_input", "changed input", "", "less", "count", aside=True, of=changed_input),
         Column("varies", "varies between runs with", show="text", aside=True),
         Column("build", "building", "ms", "less", aside=True),
-    )
-    return _table(
-        b, "", "success rate and time of a call", columns, lambda label, part: _success_cells(b, label, part), _note(b)
-    )
+    )  # fmt: skip
 
+    def given(label: str) -> dict[str, Cell]:
+        about = b.entries[label]
+        seconds = about.get("build_seconds")
+        return {"varies": _varies(about), "build": None if seconds is None else 1e3 * seconds}
 
-def _success_cells(b: CallRows, label: str, part: pl.DataFrame) -> dict[str, Cell]:
-    us, solved = part["ns"].to_numpy() / 1e3, part["solved"].to_numpy()
-    about = b.entries[label]
-    cells: dict[str, Cell] = {
-        "solved": percentage(int(solved.sum()), len(part)), "failed": int((~solved).sum()),
-        "ratio": ratio_where_solved(b.rows, label, b.block.reference), "mean": float(us.mean()),
-        "shifted": shifted_geometric_mean(us, SHIFT_US), "varies": _varies(about),
-        "build": 1e3 * about["build_seconds"] if "build_seconds" in about else None,
-    }  # fmt: skip
-    for prefix, times in (("", us[solved]), ("failed_", us[~solved])):
-        names = (f"{prefix}{name}" for name in ("median", "p95", "p99", "max"))
-        cells |= dict(zip(names, quantiles(times, TAIL), strict=True))
-    for column in ("iterations", "restarts"):
-        values = part[column].drop_nulls()
-        cells[column] = float(values.to_numpy().mean()) if len(values) else None
-    return cells | _conduct(part)
-
-
-def _conduct(part: pl.DataFrame) -> dict[str, Cell]:
-    """Return the reported successes, the endings and the side effects on inputs of all calls."""
-    endings = {word: int((part["outcome"] == word).sum()) for word in ("none", "raised", "crashed", "refused")}
-    first_round = float(part["first_round"][0])
-    cells: dict[str, Cell] = endings | {"changed_input": int(part["changed_input"].sum()), "first_round": first_round}
-    if not part["claimed"].is_null().all():
-        cells["false_claims"] = int((part["claimed"].fill_null(value=False) & ~part["solved"]).sum())
-    if not part["cpu_ns"].is_null().all():
-        cells["cpu"] = float(part["cpu_ns"].sum()) / float(part["ns"].sum())
-    if (part["most_ns"] != part["least_ns"]).any():
-        spread = (part["most_ns"] - part["least_ns"]) / part["ns"]
-        cells["noise"] = 100.0 * float(np.median(spread.to_numpy()))
-    return cells
+    return _table(b, "", "success rate and time of a call", columns, _note(b), given=given)
 
 
 def _varies(about: Mapping[str, Any]) -> str:
@@ -171,22 +158,19 @@ def _note(b: CallRows) -> str:
 
 def conspicuous(part: pl.DataFrame, varies: str) -> Iterable[str]:
     """Yield unexpected behaviour of a method that its times and rates alone do not show."""
-    cells = _conduct(part)
     for outcome, first in (("raised", ", first"), ("crashed", "")):
-        if cells[outcome]:
+        if number := _outcome(outcome)(part):
             reasons = part.filter(pl.col("outcome") == outcome)["error"].drop_nulls()
             reason = " ".join(reasons[0].split()) if len(reasons) else "no reason recorded"
-            yield f"{outcome} in {cells[outcome]:,} of {len(part):,} calls{first}: {reason}"
-    claimed = cells.get("false_claims")
-    if claimed:
-        far = int((part["claimed"].fill_null(value=False) & ~part.select(solved_at(JUDGED_AT[0])).to_series()).sum())
+            yield f"{outcome} in {number:,} of {len(part):,} calls{first}: {reason}"
+    if claimed := false_claims(part):
+        far = count_of(part, pl.col("claimed").fill_null(value=False) & ~solved_at(JUDGED_AT[0]))
         beyond = f"outside the limits or more than {level_name(JUDGED_AT[0])} m or rad off"
         yield f"claimed success for {claimed:,} wrong answers, {far:,} of them {beyond}"
-    if cells.get("changed_input"):
-        yield f"changed its input in {cells['changed_input']:,} calls; each call gets copies"
-    first_round = cells.get("first_round")
-    if isinstance(first_round, float) and first_round > FIRST_ROUND_FROM:
-        yield f"took {first_round:.1f} times as long in its first round (median over the problems): its time is that round's"
+    if changed := changed_input(part):
+        yield f"changed its input in {changed:,} calls; each call gets copies"
+    if (times := first_round(part)) > FIRST_ROUND_FROM:
+        yield f"took {times:.1f} times as long in its first round (median over the problems): its time is that round's"
     if varies:
         yield f"varies between runs with {varies}"
 
@@ -194,66 +178,73 @@ def conspicuous(part: pl.DataFrame, varies: str) -> Iterable[str]:
 def _within_time(b: CallRows) -> Table:
     """Return the fraction of problems solved by a call within each time budget."""
     words = {t: f"{t:g} µs" if t < 1e3 else f"{t / 1e3:g} ms" for t in TIME_BUDGETS_US}
-
-    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
-        us, solved = part["ns"].to_numpy() / 1e3, part["solved"].to_numpy()
-        return {f"us{t:g}": percentage(int((solved & (us <= t)).sum()), len(part)) for t in TIME_BUDGETS_US}
-
-    return _table(
-        b, "-time", "equal time",
-        [Column(f"us{t:g}", f"within {words[t]}", "%", "more", "share") for t in TIME_BUDGETS_US], cells,
+    columns = [
+        Column(
+            f"us{t:g}",
+            f"within {words[t]}",
+            "%",
+            "more",
+            "share",
+            of=share(pl.col("solved") & (pl.col("ns") <= 1e3 * t)),
+        )
+        for t in TIME_BUDGETS_US
+    ]
+    note = (
         "Percentage of all problems. All methods have default settings and do not know the time limit; later answers do not "
-        "count.",
-    )  # fmt: skip
+        "count."
+    )
+    return _table(b, "-time", "equal time", columns, note)
 
 
 def _at_tolerances(b: CallRows) -> Table:
     """Return the success rates at several tolerances, with the settings of each method."""
-    levels = {f"at{level_name(level)}": level for level in JUDGED_AT}
+    names = {level: level_name(level) for level in JUDGED_AT}
     columns = [
-        *(Column(key, f"within {key.removeprefix('at')} m and rad", "%", "more", "share") for key in levels),
-        Column("position", "median position error, solved", "m", "less"),
-        Column("rotation", "median rotation error, solved", "rad", "less"),
+        *(
+            Column(f"at{name}", f"within {name} m and rad", "%", "more", "share", of=share(solved_at(level)))
+            for level, name in names.items()
+        ),
+        Column(
+            "position", "median position error, solved", "m", "less", of=quantile("position_error", 0.5, among="solved")
+        ),
+        Column(
+            "rotation",
+            "median rotation error, solved",
+            "rad",
+            "less",
+            of=quantile("rotation_error", 0.5, among="solved"),
+        ),
         Column("settings", "set to", show="text"),
     ]
 
-    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
-        solved, words = part.filter("solved"), b.entries[label]["settings"]
-        if b.entries[label]["kind"] != "peer":
-            words = f"{words}; stops within {level_name(Tolerance().position)} m and rad"
-        within = {key: int(part.select(solved_at(level).sum()).item()) for key, level in levels.items()}
-        return {
-            **{key: percentage(count, len(part)) for key, count in within.items()},
-            "position": quantiles(solved["position_error"].to_numpy(), (0.5,))[0],
-            "rotation": quantiles(solved["rotation_error"].to_numpy(), (0.5,))[0],
-            "settings": words,
-        }
+    def given(label: str) -> dict[str, Cell]:
+        words, ours = b.entries[label]["settings"], b.entries[label]["kind"] != "peer"
+        stops = f"; stops within {level_name(Tolerance().position)} m and rad"
+        return {"settings": words + (stops if ours else "")}
 
-    return _table(
-        b, "-tolerance", "tolerances", columns, cells,
+    note = (
         "Judged by optik's forward kinematics inside the limits, not by a method's own claim. A method stops at its own "
-        "tolerance: the finest column shows what it reaches with these settings.",
-    )  # fmt: skip
+        "tolerance: the finest column shows what it reaches with these settings."
+    )
+    return _table(b, "-tolerance", "tolerances", columns, note, given=given)
 
 
 def _at_iterations(b: CallRows) -> Table | None:
     """Return the success rates of one attempt at each iteration limit."""
     if b.evaluations is None:
         return None
-    columns = [Column(f"n{n}", f"{n} iterations", "%", "more", "share") for n in b.block.evaluation_budgets]
+    columns = [
+        Column(f"n{n}", f"{n} iterations", "%", "more", "share", of=share("solved", among=pl.col("budget") == n))
+        for n in b.block.evaluation_budgets
+    ]
     parts = {str(label): part for (label,), part in b.evaluations.partition_by("method", as_dict=True).items()}
-
-    def cells(label: str, rows: pl.DataFrame) -> dict[str, Cell]:
-        return {f"n{n}": percentage(int(part["solved"].sum()), len(part)) for (n,), part in rows.group_by("budget")}
-
     note = (
         "One attempt from the given start, without restarts, stopped after this number of iterations. For most methods an "
         "iteration is one Jacobian and one step, for some a whole quadratic programme; a closed form has none. To compare "
         "speed, use the table of equal time."
     )
-    return _table(
-        b, "-iterations", "equal numbers of iterations", columns, cells, note, parts=parts, absent="no iteration limit"
-    )
+    title = "equal numbers of iterations"
+    return _table(b, "-iterations", title, columns, note, parts=parts, absent="no iteration limit")
 
 
 def _by_group(b: CallRows) -> Table | None:
@@ -261,17 +252,13 @@ def _by_group(b: CallRows) -> Table | None:
     groups = [str(group) for group in b.rows["group"].unique().sort()]
     if len(groups) < 2 or b.rows["solved"].all():
         return None
-
-    def cells(label: str, part: pl.DataFrame) -> dict[str, Cell]:
-        counts = {
-            str(g): (s, n) for g, s, n in part.group_by("group").agg(pl.col("solved").sum(), pl.len()).iter_rows()
-        }
-        return {f"g{i}": percentage(*counts[group]) if group in counts else None for i, group in enumerate(groups)}
-
     most = dict(b.rows.group_by("group", "method").len().group_by("group").agg(pl.col("len").max()).iter_rows())
-    columns = [Column(f"g{i}", f"{g} (n = {most[g]:,})", "%", "more", "share") for i, g in enumerate(groups)]
+    columns = [
+        Column(f"g{i}", f"{g} (n = {most[g]:,})", "%", "more", "share", of=share("solved", among=pl.col("group") == g))
+        for i, g in enumerate(groups)
+    ]
     note = "n: problems of the methods that were given all. Intervals are Wilson's, 95 %."
-    return _table(b, "-groups", "solved, by kind of problem", columns, cells, note)
+    return _table(b, "-groups", "solved, by kind of problem", columns, note)
 
 
 def _paired(b: CallRows) -> Table | None:
