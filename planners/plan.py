@@ -337,11 +337,10 @@ class _Planner:
         """Return a plan along a chosen path with the duration that is asked for, if it meets its via points."""
         if duration is not None and found:
             found = self._time(found.path, FollowResult(found.joint_path, None), duration)[0]
-        missed = found.path.find_missed() if isinstance(found.path, PointToPoint) else None
-        if missed is not None:
-            reason = f"the path misses the via point at s = {missed.s:.6g} by more than its tolerance"
+        if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
+            reason = f"the path misses the via point at s = {missed[0].s:.6g} by more than its tolerance"
             failure = PlanFailure(
-                PlanStatus.NOT_PROVED, missed.s, None, reason, "a wider tolerance, or via points farther apart"
+                PlanStatus.NOT_PROVED, missed[0].s, None, reason, "a wider tolerance, or via points farther apart"
             )
             found = self.request._fail(PlanStatus.NOT_PROVED, found.prefix, failure)
         return found

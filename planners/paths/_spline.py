@@ -12,6 +12,8 @@ from optik.types import Array, Indices
 
 DEGREE = 5
 """Degree of the splines: their fourth derivatives are continuous, so that the jerk of a motion along them is."""
+PASSED = 1e-13
+"""Largest distance from a value that a spline takes [as its unit]: rounding."""
 
 
 @compiled
@@ -126,4 +128,24 @@ class Spline:
         np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
         H = third.T @ third * self.end**5
         system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
-        return np.asarray(np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C])
+        found = np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C]
+        found[[0, -1]] = q[[0, -1]]  # to the last bit; `move_inside` removes the rounding error of the other values
+        return np.asarray(found)
+
+    def move_inside(self, s: Array, values: Array, p: Array, lower: Array, upper: Array) -> Array:
+        """Return control points (C, D) near p, inside bounds (D,), whose spline takes values (k, D) at s; both ends are kept.
+
+        A control point that leaves its range is put onto its bound, and the others take the rest by the least change. A value
+        is missed only where it needs control points outside.
+        """
+        basis, A, out = self.basis(s), np.zeros((s.size, self.count)), p.copy()
+        np.put_along_axis(A, basis.first[:, None] + np.arange(DEGREE + 1), basis.values[:, 0], axis=1)
+        if np.abs(rest := values - A @ out).max() > PASSED:
+            out[1:-1] += np.linalg.lstsq(A[:, 1:-1], rest, rcond=None)[0]
+        for j in range(p.shape[1]):
+            free = np.arange(1, self.count - 1)
+            while (inside := (out[free, j] >= lower[j]) & (out[free, j] <= upper[j])).sum() < free.size:
+                out[1:-1, j] = np.clip(out[1:-1, j], lower[j], upper[j])
+                free = free[inside]
+                out[free, j] += np.linalg.lstsq(A[:, free], values[:, j] - A @ out[:, j], rcond=None)[0]
+        return out

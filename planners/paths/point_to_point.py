@@ -25,8 +25,9 @@ from planners.paths._spline import DEGREE, Spline
 from planners.paths._waypoints import read_joint_waypoints
 from planners.paths.base import Path, fields
 
-SPANS_DIRECT, SPANS_PER_LEG = 4, 3
-"""Spans of the spline from start to goal, and between via points. More shorten motions by less than 0.1 %."""
+SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
+"""Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control
+points cannot stay inside the joint limits, more, so that no control point belongs to two via points."""
 BRANCH_DRAWS = 60
 """Random initial guesses for the configurations of a pose."""
 CONTINUING_STEPS = 20
@@ -133,12 +134,13 @@ class PointToPoint(Path):
             Via(float(at), x, se3.nearest_pose(pose), point.tolerance)
             for at, x, pose, point in zip(s[1:-1], q[1:-1], poses[:-1], given[:-1], strict=True)
         )
-        parts = SPANS_DIRECT if len(legs) == 1 else SPANS_PER_LEG
-        inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
-        self.spline = Spline(float(s[-1]), 0, inner)
-        self.coefficients: Array = self.spline.interpolate(s, q)
-        lower, upper = robot.limits.lower, robot.limits.upper
-        self.coefficients[1:-1] = np.clip(self.coefficients[1:-1], lower, upper)
+        for parts in (SPANS_DIRECT,) if len(legs) == 1 else SPANS_PER_LEG:
+            inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
+            self.spline = Spline(float(s[-1]), 0, inner)
+            first = self.spline.interpolate(s, q)
+            self.coefficients: Array = self.spline.move_inside(s, q, first, robot.limits.lower, robot.limits.upper)
+            if not self.list_missed():
+                break
 
     @classmethod
     def from_csv(cls, robot: Robot, file: str | os.PathLike[str]) -> Self:
@@ -263,18 +265,19 @@ class PointToPoint(Path):
         """
         return self._joints(s)
 
-    def find_missed(self) -> Via | None:
-        """Return the first via point that the path misses by more than its tolerance, or None."""
+    def list_missed(self) -> list[Via]:
+        """Return the via points that the path misses by more than their tolerance."""
+        missed = []
         for via in self.vias:
             q = self._joints(np.array([via.s]))[0, 0]
-            if via.tolerance is None:
-                if np.abs(q - via.q).max() > MISSED:
-                    return via
-                continue
-            e = se3.error(self.robot.fk(q)[None], via.pose[None])[0]
-            if np.linalg.norm(e[:3]) > via.tolerance.position or np.linalg.norm(e[3:]) > via.tolerance.rotation:
-                return via
-        return None
+            e, most = se3.error(self.robot.fk(q)[None], via.pose[None])[0], via.tolerance
+            exact = most is None and bool(np.abs(q - via.q).max() <= MISSED)
+            inside = (
+                most is not None and np.linalg.norm(e[:3]) <= most.position and np.linalg.norm(e[3:]) <= most.rotation
+            )
+            if not (exact or inside):
+                missed.append(via)
+        return missed
 
     def _joints(self, s: Array) -> Array:
         """Return configurations and their first three derivatives (k, 4, n)."""
@@ -372,10 +375,9 @@ class PointToPoint(Path):
         path.vias = tuple(_read_via(via, robot.n) for via in vias)
         if corners is not None:
             path.corners = read_numbers(corners, (len(np.atleast_1d(corners)), robot.n), "corners")
-        missed = path.find_missed()
-        if missed is not None:
+        if missed := path.list_missed():
             raise InvalidInput(
-                "coefficients", f"a path that misses the via point at s = {missed.s:.6g}", "one that passes it"
+                "coefficients", f"a path that misses the via point at s = {missed[0].s:.6g}", "one that passes it"
             )
         return path
 

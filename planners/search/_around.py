@@ -118,7 +118,7 @@ def find_first_path(path: PointToPoint, scene: Scene, search: str | os.PathLike[
 
 
 def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:
-    """Return a spline near the polylines of the legs that is free of contact at samples, with as few spans as that needs."""
+    """Return a spline near the polylines of the legs, through the via points and free at samples, with few spans."""
     corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     parts = max(SPANS_PER_EDGE, -(-FEWEST_SPANS // (len(s) - 1)))
@@ -127,6 +127,8 @@ def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointT
         rounded = path.along(legs, knots[1:-1])
         rounded = rounded.with_coefficients(pass_through(rounded, rounded.coefficients))
         touching = _find_touching(rounded, knots, scene)
+        missed = np.searchsorted(knots, [via.s for via in rounded.list_missed()])
+        touching[missed - 1] = True
         if not touching.any():
             break
         wide = binary_dilation(touching, iterations=HALVED_AROUND)

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import optik
+from optik import Scene, Shapes
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, load_motion, plan, save
 from planners.timing._free.choose import JointChoice
+from planners.timing._free.vias import pass_through
 from planners.timing.optimal import Optimal
 from tests import oracles
 
@@ -101,7 +103,55 @@ def test_a_via_configuration_is_passed_exactly(tight: bool) -> None:
         assert np.abs(q - one).max(axis=1).min() < 3.0 * limits.arrays(6)["velocity"].max() * (t[1] - t[0])
     path = found.path
     assert isinstance(path, PointToPoint)
-    assert path.find_missed() is None
+    assert not path.list_missed()
+
+
+@pytest.mark.parametrize("name", ["ur5e", "gen3lite", "irb910sc"])
+def test_via_points_anywhere_inside_the_limits_are_passed_by_the_first_path(name: str) -> None:
+    """Some interpolating splines leave the limits; then control points are put onto them and others take the rest."""
+    robot, outside = optik.load(name), 0
+    for seed in range(12):
+        rng = np.random.default_rng([8, seed])
+        q = robot.limits.sample(rng, 6)
+        q[2] = robot.limits.upper if seed == 0 else q[2]
+        path = PointToPoint(robot, q[0], *(ViaPoint(one) for one in q[1:5]), q[5])
+        assert not path.list_missed()
+        limits, p = robot.limits, path.coefficients
+        assert (p >= limits.lower).all()
+        assert (p <= limits.upper).all()
+        assert (p[[0, -1]] == q[[0, 5]]).all()
+        through = path.spline.interpolate(np.array([0.0, *(via.s for via in path.vias), path.end]), q)
+        outside += int(((through < limits.lower) | (through > limits.upper)).any())
+        moved = pass_through(path, np.concatenate([p[:1], p[1:-1] + rng.normal(size=p[1:-1].shape), p[-1:]]))
+        assert not path.with_coefficients(moved).list_missed()
+        assert (moved == limits.clip(moved)).all()
+    assert outside > 6
+
+
+@pytest.mark.parametrize(("timing", "avoid"), [("smooth", False), ("optimal", True), ("smooth", True)])
+def test_via_points_near_the_limits_are_passed_by_plans(timing: str, avoid: bool) -> None:
+    robot, rng = optik.load("gen3lite"), np.random.default_rng(9)
+    robot = robot.with_shapes(Shapes(((6, (0.0, 0.0, 0.0), 0.01),)))
+    q = robot.limits.middle + 0.97 * robot.limits.half * np.sign(rng.uniform(-1.0, 1.0, (4, 6)))
+    found = plan(
+        robot, PointToPoint(robot, *q), q[0], limits=LIMITS, timing=timing, scene=Scene(), avoid=avoid, allow="jerk"
+    )
+    assert found, found.failure
+    assert isinstance(found.path, PointToPoint)
+    assert not found.path.list_missed()
+
+
+def test_a_locked_joint_stays_and_the_others_are_chosen() -> None:
+    robot = optik.load("panda")
+    lower, upper = robot.limits.lower.copy(), robot.limits.upper.copy()
+    lower[2] = upper[2] = 0.3
+    robot = robot.with_limits(lower=lower, upper=upper)
+    start, goal = robot.limits.clip(HOME), robot.limits.clip(HOME + 0.8)
+    via = robot.limits.clip(HOME + np.array([0.5, -0.5, 0, 0.2, 0.3, 0.1, -0.5]))
+    found = plan(robot, PointToPoint(robot, start, ViaPoint(via, TOLERANCE), goal), limits=LIMITS)
+    assert found
+    assert found.freedom is not None
+    assert found.freedom.gain > 0.03
 
 
 @pytest.mark.parametrize("seed", range(3))

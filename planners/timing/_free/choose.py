@@ -240,6 +240,7 @@ class JointChoice(Choice):
         lower, upper = (np.tile(x, (len(self.p), 1)) for x in (robot.limits.lower, robot.limits.upper))
         self.bounds, free = Bounds(lower, upper), np.ones(self.p.shape, np.bool_)
         free[[0, -1]] = False
+        free[:, robot.limits.lower == robot.limits.upper] = False
         self.parts = path.spline.basis(s), free.ravel(), robot.n, None
         self.statics = (ViaLimits(robot, path, s),) if path.vias else ()
         self.programme = FreeProgramme(optimum.programme, *self.parts, *self.statics)

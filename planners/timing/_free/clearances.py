@@ -120,7 +120,7 @@ class ClearanceLimits(Statics):
         window = (first[:, None] + np.arange(DEGREE + 1))[:, :, None] * D + np.arange(D)
         part = np.einsum("kb,ksd->ksbd", values, slope) * self._free[window][:, None]
         columns[:] = 0.0
-        columns[:, :, : part.shape[2] * D] = part.reshape(*part.shape[:2], -1)
+        columns[:, :, : part.shape[2] * D] = part.reshape(*part.shape[:2], part.shape[2] * D)
 
 
 def bodies_of(robot: Robot, scene: Scene) -> Bodies:

@@ -8,7 +8,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
 from planners.paths._poses import skew_vector
-from planners.paths._spline import DEGREE
+from planners.paths._spline import DEGREE, PASSED
 from planners.paths.point_to_point import PointToPoint, Via
 from planners.timing._free.programme import Place, Statics
 
@@ -16,8 +16,8 @@ EXACT_WITHIN = 1e-6
 """Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the rest is projected away."""
 VIA_FRACTION = 0.999
 """Fraction of a via point's tolerance that its path may use; the error of the motion uses the remaining part."""
-PASSING_STEPS, PASSED = 10, 1e-13
-"""Most Newton steps onto the via points, and the largest distance of the joints that is left [rad, m]."""
+PASSING_STEPS = 10
+"""Most Newton steps onto the via points."""
 
 
 class ViaLimits(Statics):
@@ -28,6 +28,7 @@ class ViaLimits(Statics):
 
     def __init__(self, robot: Robot, path: PointToPoint, s: Array) -> None:
         self._robot, self._vias, self._size = robot, path.vias, s.size
+        self._moves = robot.limits.lower < robot.limits.upper  # a locked joint's control points are given
         at = np.array([via.s for via in path.vias])
         self._rows = np.clip(np.searchsorted(s, at, side="right") - 1, 0, s.size - 2)
         self._basis = path.spline.basis(at)
@@ -53,10 +54,10 @@ class ViaLimits(Statics):
                 if not 0 < point < len(p) - 1:  # start and goal are given
                     continue
                 at, weight = point * n - int(begin[row]), self._basis.values[i, 0, b]
-                columns[row, : len(slope), at : at + n] = weight * slope
+                columns[row, : len(slope), at : at + n] = weight * slope * self._moves
                 for part, factor in enumerate(bend):
                     force = np.sqrt(max(float(y[row, part]), 0.0))
-                    bends[row, 3 * part : 3 * part + 3, at : at + n] = force * weight * factor
+                    bends[row, 3 * part : 3 * part + 3, at : at + n] = force * weight * factor * self._moves
 
     def _limit(self, via: Via, q: Array) -> tuple[Array, Array, tuple[Array, ...]]:
         """Return the values of a via point, their derivatives in q (k, n), and factors (3, n) of their curvature."""
@@ -80,18 +81,20 @@ class ViaLimits(Statics):
 
 def pass_through(path: PointToPoint, p: Array) -> Array:
     """Return control points whose path passes all via points, by the least change of the inner ones."""
-    out = p.copy()
+    limits, out = path.robot.limits, p.copy()
+    out[1:-1] = limits.clip(out[1:-1])
     if not path.vias:
         return out
-    basis = path.spline.basis(np.array([via.s for via in path.vias]))
-    A = np.zeros((len(path.vias), len(p)))
-    np.put_along_axis(A, basis.first[:, None] + np.arange(DEGREE + 1), basis.values[:, 0], axis=1)
-    for _ in range(PASSING_STEPS):
-        q = A @ out
+    at = np.array([via.s for via in path.vias])
+    basis = path.spline.basis(at)
+    for step in range(PASSING_STEPS):
+        q = basis.combine(out)[:, 0]
         wanted = np.stack([_nearest_inside(path.robot, via, x) for via, x in zip(path.vias, q, strict=True)])
+        if step == PASSING_STEPS - 1:  # a pose that is not reached inside the limits: by its first configuration
+            wanted = np.where(np.abs(wanted - q).max(axis=1)[:, None] > PASSED, [via.q for via in path.vias], q)
         if np.abs(wanted - q).max() <= PASSED:
             break
-        out[1:-1] += np.linalg.lstsq(A[:, 1:-1], wanted - q, rcond=None)[0]
+        out = path.spline.move_inside(at, limits.clip(wanted), out, limits.lower, limits.upper)
     return out
 
 
