@@ -192,7 +192,6 @@ class Kind:
     name: ClassVar[str]  # also of its folder of rows in a run
     title: ClassVar[str]  # for people
     block: ClassVar[type[Block]]
-    measures: ClassVar[tuple[Measure, ...]] = ()  # that a target of its blocks may name
     compared: ClassVar[tuple[Compared, ...]] = ()  # on which two runs are compared
     read_as: ClassVar[type[BlockRows]] = BlockRows
     has_facts: ClassVar[bool] = False  # a file of facts on its blocks, besides their rows
@@ -288,7 +287,7 @@ class Kind:
         """Return the value of a target and the number of rows that it was computed on, or NaN and the reason for no value."""
         if rows is None:
             return float("nan"), "it was not run"
-        measure = measure_named(self.measures, target.measure, "measure")
+        measure = measure_named(self.block.measures, target.measure, "measure")
         wanted = [label for label in (target.method, target.to) if label]
         for label in wanted:
             if rows.filter(pl.col("method") == label).is_empty():
@@ -308,7 +307,7 @@ class Kind:
         rows = self.rows(folder, block) if block.targets else None
         return [
             Outcome(
-                block.id, block.title, target, measure_named(self.measures, target.measure, "measure"),
+                block.id, block.title, target, measure_named(self.block.measures, target.measure, "measure"),
                 *self.judge(rows, target),
             )
             for target in block.targets

@@ -9,7 +9,7 @@ import polars as pl
 
 from benchmarks.blocks.base import Compared, Kind, Part
 from benchmarks.blocks.cell import iso, laws, spots
-from benchmarks.blocks.cell.settings import ALL_MEASURES, ISO, LAWS, SPOTS, CellBlock, read_block
+from benchmarks.blocks.cell.settings import ISO, LAWS, SPOTS, CellBlock, read_block
 from benchmarks.blocks.cell.trials import check_drive, drive_name
 from benchmarks.records import RunFolder
 
@@ -23,7 +23,6 @@ class _Cell(Kind):
     name = "cell"
     title = "The executed cell"
     block = CellBlock
-    measures = ALL_MEASURES
     order = 45
     alone = False
     compared = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -141,7 +141,7 @@ OF_ISO = (
 MEASURES = {"spots": (*OF_SPOTS, *OF_EXECUTIONS), "iso": (*OF_ISO, *OF_EXECUTIONS), "laws": OF_EXECUTIONS}
 """Measures that a target of a block can name, by the type of motion."""
 
-ALL_MEASURES = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
+ALL_MEASURES: tuple[Measure, ...] = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
 """All measures, each once."""
 
 
@@ -194,6 +194,7 @@ class CellBlock(Block):
     """Motions of an arm that a simulated drive executes."""
 
     noun = "cell"
+    measures = ALL_MEASURES
 
     what: Annotated[str, one_of(SPOTS, ISO, LAWS)] = key(
         "What is executed: `spots` on graph paper, cycles of ISO 9283 (`iso`), or time `laws`."
@@ -238,7 +239,7 @@ class SpotsBlock(CellBlock, ProblemBlock):
     their own answer, or with ``along`` through their answers at each pose of the line.
     """
 
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES[SPOTS]
+    measures = MEASURES[SPOTS]
 
     methods: Annotated[tuple[Entry, ...], Entries(CellMethod)] = key("The IK methods.")
     budgets: Budgets = key("Iterations at which the methods are stopped, increasing.", (1, 2, 3, 5, 8, 12, 20))
@@ -266,7 +267,7 @@ class SpotsBlock(CellBlock, ProblemBlock):
 class IsoBlock(CellBlock):
     """Cycles through the five poses of ISO 9283 and along one line, with noise and without."""
 
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES[ISO]
+    measures = MEASURES[ISO]
 
     start_deg: Joints = key("Configuration at the centre of the cube, where the line begins.", unit="degrees, mm")
     move_m: Three = key("From the start of the line to its end, in the base frame.", PAPER_MOVE, "m")
@@ -289,7 +290,7 @@ def _told_all(laws: tuple[Entry, ...]) -> tuple[Entry, ...]:
 class LawsBlock(CellBlock):
     """Straight lines under several time laws, as the plant executes them."""
 
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES[LAWS]
+    measures = MEASURES[LAWS]
 
     start_deg: Joints = key("Start of all lines.", unit="degrees, mm")
     laws: Annotated[tuple[Entry, ...], Entries(Law), AfterValidator(_told_all)] = key("The time laws.")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -15,6 +15,7 @@ from benchmarks.blocks._entries import Method
 from benchmarks.blocks._problems import ProblemBlock, record_hash
 from benchmarks.blocks._seeds import reseed, trial_seed
 from benchmarks.blocks.base import Compared, Entry, Kind, Part, Work, chunks
+from benchmarks.blocks.columns import Of, largest, mean
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
@@ -55,28 +56,24 @@ ANSWER_TYPES: Mapping[str, Any] = {
 # ---------------------------------------------------------------- measures, on one row a method
 
 
-def _success(tolerance: float) -> Measure:
-    def compute(row: pl.DataFrame) -> tuple[float, float, float]:
-        return percentage(int(row[f"at {level_name(tolerance)}"].sum()), int(row["count"].sum()))
-
-    parts = ("share", "low", "high")
-    return Measure(f"success at {level_words(tolerance)}", "%", compute, parts=parts, show="share")
+def success_within(tolerance: float) -> Of:
+    """Return the computation of the percentage within a tolerance, with its Wilson 95 % interval."""
+    return lambda row: percentage(int(row[f"at {level_name(tolerance)}"].sum()), int(row["count"].sum()))
 
 
-def _quantiles(kind: str, scale: float) -> Callable[[pl.DataFrame], tuple[float, ...]]:
-    return lambda row: tuple(scale * float(row[f"{kind} {name}"][0]) for name in QUANTILES)
+def solved_a_second(row: pl.DataFrame) -> float:
+    """Return the problems solved a second and core."""
+    return float(row["at 1e-6"][0] / max(row["seconds"][0], 1e-9))
 
 
 MEASURES = (
-    *map(_success, JUDGED_AT),
-    Measure("position error", "mm", _quantiles("position", 1e3), parts=tuple(QUANTILES)),
-    Measure("rotation error", "rad", _quantiles("rotation", 1.0), parts=tuple(QUANTILES)),
-    Measure("mean iterations", "", lambda row: row["iterations"][0]),
-    Measure(
-        "solved_per_second", "1/s", lambda row: row["at 1e-6"][0] / max(row["seconds"][0], 1e-9), "solved per second and core"
-    ),
-    Measure("crashed", "", lambda row: row["crashed"][0], show="count"),
-)  # fmt: skip
+    *(Measure(f"success at {level_words(at)}", "%", success_within(at), show="share") for at in JUDGED_AT),
+    Measure("position error", "mm", largest("position median", 1e3)),
+    Measure("rotation error", "rad", largest("rotation median")),
+    Measure("mean iterations", "", mean("iterations")),
+    Measure("solved_per_second", "1/s", solved_a_second, "solved per second and core"),
+    Measure("crashed", "", largest("crashed"), show="count"),
+)
 """Measures that a target of recorded answers can name."""
 
 
@@ -138,7 +135,7 @@ class AnswersBlock(ProblemBlock):
     """One problem set on one robot, solved by some methods in batches, every answer recorded."""
 
     noun = "answers"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     count: Count = key("Number of problems, up to many millions.")
     part: Count = key("Number of problems in one part of the work.", ANSWERS_PART)
@@ -245,7 +242,6 @@ class _Answers(Kind):
     name = "answers"
     title = "Recorded answers"
     block = AnswersBlock
-    measures = MEASURES
     order = 15
     alone = False
     compared = (

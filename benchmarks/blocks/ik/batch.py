@@ -11,7 +11,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -138,7 +138,7 @@ class BatchBlock(ProblemBlock):
     """One problem set on one robot, solved as one batch with some numbers of threads."""
 
     noun = "batch"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     solver: SolverName = key("The IK method.")
     solver_options: Options = key("Options of the method.", {})
@@ -152,7 +152,6 @@ class _Batch(Kind):
     name = "batch"
     title = "Batches"
     block = BatchBlock
-    measures = MEASURES
     order = 30
     compared = (Compared("time of a batch", "s", "less", "seconds"),)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -16,12 +16,10 @@ from benchmarks.blocks._entries import BudgetedMethod
 from benchmarks.blocks._problems import ProblemBlock, need_problems, store_problems
 from benchmarks.blocks._seeds import reseed
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part, Work, chunks
-from benchmarks.blocks.ik.judgement import JUDGED_AT, level_words, rate, within
+from benchmarks.blocks.ik.judgement import JUDGED_AT, rate, within
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Budgets, Entries, Flag, key, naming
-from benchmarks.statistics import quantiles
-from benchmarks.targets import Measure
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import IKResult, IKStatus, make_solver
@@ -59,33 +57,6 @@ def succeeded(tolerance: float) -> pl.Expr:
 def success(rows: pl.DataFrame, tolerance: float) -> tuple[float, float, float]:
     """Return the percentage of successes and its Wilson 95 % interval."""
     return rate(rows, succeeded(tolerance))
-
-
-def _success_at(tolerance: float) -> Measure:
-    parts = ("share", "low", "high")
-    return Measure(
-        f"success at {level_words(tolerance)}", "%", lambda rows: success(rows, tolerance), parts=parts, show="share"
-    )
-
-
-def _quantiles(column: str, scale: float = 1.0) -> Callable[[pl.DataFrame], tuple[float, ...]]:
-    """Return a measure of the median and the 95th percentile of a column."""
-    return lambda rows: quantiles(scale * rows[column].to_numpy(), (0.5, 0.95))
-
-
-_P95 = ("median", "p95")
-"""Quantiles that a measure shows side by side."""
-
-MEASURES = (
-    *map(_success_at, SUCCESS_LEVELS),
-    Measure("position error", "mm", _quantiles("position_error", 1e3), parts=_P95),
-    Measure("rotation error", "°", _quantiles("rotation_error", PER_RADIAN), parts=_P95),
-    Measure(
-        "iterations, solved", "", lambda rows: _quantiles("iterations")(rows.filter(pl.col("status") == "solved")),
-        parts=_P95, show="count",
-    ),
-)  # fmt: skip
-"""Columns of the tables of methods."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +231,6 @@ class _Budgets(Kind):
     name = "budgets"
     title = "Methods"
     block = BudgetBlock
-    measures = MEASURES
     read_as = BudgetRows
     order = 10
     alone = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 import polars as pl
@@ -95,7 +95,7 @@ class CallBlock(ProblemBlock):
     """One problem set on one robot, every problem one timed call of every method and peer, in rounds."""
 
     noun = "speed block"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     rounds: Count = key("Timed rounds; the time of a problem is their median.", 3)
     methods: Annotated[tuple[Entry, ...], Entries(Method)] = key("Methods of ours; ratios are taken to the first.")
@@ -179,7 +179,6 @@ class _Calls(Kind):
     name = "calls"
     title = "Speed of one call"
     block = CallBlock
-    measures = MEASURES
     read_as = CallRows
     has_facts = True
     order = 20

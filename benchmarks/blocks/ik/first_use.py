@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -46,7 +46,7 @@ class FirstUse(Block):
 
     noun = "first_use"
     fixed = frozenset({"id", "title"})
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     id: str = "first-use"
     title: str = "First use"
@@ -68,7 +68,6 @@ class _FirstUse(Kind):
     name = "first_use"
     title = "First use"
     block = FirstUse
-    measures = MEASURES
     single = True
     order = 50
     compared = (Compared("time in a fresh process", "s", "less", "seconds"),)

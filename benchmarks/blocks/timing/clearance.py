@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 from zlib import crc32
 
 import numpy as np
@@ -70,7 +70,7 @@ class ClearanceBlock(Block):
     """Motions of an arm through a scene, judged by the proof and by sampling."""
 
     noun = "clearance"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     robot: RobotName = key("The arm: a name, or the path of a file; it must have shapes.")
     scene: SceneName = key("Scene: `shelf`, `table`, `plates`, or a file.")
@@ -278,7 +278,6 @@ class _Clearance(Kind):
     name = "clearance"
     title = "Contact between samples"
     block = ClearanceBlock
-    measures = MEASURES
     order = 65
     compared = (
         Compared("missed contacts", "%", "less", "missed", only="contact"),

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 from zlib import crc32
 
 import numpy as np
@@ -151,7 +151,7 @@ class FreedomBlock(Block):
     """Motions × limits, each along the initial path and with path and time together."""
 
     noun = "freedom block"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
@@ -304,7 +304,6 @@ class _Freedom(Kind):
     name = "freedom"
     title = "Path and time together"
     block = FreedomBlock
-    measures = MEASURES
     order = 62
     compared = (
         Compared("motions found", "%", "more", "solved", exact=True),

@@ -2,44 +2,42 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.ik.answers import solved_by_all
+from benchmarks.blocks.columns import largest, mean
+from benchmarks.blocks.ik.answers import solved_a_second, solved_by_all, success_within
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, axis, figure, line, log_axis
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
+from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.report.winners import most_solved, ranked
-from benchmarks.statistics import percentage
 from optik.registry import short_name
-
-if TYPE_CHECKING:
-    pass
 
 ANSWER_COLUMNS = (
     Column("label", "method", show="text"),
-    Column("count", "problems", show="count"),
+    Column("count", "problems", show="count", of=lambda row: int(row["count"][0])),
     *(
-        Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share")
-        for name in map(level_name, JUDGED_AT)
+        Column(f"at {name}", f"success within {name} m and rad", "%", "more", "share", of=success_within(level))
+        for level, name in zip(JUDGED_AT, map(level_name, JUDGED_AT), strict=True)
     ),
-    Column("position median", "median position error", "mm", "less"),
-    Column("position p99", "p99 position error", "mm", "less"),
-    Column("rotation median", "median rotation error", "rad", "less"),
-    Column("rotation p99", "p99 rotation error", "rad", "less"),
-    Column("iterations", "mean iterations", aside=True),
-    Column("restarts", "mean restarts", aside=True),
-    Column("rate", "solved per second and core", "1/s", "more"),
-    Column("crashed", "crashed", show="count", aside=True),
+    *(
+        Column(f"{kind} {name}", f"{name} {kind} error", unit, "less", of=largest(f"{kind} {name}", scale))
+        for kind, unit, scale in (("position", "mm", 1e3), ("rotation", "rad", 1.0))
+        for name in ("median", "p99")
+    ),
+    Column("iterations", "mean iterations", aside=True, of=mean("iterations")),
+    Column("restarts", "mean restarts", aside=True, of=mean("restarts")),
+    Column("rate", "solved per second and core", "1/s", "more", of=solved_a_second),
+    Column("crashed", "crashed", show="count", aside=True, of=lambda row: int(row["crashed"][0])),
 )
-"""Columns of the table of a block."""
+"""Columns of the table of a block, each of the sums over the answers of a method."""
 
 
 def _answers(run: Run) -> dict[str, Any] | None:
@@ -52,22 +50,14 @@ def _tables(run: Run) -> list[Table]:
     """Return a table for each block."""
     found = []
     for b in run.of("answers"):
-        rows = tuple(map(_cells, b.rows.iter_rows(named=True)))
+        groups = [({"label": str(label)}, row) for (label,), row in b.rows.group_by("method", maintain_order=True)]
         note = (
             f"{short_name(b.block.robot)}, {short_name(b.block.set).replace('_', ' ')}. An answer succeeds at a tolerance if "
             "both its errors, by optik's forward kinematics, are within it and every joint is inside its limits. The errors "
             "include those of failed answers. Solved: within 1e-6 m and rad. Intervals: Wilson, 95 %."
         )
-        found.append(Table(f"answers-{slug(b.block.id)}", b.block.title, ANSWER_COLUMNS, rows, note))
+        found.append(table_of(f"answers-{slug(b.block.id)}", b.block.title, ANSWER_COLUMNS, groups, note))
     return found
-
-
-def _cells(row: dict[str, Any]) -> dict[str, Any]:
-    """Return the table cells of one method."""
-    rates = {at: percentage(row[at], row["count"]) for at in (f"at {level_name(level)}" for level in JUDGED_AT)}
-    millimetres = {f"position {name}": 1e3 * row[f"position {name}"] for name in ("median", "p99")}
-    solved_a_second = row["at 1e-6"] / max(row["seconds"], 1e-9)
-    return row | rates | millimetres | {"label": row["method"], "rate": solved_a_second}
 
 
 def _winners(run: Run) -> list[Winner]:

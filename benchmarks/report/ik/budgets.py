@@ -7,7 +7,8 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks.ik.budgets import MEASURES, SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.blocks.columns import quantile, share
+from benchmarks.blocks.ik.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import UNTESTED
 from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
@@ -29,7 +30,7 @@ from benchmarks.report.ik.default import (
 from benchmarks.report.ik.maps import maps, picture, sheets_of
 from benchmarks.report.numbers import listed, percent
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
+from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.winners import most_solved
 from optik.registry import short_name
 
@@ -44,17 +45,31 @@ ENDINGS = {
 }
 """Ways in which a solve ends: in words, and the colour of each."""
 
+_MM, _DEGREES = pl.col("position_error") * 1e3, pl.col("rotation_error") * PER_RADIAN
+"""Errors [mm, °]."""
+
+_SOLVED = pl.col("status") == "solved"
+"""Whether a method ended with an answer within its tolerance."""
+
 METHOD_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("count", "targets", show="count"),
-    Column("fine", f"solved at {level_words(SUCCESS_LEVELS[-1])}", "%", "more", "share", among="ranked"),
-    Column("coarse", f"within {level_words(SUCCESS_LEVELS[0])}", "%", "more", "share", among="ranked"),
-    Column("position", "median position error", "mm", "less", among="ranked"),
-    Column("position_95", "p95 position error", "mm", "less", among="ranked"),
-    Column("iterations", "median iterations, solved", show="count"),
-    Column("rotation", "median rotation error", "°", "less", aside=True, among="ranked"),
-    Column("rotation_95", "p95 rotation error", "°", "less", aside=True, among="ranked"),
-    Column("iterations_95", "p95 iterations, solved", show="count", aside=True),
+    *(
+        Column(key, f"{words} {level_words(at)}", "%", "more", "share", among="ranked", of=share(succeeded(at)))
+        for key, words, at in (("fine", "solved at", SUCCESS_LEVELS[-1]), ("coarse", "within", SUCCESS_LEVELS[0]))
+    ),
+    Column("position", "median position error", "mm", "less", among="ranked", of=quantile(_MM, 0.5)),
+    Column("position_95", "p95 position error", "mm", "less", among="ranked", of=quantile(_MM, 0.95)),
+    Column("iterations", "median iterations, solved", show="count", of=quantile("iterations", 0.5, among=_SOLVED)),
+    Column("rotation", "median rotation error", "°", "less", aside=True, among="ranked", of=quantile(_DEGREES, 0.5)),
+    Column("rotation_95", "p95 rotation error", "°", "less", aside=True, among="ranked", of=quantile(_DEGREES, 0.95)),
+    Column(
+        "iterations_95",
+        "p95 iterations, solved",
+        show="count",
+        aside=True,
+        of=quantile("iterations", 0.95, among=_SOLVED),
+    ),
     Column("ranked", "ranked", show="text", aside=True),
 )
 """Columns of a table of methods."""
@@ -76,22 +91,16 @@ def methods(run: Run) -> dict[str, Any] | None:
 
 def method_table(b: BudgetRows) -> Table:
     """Return all methods of a block at the largest budget; the best is marked among those that are ranked."""
-    (compared, who), rows = compared_rows(b), []
+    compared, who = compared_rows(b)
     last = compared.filter(pl.col("budget") == b.budget)
+    groups: list[Group] = []
     for label in b.methods:
         part = last.filter(pl.col("method") == label)
-        coarse, fine, position, rotation, took = (measure.compute(part) for measure in MEASURES)
-        rows.append(
-            {
-                "label": label, "count": len(part), "ranked": "yes" if label in who.labels else "",
-                "coarse": coarse, "fine": fine, "position": position[0], "position_95": position[1],
-                "rotation": rotation[0], "rotation_95": rotation[1], "iterations": took[0], "iterations_95": took[1],
-            }
-        )  # fmt: skip
+        groups.append(({"label": label, "count": len(part), "ranked": "yes" if label in who.labels else ""}, part))
     total, total_known = b.problems()
     whole = f" {listed(b.whole)}: default settings, with restarts." if b.whole else ""
-    return Table(
-        f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, tuple(rows),
+    return table_of(
+        f"methods-{b.block.id}", b.block.title, METHOD_COLUMNS, groups,
         f"{COMPARED_PROBLEMS} {total_known:,} of {total:,} targets have a known solution. At most {b.budget} iterations from "
         f"the given start.{whole} Errors include failures. Intervals are Wilson's, 95 %.",
     )  # fmt: skip

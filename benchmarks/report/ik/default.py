@@ -11,13 +11,14 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._problems import ProblemBlock
+from benchmarks.blocks.columns import median, share
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.boards import Board
 from benchmarks.report.figures import Json, add, axis, figure, interval, line
 from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
+from benchmarks.report.tables import Cell, Column, Table, table_of
 from benchmarks.report.winners import Ranked, ranked
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
 from optik.registry import short_name
@@ -32,11 +33,16 @@ PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
 DEFAULT_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("count", "targets", show="count"),
-    Column("success", "solved", "%", "more", "share"),
+    Column("success", "solved", "%", "more", "share", of=share(succeeded(SUCCESS_LEVELS[-1]))),
     Column("alone", "solved by this method only", show="count"),
     Column("lost", "solved by the paper's only", show="count"),
     Column("p", "McNemar's p", show="p"),
-    Column("iterations", "median iterations, solved", show="count"),
+    Column(
+        "iterations",
+        "median iterations, solved",
+        show="count",
+        of=median("iterations", among=pl.col("status") == "solved"),
+    ),
     Column("solved_us", "median time, solved", "µs", "less"),
     Column("failed_us", "median time, not solved", "µs", "less"),
     Column("both", "solved by both", show="count", aside=True),
@@ -190,23 +196,18 @@ def answer(pair: Pair, run: Run) -> str:
 
 def default_table(pair: Pair, run: Run) -> Table:
     """Return the comparison of the default method with the paper's iteration as a table."""
-    times, rows = pair.times(run), []
+    times, groups = pair.times(run), []
     for label in pair.labels:
         part = pair.given.filter(pl.col("method") == label)
-        took = part.filter(pl.col("status") == "solved")["iterations"].to_numpy()
         solved, failed = times.get(label, (None, None))
-        row: dict[str, Any] = {
-            "label": label, "count": len(part), "success": success(part, SUCCESS_LEVELS[-1]),
-            "solved_us": solved, "failed_us": failed,
-            "iterations": float(np.median(took)) if len(took) else None,
-        }  # fmt: skip
+        given: dict[str, Cell] = {"label": label, "count": len(part), "solved_us": solved, "failed_us": failed}
         if label != pair.paper:
             test = pair.against_paper(label)
-            row |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
-        rows.append(row)
+            given |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
+        groups.append((given, part))
     b = pair.rows
-    return Table(
-        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, tuple(rows),
+    return table_of(
+        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, groups,
         f"{len(pair.given) // len(pair.labels):,} targets with a known solution that all of these methods were given; one "
         f"attempt has at most {b.budget} iterations. Wilson 95 % intervals.",
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path as FilePath
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -27,7 +27,7 @@ from benchmarks.settings import (
     key,
     one_of,
 )
-from benchmarks.targets import Measure, Target
+from benchmarks.targets import Target
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
@@ -174,7 +174,7 @@ class LawBlock(Block):
     """Lines × limits × laws."""
 
     noun = "timing block"
-    measures: ClassVar[tuple[Measure, ...]] = MEASURES
+    measures = MEASURES
 
     lines: Annotated[tuple[LineSet, ...], LISTED, AfterValidator(_different_sets)] = key("Sets of motions.")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key(
