@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -38,7 +39,7 @@ def check_number(
     if (
         not good
         or (isinstance(value, int) and abs(value) > sys.float_info.max)
-        or not np.isfinite(value)
+        or not math.isfinite(value)
         or (above is not None and value <= above)
         or (least is not None and value < least)
     ):

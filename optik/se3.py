@@ -421,7 +421,8 @@ def from_quaternion(wxyz: ArrayLike, argument: str = "quaternion") -> Array:
         Not four numbers, or a length that is not 1 within `QUATERNION_ERROR`.
     """
     q = np.asarray(wxyz, dtype=np.float64)
-    size = float(np.linalg.norm(q))
+    with np.errstate(over="ignore"):
+        size = float(np.linalg.norm(q))
     if q.shape != (4,) or not abs(size - 1.0) <= QUATERNION_ERROR:
         raise InvalidInput(argument, f"{q.tolist()} of length {size:.6g}", "a unit quaternion w,x,y,z")
     w, x, y, z = q / size

@@ -29,6 +29,7 @@ Part = tuple[str, str, Any]
 """Kind of object of a `Scene`, name, and arguments."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a scene refuses what is too far away
 def scene_from_moveit(text: str) -> dict[str, Any]:
     """Read the arguments of a `Scene` from a MoveIt planning scene in YAML."""
     scene = _mapping(parse_yaml(text, "scene", "reading MoveIt scenes"), "scene")
@@ -93,10 +94,10 @@ def _primitive(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[An
 def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, ...]]:
     """Read a plane a x + b y + c z + d = 0; the free side is that of (a, b, c)."""
     *normal, d = _numbers(row.get("coef"), f"{where}.coef", 4)
-    n = np.array(normal)
-    if not (square := float(n @ n)):
+    if not (largest := np.abs(normal).max()):
         raise InvalidInput(f"{where}.coef", format_value(row.get("coef")), "a normal that is not 0")
-    return "planes", (T[:3, :3] @ (-d / square * n) + T[:3, 3], T[:3, :3] @ n)
+    n = np.array(normal) / largest  # avoids overflow of the squares
+    return "planes", (T[:3, :3] @ (-(d / largest) / (n @ n) * n) + T[:3, 3], T[:3, :3] @ n)
 
 
 def _mesh(row: dict[str, Any], T: Array, where: str) -> tuple[str, Array]:

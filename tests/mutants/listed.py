@@ -121,6 +121,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "optik/arm/shapes/enclosure.py": ("tests/optik/test_meshes.py",),
     "optik/scene/model.py": (EDGES, "tests/optik/test_scene.py"),
     "optik/scene/files.py": ("tests/optik/test_scene.py",),
+    "optik/scene/mesh.py": (CONTACT[1], "tests/optik/test_scene.py"),
+    "optik/scene/moveit.py": ("tests/optik/test_moveit.py",),
     "planners/timing/_optimal/programme.py": LAWS,
     "planners/timing/_optimal/reach.py": LAWS,
     "planners/cell/calibration.py": ("tests/planners/test_calibration.py",),
@@ -208,7 +210,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/_edges.py", "best = 2.0 * ahead / root", "best = 2.6 * ahead / root"),
     ("planners/search/_edges.py", "h * abs(d) + deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
     ("planners/search/_edges.py", "> thick[p] + shift", "> thick[p]"),
-    ("planners/search/_edges.py", "half[[0, 0, 1]]", "half[[0, 0, 0]]"),
+    ("planners/search/_edges.py", "T[[16, 16, 17]]", "T[[16, 16, 16]]"),
     ("planners/search/_edges.py", "np.eye(3), 0.5 * (high - low)", "np.eye(3), 0.1 * (high - low)"),
     ("planners/search/_corners.py", "- low * half,", "- middle * half,"),
     ("planners/search/_trees.py", "m > i and find_unproved(body, p, q, exact, work) < 0", "m > i"),
@@ -298,6 +300,15 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/cell/drives/_checks.py", "GREATEST_STEP = 1.0 + 1e-6", "GREATEST_STEP = 2.0"),
     ("planners/cell/drives/_stop.py", "        if found:", "        if True:"),
     ("planners/cell/drives/_servo.py", "if difference != difference:", "if False:"),
+    ("optik/scene/mesh.py", "SAME_PLANE = 1e-12", "SAME_PLANE = 1e-2"),
+    ("optik/scene/mesh.py", "CONVEX = 1e-5", "CONVEX = 1e-2"),
+    ("optik/scene/mesh.py", "0.0 if slope >= 0.0 else 1.0, n", "0.0, n"),
+    ("optik/scene/mesh.py", "dot(m, m), 0.0), 1.0)", "dot(d, d), 0.0), 1.0)"),
+    ("optik/scene/mesh.py", "axis=1).max()\n        heads", "axis=1).min()\n        heads"),
+    ("optik/scene/moveit.py", "(d / largest) / (n @ n)", "(d / largest)"),
+    ("optik/scene/moveit.py", "self._world @ self._known[name]", "self._known[name] @ self._world"),
+    ("optik/scene/moveit.py", "if len(bases) > 1:", "if len(bases) > 2:"),
+    ("optik/scene/moveit.py", "flag is True and name not in objects and other", "flag is True and other"),
 )
 """Changes that every test once let pass: file, text, and what stands there instead; a text is in its file exactly once."""
 

@@ -259,8 +259,18 @@ def test_a_turned_mesh_has_the_same_distances_and_no_motion_changes_them_by_more
             depth = -to_mesh(a, b, mesh)[0]
             n, corners = DIRECTIONS, mesh.corners
             assert depth <= ((n @ corners.T).max(axis=1) - np.minimum(n @ a, n @ b)).min() + EXACT
-            way = np.array(to_mesh(a, b, mesh)[2]) / distance
+            _, share, w = to_mesh(a, b, mesh)
+            way = np.array(w) / distance
+            assert (corners @ way).max() - way @ (a + share * (b - a)) == pytest.approx(depth, rel=0, abs=1e-12)
             assert abs(to_mesh(a + (depth + 1e-8) * way, b + (depth + 1e-8) * way, mesh)[0] - 1e-8) <= 1e-9
+
+
+def test_the_ridge_of_a_flat_roof_counts_inside() -> None:
+    top = [(0.0, y, 0.2) for y in (-1.0, 1.0)]
+    roof = find_hull(np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 0.196)] + top))
+    depth, share, w = to_mesh(np.array([-0.05, -0.1, 0.15]), np.array([0.15, 0.1, 0.15]), roof)
+    assert (depth, share) == pytest.approx((-0.05, 0.25), rel=0, abs=1e-12)
+    assert w == pytest.approx((0.0, 0.0, -0.05), rel=0, abs=1e-12)
 
 
 @pytest.mark.parametrize("count", [800, pytest.param(20_000, marks=pytest.mark.soak)])

@@ -26,11 +26,12 @@ fixed_frame_transforms:
   - child_frame_id: bench
     transform: {translation: [1, 0, 0], rotation: [0, 0, 0.7071067811865476, 0.7071067811865476]}
 allowed_collision_matrix:
-  entry_names: [hand, foot, can]
+  entry_names: [hand, foot, can, wedge]
   entry_values:
-    - [false, true, true]
-    - [true, false, false]
-    - enabled: [true, false, false]
+    - [false, true, true, false]
+    - [true, false, false, false]
+    - enabled: [true, false, false, true]
+    - [false, false, true, false]
   default_entry_names: [shelf]
   default_entry_values: [true]
 world:
@@ -65,6 +66,12 @@ def load(tmp_path: Path, text: str) -> optik.Scene:
     return optik.Scene.load(tmp_path / "scene.yaml")
 
 
+def test_a_plane_may_have_a_normal_of_any_length(tmp_path: Path) -> None:
+    for coef in ("[3, 0, 4, 10]", "[3e200, 0, 4e200, 1e201]", "[3e-200, 0, 4e-200, 1e-199]"):
+        scene = load(tmp_path, SCENE.replace("coef: [0, 0, 2, 1]", f"coef: {coef}"))
+        np.testing.assert_allclose(scene.planes[0], [[-1.2, 0.0, -1.6], [0.6, 0.0, 0.8]], rtol=0, atol=1e-15)
+
+
 def quarter_turn(p: Any) -> Array:
     return se3.from_xyz_rpy(p, (0.0, 0.0, 90.0))
 
@@ -89,8 +96,9 @@ def test_a_floating_base_moves_the_world(tmp_path: Path) -> None:
     base = {"translation": [0.0, 2.0, 0.0], "rotation": QUARTER}
     data["robot_state"] = {"multi_dof_joint_state": {"joint_names": ["virtual_joint"], "transforms": [base]}}
     moved, scene = load(tmp_path, yaml.safe_dump(data)), load(tmp_path, SCENE)
-    for one, other in zip(moved.boxes, scene.boxes, strict=True):
-        np.testing.assert_allclose(quarter_turn((0.0, 2.0, 0.0)) @ one[0], other[0], rtol=0, atol=1e-15)
+    T = quarter_turn((0.0, 2.0, 0.0))
+    np.testing.assert_allclose(T @ moved.boxes[0][0], scene.boxes[0][0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(T[:3, :3] @ moved.cylinders[0][0] + T[:3, 3], scene.cylinders[0][0], rtol=0, atol=1e-15)
 
 
 BAD = [
@@ -110,10 +118,17 @@ BAD = [
     (SCENE.replace("[0.14, 0.03]", "[1400, 300]"), "cylinders"),
     (SCENE.replace("[1e-05, 0, 0.5]", "[a, 0, 0.5]"), "3 finite numbers"),
     (SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2]"), "unit quaternion"),
+    (SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2e200]"), "unit quaternion"),
+    (SCENE.replace("[1e-05, 0, 0.5]", f"[{2**63}, 0, 0.5]"), "millimetres"),
     (SCENE.replace("coef: [0, 0, 2, 1]", "coef: [0, 0, 0, 1]"), "not 0"),
+    (SCENE.replace("coef: [0, 0, 2, 1]", "coef: [0, 0, 2e-200, 1e200]"), "finite"),
     (SCENE.replace("id: floor", "id: floor\n      header: {frame_id: hall}"), "panda_link0.*a fixed frame"),
-    (SCENE.replace("[false, true, true]", "[false, true]"), "entry_values"),
+    (SCENE.replace("[false, true, true, false]", "[false, true]"), "entry_values"),
     (SCENE.replace("joint_state:", "attached_collision_objects: [{}]\n  joint_state:"), "with_part"),
+    (
+        SCENE.replace("joint_state:", "multi_dof_joint_state: {transforms: [{}, {}]}\n  joint_state:"),
+        "2 floating joints",
+    ),
     (SCENE.replace("vertex_indices: [0, 1, 2]", "vertex_indices: [0, 1, 4]"), "from 0 to 3"),
     (SCENE.replace("vertex_indices: [0, 1, 2]", "vertex_indices: [0, 1]"), "three indices"),
     (SCENE.replace("{x: 0, y: 0, z: 1}]", "[0, 0, 0]]"), "in a plane"),
@@ -155,13 +170,11 @@ def test_any_value_in_any_place_is_read_or_refused_in_one_line(path: tuple[Any, 
         assert "\n" not in str(error)
 
 
-@pytest.mark.skipif(
-    "OPTIK_MBM" not in os.environ, reason="OPTIK_MBM is not set: a folder of MotionBenchMaker's archives"
-)
+@pytest.mark.skipif("MBM" not in os.environ, reason="MBM is not set: a folder of MotionBenchMaker's archives")
 @pytest.mark.parametrize("robot", ["panda", "ur5"])
 def test_every_scene_of_motion_bench_maker_is_read(tmp_path: Path, robot: str) -> None:
     count = 0
-    with tarfile.open(Path(os.environ["OPTIK_MBM"]) / f"{robot}.tar.bz2") as archive:
+    with tarfile.open(Path(os.environ["MBM"]) / f"{robot}.tar.bz2") as archive:
         for member in archive:
             if member.isfile() and Path(member.name).name.startswith("scene"):
                 content = archive.extractfile(member)

@@ -112,6 +112,7 @@ BAD = [
     (dict(meshes=[[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, np.nan)]]), "finite"),
     (dict(meshes=[[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 300)]]), "millimetres"),
     (dict(meshes=[DENTED]), "not convex: corners lie"),
+    (dict(meshes=[np.vstack([CUBE, 0.999 * CUBE])]), "not convex: corners lie 0.0"),
     (dict(meshes=["corners"]), "corners"),
     (dict(meshes=[np.random.default_rng(0).normal(size=(5000, 3))]), "at most 4096"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]), "not all 0"),
@@ -199,6 +200,9 @@ def test_a_mesh_is_the_hull_of_its_corners_or_convex_triangles(tmp_path):
     assert solids[-1, :6].tolist() == [0, 8, 8, 14, 14, 26]
     np.testing.assert_allclose(sorted(solids[8:14, 3]), [0.0, 0.0, 0.0, 0.2, 0.3, 0.4], rtol=0, atol=1e-15)
     np.testing.assert_allclose(solids[-1, 6:10], [0.1, 0.15, 0.2, np.sqrt(0.0725)], rtol=0, atol=1e-15)
+    pointed = np.vstack([hull, [(0.1, 0.15, 0.9)]])
+    middle, radius = np.split(optik.Scene(meshes=[pointed]).arrays[6][-1, 6:10], [3])
+    assert np.linalg.norm(pointed - middle, axis=1).max() == pytest.approx(radius[0], rel=0, abs=1e-15)
     # the orientation of triangles does not count, nor single precision
     rounded = np.vstack([CUBE[:6], CUBE[6:, ::-1]]) * (1.0 + 1e-7 * np.arange(12)[:, None, None])
     assert len(optik.Scene(meshes=[rounded]).meshes[0]) >= 8
