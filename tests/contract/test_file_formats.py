@@ -48,6 +48,10 @@ def test_a_plan_comes_back_to_the_last_bit_with_the_same_certificate(law: str, s
 
 number = st.floats(-1e300, 1e300, allow_subnormal=True)
 limit = st.one_of(st.none(), st.floats(1e-300, exclude_min=True), st.lists(st.floats(1e-3), min_size=3, max_size=3))
+side = st.floats(1e-3, 1e9)
+pair = st.tuples(side.map(lambda x: -x), side) | st.tuples(
+    st.lists(side.map(lambda x: -x), min_size=3, max_size=3), side
+)
 text = st.text(st.characters(codec=None), min_size=1, max_size=12)  # lone surrogates, line ends, commas and quotes too
 
 
@@ -65,7 +69,10 @@ def test_any_motion_comes_back_to_the_last_bit(suffix: str, tmp_path: Path, data
     names = data.draw(st.lists(text, min_size=3, max_size=3, unique=True))
     T = np.array([se3.pose(se3.exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(4)])
     robot = Robot(data.draw(text), T[:3], [True, False, True], T[3], free, tuple(names), rng.normal(size=3), 'a, "b"\n')
-    limits = MotionLimits(*(data.draw(limit) for _ in range(3)), tool_speed=data.draw(st.none() | st.floats(1e-9, 1e9)))
+    limits = MotionLimits(
+        *(data.draw(one) for one in (limit | pair, limit | pair, limit)),
+        tool_speed=data.draw(st.none() | st.floats(1e-9, 1e9)),
+    )
     path = Line(oracles.random_pose(rng), oracles.random_pose(rng))
     motion = Motion(
         robot, path, limits, Trajectory(PPoly(c, knots)), data.draw(text), data.draw(st.sampled_from([(), ("jerk",)]))

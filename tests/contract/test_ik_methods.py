@@ -151,8 +151,17 @@ def test_arguments_are_read_and_never_written(method):
 def test_lists_and_strided_and_fortran_arrays_are_read_as_what_they_are(method):
     target, start = oracles.fk(ARM, START), np.clip(START + 0.3, ARM.lower, ARM.upper)
     expected = method.solver.solve(target, start)
-    same(method.solver.solve(target.tolist(), start.tolist()), expected)
-    same(method.solver.solve(np.asfortranarray(target), np.repeat(start, 2)[::2]), expected)
+    wide = np.zeros((8, 8))
+    wide[::2, ::2] = target
+    for T, q in (
+        (target.tolist(), tuple(start.tolist())),
+        (np.asfortranarray(target), np.repeat(start, 2)[::2]),
+        (wide[::2, ::2], start[::-1].copy()[::-1]),
+        (target.astype(">f8"), start.astype(">f8")),
+        (np.longdouble(target), np.longdouble(start)),
+    ):
+        same(method.solver.solve(T, q), expected)
+    same(method.solver.solve(np.eye(4, dtype=int), np.zeros(6, int)), method.solver.solve(np.eye(4), np.zeros(6)))
 
 
 def test_the_answer_is_the_callers_own(method):
@@ -198,6 +207,7 @@ def test_a_run_stopped_at_k_is_the_first_k_steps_of_the_longer_one(method):
     for k in range(whole.iterations):
         stopped = method.build(max_iterations=k, max_restarts=0).solve(target, start, trace=True)
         assert stopped.iterations == k
+        assert stopped.status is IKStatus.MAX_ITERATIONS
         assert (stopped.trace == whole.trace[: k + 1]).all()
         check(stopped, target)
 

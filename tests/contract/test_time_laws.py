@@ -1,6 +1,7 @@
 """What every time law must keep, whatever its method: runs over all files in planners/timing."""
 
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -150,13 +151,12 @@ def test_the_certificate_judges_what_it_promises(law: str, line: int, limits: st
 @every_law
 def test_a_missing_limit_is_named(law: str) -> None:
     enforced = joint_limits(law)
-    for missing in enforced:
-        given = {f: 10.0 for f in enforced if f != missing}
+    for missing, absent in product(enforced, (None, np.full(6, np.inf))):
         with pytest.raises(InvalidInput) as info:
-            make_law(law).run(default_joint_path(), MotionLimits(**given))
+            make_law(law).run(default_joint_path(), MotionLimits(**(dict.fromkeys(enforced, 10.0) | {missing: absent})))
         assert info.value.argument == "limits"
         assert missing in str(info.value)
-        for other in given:
+        for other in set(enforced) - {missing}:
             assert other not in info.value.expected
     make_law(law).run(default_joint_path(), MotionLimits(**dict.fromkeys(enforced, 10.0)))
 

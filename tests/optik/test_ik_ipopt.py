@@ -1,6 +1,5 @@
 """IPOPT's formulation: what it solves, what it counts, what it says, and that it says nothing aloud."""
 
-import pickle
 import subprocess
 import sys
 
@@ -83,13 +82,6 @@ def test_a_pose_that_no_configuration_has_is_called_infeasible_by_ipopt():
     least = IPOPT(PAPER, form="least_squares").solve(turned, START)
     assert least.status is IKStatus.STALLED  # a minimum, but the pose is not met there
     assert least.message == "IPOPT: Solve_Succeeded"
-
-
-@each_form
-def test_the_singular_zero_pose_is_a_start_like_any_other(form):
-    solver, arm = IPOPT(PAPER, form=form), oracles.table("paper6r")
-    for target in problems("paper6r", 10, 55)[0]:
-        honest(solver.solve(target, np.zeros(6)), arm, target)
 
 
 @each_form
@@ -226,12 +218,3 @@ def test_solver_options_that_ipopt_does_not_know_are_refused_by_name(options):
 def test_an_unknown_form_is_refused_with_those_that_exist():
     with pytest.raises(InvalidInput, match=r"^form: expected constraint or least_squares"):
         IPOPT(PAPER, form="penalty")
-
-
-@each_form
-def test_a_pickled_solver_answers_the_same(form):
-    solver = IPOPT(PAPER, form=form, max_iterations=40, solver_options={"mu_strategy": "adaptive"})
-    back = pickle.loads(pickle.dumps(solver))
-    assert back.options == solver.options
-    for target, start in zip(*problems("paper6r", 5, 59), strict=True):
-        assert (back.solve(target, start).q == solver.solve(target, start).q).all()

@@ -153,13 +153,6 @@ def test_an_arm_that_cannot_move_is_answered(kind):
     assert (result.q == q).all()
 
 
-@each_kind
-def test_restarts_reach_nearly_all(kind):
-    solver, rng = kind(PAPER, max_restarts=20), np.random.default_rng(104)
-    solutions = rng.uniform(PAPER.limits.lower, PAPER.limits.upper, (20, 6))
-    assert all(solver.solve(PAPER.fk(q), np.full(6, 0.1)) for q in solutions)
-
-
 def test_sqp_says_how_it_ended():
     turned = PAPER.fk(START) @ oracles.pose((0.0, 2.5, 0.0), (0.0, 0.0, 0.0))
     result = SQP(PAPER).solve(turned, START)

@@ -80,20 +80,6 @@ def test_arms_with_a_sliding_joint_are_pinocchios(convention, n):
         are_pinocchios(built(arm), arm, rng.uniform(-3, 3, (20, n)))
 
 
-def test_the_puma_is_ssiks():
-    puma = pytest.importorskip("ssik.prebuilt.unimation.puma560_ik")
-    q = oracles.configurations(oracles.table("puma560"), COUNT, 12)
-    assert np.abs(optik.load("puma560").fk(q) - np.array([puma.fk(x) for x in q])).max() < 1e-12
-
-
-def test_the_ur5e_is_ssiks():
-    # its URDF's base_link stands half a turn about z from the table's base, and rounds π/2 to ten digits
-    ur = pytest.importorskip("ssik.prebuilt.universal_robots.ur5e_ik")
-    q = oracles.configurations(oracles.table("ur5e"), COUNT, 13)
-    theirs = np.diag([-1.0, -1.0, 1.0, 1.0]) @ np.array([ur.fk(x) for x in q])
-    assert np.abs(optik.load("ur5e").fk(q) - theirs).max() < 2e-9
-
-
 # ---------------------------------------------------------------- Jacobian
 
 # Sixth-order central differences: the truncation at this step is about h⁶/140 = 1e-13, the rounding about 1e-14.

@@ -243,6 +243,8 @@ EE_LINK = np.array(
 )  # x is outwards
 SSIK = {
     # name: module, before its base, after its tip, and how far its file rounds right angles
+    "puma560": ("unimation.puma560_ik", np.eye(4), np.eye(4), 1e-12),
+    "ur5e": ("universal_robots.ur5e_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), np.eye(4), 2e-9),
     "ur10e": ("universal_robots.ur10e_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), np.eye(4), 2e-9),
     "panda": ("franka.panda_ik", np.eye(4), np.eye(4), 1e-12),
     "ur5": ("universal_robots.ur5_ik", np.diag([-1.0, -1.0, 1.0, 1.0]), EE_LINK, 2e-9),

@@ -85,37 +85,9 @@ def test_mdh_frame_i_is_the_tables_frame_i():
         assert np.abs(frames[i] - T).max() < 1e-14
 
 
-def test_modified_and_standard_tables_of_the_same_numbers_are_different_arms():
-    arm = oracles.random_arm(np.random.default_rng(7))
-    q = np.linspace(-1, 1, 6)
-    other = replace(arm, convention="dh")
-    assert built(arm) != built(other)
-    assert np.abs(built(arm).fk(q) - built(other).fk(q)).max() > 0.1
-
-
-@pytest.mark.parametrize("convention", ["mdh", "dh"])
-def test_a_prismatic_joint_slides_along_its_z_from_its_d(convention):
-    row = oracles.Row(a=0.3, alpha=0.4, d=0.2, theta=0.7, prismatic=True)
-    robot = built(oracles.Arm(convention, (row,)))
-    turned = built(oracles.Arm(convention, (replace(row, prismatic=False),)))
-    assert (robot.fk([0.0]) == turned.fk([0.0])).all()
-    moved = robot.fk([0.25])
-    assert (moved[:3, :3] == robot.fk([0.0])[:3, :3]).all()
-    axis = robot.frames([0.0])[0][:3, 2]
-    assert np.abs(moved[:3, 3] - robot.fk([0.0])[:3, 3] - 0.25 * axis).max() < 1e-15
-    assert np.abs(robot.jacobian([0.1])[:, 0] - [*axis, 0, 0, 0]).max() < 1e-15
-
-
 def test_rows_may_be_mappings_with_the_names_of_the_columns():
     limits = JointLimits([-1], [1])
     assert Robot.from_mdh([{"a": 0.1, "alpha": 0.2}], limits) == Robot.from_mdh([DHRow(a=0.1, alpha=0.2)], limits)
-
-
-def test_base_stands_before_the_chain_and_tool_after_it():
-    arm = oracles.random_arm(np.random.default_rng(8))
-    bare = built(replace(arm, base=np.eye(4), tool=np.eye(4)))
-    q = np.linspace(-1, 1, 6)
-    assert np.abs(built(arm).fk(q) - arm.base @ bare.fk(q) @ arm.tool).max() < 1e-14
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (2, 3), (0,)])

@@ -37,21 +37,9 @@ def test_exponential_is_scipys(w):
 
 
 @given(rotvecs)
-def test_exponential_is_a_rotation_to_rounding(w):
-    R = se3.exp_so3(w)
-    assert np.abs(R.T @ R - np.eye(3)).max() < 1e-14
-    assert abs(np.linalg.det(R) - 1.0) < 1e-14
-
-
-@given(rotvecs)
 def test_logarithm_is_scipys(w):
     R = Rotation.from_rotvec(w).as_matrix()
     assert np.abs(se3.log_so3(R) - Rotation.from_matrix(R).as_rotvec()).max() < 1e-13
-
-
-@given(rotvecs)
-def test_logarithm_undoes_the_exponential(w):
-    assert np.abs(se3.log_so3(se3.exp_so3(w)) - w).max() < 1e-13
 
 
 @pytest.mark.parametrize("angle", [1e-150, 1e-17, 1e-12, 1e-9, 1e-8, 0.99e-4, 1.01e-4, 1e-3])
@@ -115,12 +103,6 @@ def test_error_is_the_way_from_the_pose_to_the_target_in_the_base_frame(T, targe
     assert np.linalg.norm(e[3:]) <= np.pi + 1e-15
 
 
-def test_error_turns_from_the_pose_to_the_target_and_not_back():
-    T, target = pose_of((0.3, 0.1, -0.2), (1, 2, 3)), pose_of((0.0, 0.0, 0.4), (1, 2, 5))
-    assert np.abs(se3.error(T, target) - oracles.error(T, target)).max() < 1e-14
-    assert np.abs(se3.error(np.eye(4), target)[3:] - [0, 0, 0.4]).max() < 1e-15
-
-
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3)])
 def test_errors_of_batches_are_those_of_their_parts(shape):
     rng = np.random.default_rng(5)
@@ -133,15 +115,10 @@ def test_errors_of_batches_are_those_of_their_parts(shape):
         assert np.abs(e[i] - oracles.error(T[i], target[i])).max() < 1e-14
 
 
-@given(poses)
-def test_pose_times_its_inverse_is_the_identity(T):
-    assert np.abs(se3.inverse(T) @ T - np.eye(4)).max() < 1e-14
-    assert np.abs(se3.inverse(T) - np.linalg.inv(T)).max() < 1e-13
-
-
-def test_inverse_of_a_batch_is_the_inverse_of_each():
-    T = np.array([[pose_of((0.1 * i, -0.2, j), (i, j, 1)) for i in range(3)] for j in range(2)])
-    assert np.abs(se3.inverse(T) - np.linalg.inv(T)).max() < 1e-14
+@given(st.lists(poses, min_size=1, max_size=3))
+def test_the_inverse_of_one_or_many_is_numpys(T):
+    assert np.abs(se3.inverse(np.array(T)) - np.linalg.inv(T)).max() < 1e-13
+    assert np.abs(se3.inverse(T[0]) @ T[0] - np.eye(4)).max() < 1e-14
 
 
 @given(poses, poses)

@@ -26,21 +26,22 @@ def path_rates(torques: Torques, joint_path: Any, s: Array, apart: float) -> tup
     return p, c, g
 
 
-def best_duration(joint_path: Any, load: Any, limits: Any, K: int = 80) -> float:
-    """Least duration; limits on velocity, acceleration, jerk, torque and torque rate, (n,) each, infinite where free.
+def best_duration(joint_path: Any, limits: Any, load: Any = None, K: int = 80) -> float:
+    """Least duration; limits on velocity, acceleration, jerk, and with a load on torque and torque rate, (n,) each.
 
-    It keeps its limits at its places only, which stand equally spaced in the root of a quintic.
+    Infinite limits are free. It keeps its limits at its places only, which stand equally spaced in the root of a quintic.
     """
-    velocity, acceleration, jerk, torque, rate = limits
-    robot = joint_path.robot
-    torques = Torques(robot.fixed, robot.prismatic, load)
-    viscous, coulomb = load.viscous, load.coulomb
+    velocity, acceleration, jerk, *loaded = limits
     u = np.linspace(0.0, 1.0, K + 1)
     s = joint_path.end * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
     q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    p, c, g = path_torques(torques, joint_path, s)
-    inside = np.clip(s, 2e-4 * joint_path.end, (1.0 - 2e-4) * joint_path.end)
-    dp, dc, dg = path_rates(torques, joint_path, inside, 1e-4 * joint_path.end)
+    if load is not None:
+        torque, rate = loaded
+        torques = Torques(joint_path.robot.fixed, joint_path.robot.prismatic, load)
+        viscous, coulomb = load.viscous, load.coulomb
+        p, c, g = path_torques(torques, joint_path, s)
+        inside = np.clip(s, 2e-4 * joint_path.end, (1.0 - 2e-4) * joint_path.end)
+        dp, dc, dg = path_rates(torques, joint_path, inside, 1e-4 * joint_path.end)
     v, a, tau, j = ca.SX.sym("v", K + 1), ca.SX.sym("a", K + 1), ca.SX.sym("t", K), ca.SX.sym("j", K)
     rows: list[Any] = [v[0], a[0], v[K], a[K]]
     low, high = [0.0] * 4, [0.0] * 4
@@ -62,6 +63,8 @@ def best_duration(joint_path: Any, load: Any, limits: Any, K: int = 80) -> float
         for i in range(q1.shape[1]):
             for e in (k, k + 1):
                 keep(q1[e, i] * j[k] + 3 * q2[e, i] * v[e] * a[e] + q3[e, i] * v[e] ** 3, -jerk[i], jerk[i])
+                if load is None:
+                    continue
                 turning = (
                     p[e, i] * j[k] + (dp[e, i] + 2 * c[e, i]) * v[e] * a[e] + dc[e, i] * v[e] ** 3 + dg[e, i] * v[e]
                 )
@@ -69,7 +72,7 @@ def best_duration(joint_path: Any, load: Any, limits: Any, K: int = 80) -> float
                 keep(turning, -rate[i], rate[i])
             keep(q1[k, i] * v[k], -velocity[i], velocity[i])
             keep(q1[k, i] * a[k] + q2[k, i] * v[k] ** 2, -acceleration[i], acceleration[i])
-            if k > 0:
+            if load is not None and k > 0:
                 drive = p[k, i] * a[k] + c[k, i] * v[k] ** 2 + viscous[i] * q1[k, i] * v[k] + g[k, i]
                 drive += coulomb[i] * np.sign(q1[k, i])
                 keep(drive, -torque[i], torque[i])

@@ -1,6 +1,7 @@
 """What the planners' tests plan for: the paper's arm, its line, and motions drawn at random, made by the package itself."""
 
 from functools import cache
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ def step_of(joint: int, size: float, T: float) -> Trajectory:
 
 
 def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, smooth: int = 0) -> Trajectory:
-    """Random pieces that meet in so many orders: 0 for none, 2 for position and velocity, 3 for acceleration too."""
+    """Random pieces that meet in so many orders: 0 for none, 2 for position and velocity, 6 for one polynomial."""
     x = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 1.0, pieces))])
     c = rng.normal(size=(6, pieces, n)) * np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0])[:, None, None]
     for k in range(1, pieces):
@@ -95,6 +96,5 @@ def random_trajectory(rng: np.random.Generator, pieces: int = 3, n: int = 2, smo
         for j in range(n):
             left = c[::-1, k - 1, j]
             for order in range(smooth):
-                scale = (1.0, 1.0, 2.0)[order]
-                c[5 - order, k, j] = polynomial.polyval(h, polynomial.polyder(left, order)) / scale
+                c[5 - order, k, j] = polynomial.polyval(h, polynomial.polyder(left, order)) / factorial(order)
     return Trajectory(PPoly(c, x))

@@ -38,12 +38,21 @@ def judged(trajectory: Trajectory, limits: MotionLimits = ROOMY, **options: Any)
     return certified(trajectory, limits, path=way, **options)
 
 
-def around_start(rng: np.random.Generator, smooth: int, size: float = 0.02) -> Trajectory:
+def around_start(rng: np.random.Generator, smooth: int, size: float = 0.02, pieces: int = 4) -> Trajectory:
     """Random pieces for six joints near the default start, which meet in so many orders."""
-    base = cases.random_trajectory(rng, pieces=4, n=6, smooth=smooth)
+    base = cases.random_trajectory(rng, pieces=pieces, n=6, smooth=smooth)
     c = size * base.coefficients
     c[5] += START
     return Trajectory(PPoly(c, base.knots))
+
+
+def smooth_but(jump: int | None) -> Trajectory:
+    """Two pieces of every joint that are one polynomial, but for one derivative of one joint; no rest."""
+    motion = around_start(np.random.default_rng(2), 6, 0.01, pieces=2)
+    c = motion.coefficients.copy()
+    if jump is not None:
+        c[5 - jump, 1, 3] += 0.003
+    return Trajectory(PPoly(c, motion.knots))
 
 
 def moving(joint: int, t: Array, v: Array, a: Array) -> Trajectory:
@@ -191,25 +200,30 @@ def test_a_position_limit_passed_between_the_samples_is_found() -> None:
 
 
 # ---------------------------------------------------------------- continuity
-def _smooth(rng: np.random.Generator, jump_in: int | None) -> Trajectory:
-    """Two pieces of every joint that meet to the third derivative, but for one derivative of one joint; no rest."""
+@pytest.mark.parametrize(("jump", "continuous"), [(0, -1), (1, 0), (2, 1), (3, 2), (None, 3)])
+def test_what_jumps_ends_continuity_and_makes_every_higher_derivative_infinite(
+    jump: int | None, continuous: int
+) -> None:
+    certificate = certified(smooth_but(jump), MotionLimits(10.0, 10.0, 10.0))
+    assert certificate.continuous == continuous
+    for order, field in enumerate(DERIVATIVES, start=1):
+        extreme = getattr(certificate, field)
+        assert np.isinf(extreme.value[3]) == np.isinf(extreme.ratio[3]) == (order > continuous + 1)
+
+
+@pytest.mark.parametrize(
+    ("order", "field", "words"), [(0, "velocity", "position jumps"), (1, "acceleration", "velocity jumps")]
+)
+def test_a_jump_breaks_the_certificate_of_any_law_where_it_is(order: int, field: str, words: str) -> None:
     c = np.zeros((6, 2, 6))
-    c[:, 0] = 0.01 * rng.normal(size=(6, 6))
-    c[5, 0] = START
-    h = 0.7
-    factorial = (1.0, 1.0, 2.0, 6.0, 24.0, 120.0)
-    for j in range(6):
-        for order in range(6):
-            derivative = np.polyder(c[:, 0, j], order) if order else c[:, 0, j]
-            c[5 - order, 1, j] = np.polyval(derivative, h) / factorial[order]
-    if jump_in is not None:
-        c[5 - jump_in, 1, 3] += 0.003
-    return Trajectory(PPoly(c, [0.0, h, 1.5]))
-
-
-@pytest.mark.parametrize(("jump_in", "continuous"), [(1, 0), (2, 1), (3, 2), (None, 3)])
-def test_continuous_counts_the_derivatives_before_the_first_that_jumps(jump_in: int | None, continuous: int) -> None:
-    assert certified(_smooth(np.random.default_rng(2), jump_in)).continuous == continuous
+    c[5] = START
+    c[5 - order, 1, 1] += 0.1
+    trajectory = Trajectory(PPoly(c, [0.0, 0.5, 1.0]))
+    certificate = certified(trajectory, MotionLimits(2.0, 10.0, 100.0))
+    assert not certificate.is_valid
+    assert certificate.worst(field) == (np.inf, "joint2", 0.5)
+    np.testing.assert_array_equal(np.delete(getattr(certificate, field).value, 1), 0.0)
+    assert any(words in reason for reason in certified(trajectory, enforced=()).reasons)
 
 
 def test_standstill_before_a_start_at_rest_counts() -> None:
@@ -226,7 +240,7 @@ def test_standstill_before_a_start_at_rest_counts() -> None:
 
 def test_rest_is_a_velocity_of_zero() -> None:
     assert certified(step_of(0, 0.04, 0.8)).rest == (True, True)
-    assert certified(_smooth(np.random.default_rng(2), None)).rest == (False, False)
+    assert certified(smooth_but(None)).rest == (False, False)
     still = np.zeros((6, 1, 6))
     still[5, 0] = START
     certificate = certified(Trajectory(PPoly(still, [0.0, 1.0])), MotionLimits(1.0, 1.0, 1.0))
@@ -263,33 +277,6 @@ def test_a_jump_has_no_ratio_where_jerk_is_free() -> None:
     assert np.isnan(certificate.jerk.ratio).all()
 
 
-def test_a_jump_of_velocity_is_infinite_acceleration_and_breaks_it() -> None:
-    c = np.zeros((6, 2, 6))
-    c[5] = START
-    c[4, 0, 1], c[4, 1, 1], c[5, 1, 1] = 0.2, -0.2, START[1] + 0.1
-    certificate = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), MotionLimits(2.0, 10.0, 100.0))
-    assert certificate.continuous == 0
-    assert not certificate.is_valid
-    assert (certificate.acceleration.value[1], certificate.acceleration.time[1]) == (np.inf, 0.5)
-    assert certificate.worst("acceleration") == (np.inf, "joint2", 0.5)
-    np.testing.assert_array_equal(np.delete(certificate.acceleration.value, 1), 0.0)
-    assert certificate.velocity.value[1] == pytest.approx(0.2)
-    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), enforced=())
-    assert any("velocity jumps" in words for words in unpromised.reasons), "no law may promise a motion with a kink"
-
-
-def test_a_jump_of_position_breaks_the_certificate() -> None:
-    c = np.zeros((6, 2, 6))
-    c[5] = START
-    c[5, 1, 1] += 0.1
-    certificate = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), MotionLimits(2.0, 10.0, 100.0))
-    assert certificate.continuous == -1
-    assert not certificate.is_valid
-    assert certificate.worst("velocity") == (np.inf, "joint2", 0.5)
-    unpromised = certified(Trajectory(PPoly(c, [0.0, 0.5, 1.0])), enforced=())
-    assert any("position jumps" in words for words in unpromised.reasons), "no law may promise a motion with a leap"
-
-
 # ---------------------------------------------------------------- jerk as a controller sees it
 @pytest.mark.parametrize("rate", [100.0, 400.0])
 def test_sampled_jerk_is_the_largest_difference_of_accelerations_over_a_period(rate: float) -> None:
@@ -300,12 +287,6 @@ def test_sampled_jerk_is_the_largest_difference_of_accelerations_over_a_period(r
     wanted = np.abs(np.diff(accelerations, axis=0)).max(axis=0) * rate
     assert certificate.rate == rate
     np.testing.assert_allclose(certificate.sampled_jerk, wanted, rtol=1e-9)
-
-
-def test_sampled_jerk_of_a_jump_is_the_jump_over_the_period() -> None:
-    certificate = certified(bang_bang(3, 0.5, 1.0), rate=1000.0)
-    assert certificate.sampled_jerk[3] == pytest.approx(2 * 0.5 * 1000.0, rel=1e-9)
-    np.testing.assert_array_equal(np.delete(certificate.sampled_jerk, 3), 0.0)
 
 
 def test_sampled_jerk_looks_at_the_last_whole_period_too() -> None:
@@ -386,13 +367,6 @@ def test_a_tolerance_below_a_nanometre_is_proved_where_it_is_kept() -> None:
     assert max(certificate.path_error.distance, certificate.path_error.angle) <= 1e-12
 
 
-@pytest.mark.parametrize("wrong", [0.0, (0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0,), "tight", (1.0, np.inf)])
-def test_a_tolerance_that_cannot_be_meant_is_refused(wrong: Any) -> None:
-    with pytest.raises(InvalidInput) as info:
-        certified(paper_motion(), tolerance=wrong)
-    assert info.value.argument.partition(".")[0] == "tolerance"
-
-
 def test_limits_of_the_tool_are_judged() -> None:
     trajectory = paper_motion()
     fastest = certified(trajectory).tool_speed.value
@@ -420,23 +394,13 @@ def test_the_binding_limit_is_that_of_the_worst_joint_of_each_piece() -> None:
         assert worst[binding.limit[k], binding.joint[k]] >= max(worst.values()) - 0.02
 
 
-def test_a_motion_one_millimetre_beside_the_line_is_reported_so() -> None:
-    line, trajectory = default_line(), paper_motion()
-    sideways = np.cross(cases.MOVE, [0.3, 0.8, 0.5])
-    sideways *= 1e-3 / np.linalg.norm(sideways)
-    beside = Line(oracles.moved(line.start, sideways), oracles.moved(line.goal, sideways))
-    error = certify(ROBOT, beside, trajectory, ROOMY).path_error
-    assert error.distance == pytest.approx(1e-3, abs=1e-6)
-    assert error.angle <= 1e-6
-
-
-def test_a_motion_that_is_one_milliradian_off_is_reported_so() -> None:
-    line, trajectory = default_line(), paper_motion()
-    turn = np.array([0.6, 0.0, 0.8]) * 1e-3
-    turned = Line(oracles.moved(line.start, np.zeros(3), turn), oracles.moved(line.goal, np.zeros(3), turn))
-    error = certify(ROBOT, turned, trajectory, ROOMY).path_error
-    assert error.angle == pytest.approx(1e-3, abs=1e-6)
-    assert error.distance <= 1e-6
+@pytest.mark.parametrize(("off", "turn"), [((0.8, 0.3, 0.48), (0, 0, 0)), ((0, 0, 0), (0.6, 0.0, 0.8))])
+def test_a_motion_beside_or_turned_from_its_line_by_a_thousandth_is_reported_so(off: Any, turn: Any) -> None:
+    line, v, w = default_line(), np.cross(cases.MOVE, off), np.array(turn) * 1e-3
+    v *= 1e-3 / max(np.linalg.norm(v), 1e-9)
+    error = certify(ROBOT, Line(oracles.moved(line.start, v, w), oracles.moved(line.goal, v, w)), paper_motion(), ROOMY)
+    assert error.path_error.distance == pytest.approx(np.linalg.norm(v), abs=1e-6)
+    assert error.path_error.angle == pytest.approx(np.linalg.norm(w), abs=1e-6)
 
 
 def test_a_bulge_of_one_millimetre_is_found_where_it_is() -> None:
@@ -503,13 +467,6 @@ def test_what_it_is_a_certificate_of() -> None:
     assert certificate.joint_names == tuple(NAMES)
 
 
-def test_a_motion_of_another_arm_and_unknown_promises_are_refused_by_name() -> None:
-    with pytest.raises(InvalidInput, match=r"^trajectory: "):
-        certified(cases.random_trajectory(np.random.default_rng(0), n=3), MotionLimits(1.0, 1.0, 1.0))
-    with pytest.raises(InvalidInput, match=r"^enforced: "):
-        certified(paper_motion(), enforced=("velocty",))
-
-
 def test_a_rate_that_tells_nothing_is_refused() -> None:
     for rate in (1e-6, 1e9):
         assert certified(paper_motion(), rate=rate).rate == rate
@@ -518,14 +475,21 @@ def test_a_rate_that_tells_nothing_is_refused() -> None:
             certified(paper_motion(), rate=rate)
 
 
-@pytest.mark.parametrize(
-    ("argument", "wrong"),
-    [("robot", "paper6r"), ("path", "line"), ("trajectory", [0.0, 1.0]), ("limits", 2.0)],
-)
-def test_things_of_another_kind_are_refused_by_name(argument: str, wrong: Any) -> None:
+TWO_JOINTS = cases.random_trajectory(np.random.default_rng(0))
+WRONG = {
+    "robot": ("paper6r",), "path": ("line",), "trajectory": ([0.0, 1.0], TWO_JOINTS), "limits": (2.0,),
+    "enforced": (("velocty",),),
+    "tolerance": (0.0, (0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (1.0,), "tight", (1.0, np.inf)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("argument", WRONG)
+def test_what_cannot_be_meant_is_refused_by_name(argument: str) -> None:
     things = {"robot": ROBOT, "path": default_line(), "trajectory": paper_motion(), "limits": ROOMY}
-    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
-        certify(**(things | {argument: wrong}))
+    for wrong in WRONG[argument]:
+        with pytest.raises(InvalidInput) as info:
+            certify(**(things | {argument: wrong}))
+        assert info.value.argument.partition(".")[0] == argument
 
 
 def test_a_motion_without_a_path_is_judged_by_its_joints() -> None:

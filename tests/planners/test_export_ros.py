@@ -497,12 +497,12 @@ def test_a_message_as_ros_prints_it_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(motion(1.0, 1), [0, 0, 0, 0, 0, 0.1], atol=1e-15)
 
 
-def with_time(i: int, value: Any) -> Callable[[Any], Any]:
-    return lambda m: m["points"][i].update(time_from_start=value)
-
-
 def with_field(i: int, field: str, value: Any) -> Callable[[Any], Any]:
     return lambda m: m["points"][i].update({field: value})
+
+
+def with_time(i: int, value: Any) -> Callable[[Any], Any]:
+    return with_field(i, "time_from_start", value)
 
 
 WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {

@@ -1,7 +1,6 @@
 """Limits with two sides: what a pair is, what laws and certificates make of it, against dense samples."""
 
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import Motion, MotionLimits, Plan, certify, load_motion, plan, replan, save
+from planners import MotionLimits, Plan, certify, plan, replan
 from planners.curve import monomials
 from planners.limits import PathPoints
 from planners.timing.optimal import Optimal
@@ -186,16 +185,6 @@ def test_reversing_a_path_exchanges_its_sides(plans: dict[str, Plan]) -> None:
     assert plan(paper6r(), back, start, limits=mirrored, timing="smooth").trajectory.duration == pytest.approx(
         plans["smooth"].trajectory.duration, rel=1e-5
     )
-
-
-@pytest.mark.parametrize("suffix", [".json", ".npz", ".csv"])
-def test_files_hold_pairs_to_the_last_bit(tmp_path: Path, suffix: str, plans: dict[str, Plan]) -> None:
-    motion: Motion = plans["smooth"].motion
-    file = tmp_path / f"motion{suffix}"
-    save(motion, file)
-    again = load_motion(file)
-    assert again.limits == LIMITS
-    assert again.certify().worst("acceleration") == motion.certify().worst("acceleration")
 
 
 def test_replan_slows_down_to_the_side_by_which_a_state_is_too_fast(plans: dict[str, Plan]) -> None:

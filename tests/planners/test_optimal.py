@@ -1,7 +1,3 @@
-from functools import cache
-from typing import Any
-
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,6 +13,7 @@ from planners.timing._optimal import iteration, newton
 from planners.timing._optimal.rows import derivatives, distances
 from planners.timing.base import PathState
 from planners.timing.optimal import Optimal
+from tests.oracles.time_optimum import best_duration
 from tests.planners.cases import default_joint_path, random_joint_paths
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
@@ -28,47 +25,12 @@ def ratios(trajectory: Trajectory, limits: MotionLimits) -> list[float]:
     return [float((trajectory.extrema(k).worst / bound[f]).max()) for k, f in enumerate(DERIVATIVES, start=1)]
 
 
-@cache
-def best_by_ipopt(line: int, velocity: float, acceleration: float, jerk: float, K: int = 60) -> float:
-    """Duration of the same optimum by a plain programme for IPOPT: s equally spaced in the root of a quintic, no wit."""
-    joint_path = random_joint_paths(3)[line]
-    u = np.linspace(0.0, 1.0, K + 1)
-    s = joint_path.end * (10.0 * u**3 - 15.0 * u**4 + 6.0 * u**5)
-    q1, q2, q3 = (joint_path(s, order) for order in (1, 2, 3))
-    v, a, tau, j = ca.SX.sym("v", K + 1), ca.SX.sym("a", K + 1), ca.SX.sym("t", K), ca.SX.sym("j", K)
-    g: list[Any] = [v[0], a[0], v[K], a[K]]
-    low, high = [0.0] * 4, [0.0] * 4
-    for k in range(K):
-        t = tau[k]
-        g += [
-            v[k] * t + a[k] * t**2 / 2 + j[k] * t**3 / 6 - (s[k + 1] - s[k]),
-            v[k] + a[k] * t + j[k] * t**2 / 2 - v[k + 1],
-            a[k] + j[k] * t - a[k + 1],
-        ]
-        low, high = low + [0.0] * 3, high + [0.0] * 3
-        for i in range(6):
-            for e in (k, k + 1):
-                g.append(q1[e, i] * j[k] + 3 * q2[e, i] * v[e] * a[e] + q3[e, i] * v[e] ** 3)
-                low, high = [*low, -jerk], [*high, jerk]
-            g += [q1[k, i] * a[k] + q2[k, i] * v[k] ** 2, q1[k, i] * v[k]]
-            low, high = [*low, -acceleration, -velocity], [*high, acceleration, velocity]
-    x = ca.vertcat(v, a, tau, j)
-    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-8, "ipopt.mu_init": 1e-2}
-    solver = ca.nlpsol("best", "ipopt", {"x": x, "f": ca.sum1(tau), "g": ca.vertcat(*g)}, options)
-    T = 3.0
-    speed = joint_path.end / T * (30.0 * u**2 - 60.0 * u**3 + 30.0 * u**4)
-    start = np.concatenate([speed, np.zeros(K + 1), np.full(K, T / K), np.zeros(K)])
-    lower = np.concatenate([np.zeros(K + 1), np.full(K + 1, -np.inf), np.full(K, 1e-6), np.full(K, -np.inf)])
-    found = solver(x0=start, lbx=lower, lbg=low, ubg=high)
-    assert solver.stats()["success"]
-    return float(found["f"])
-
-
 @pytest.mark.parametrize("line", range(3))
 def test_the_duration_is_that_of_a_plain_programme_solved_by_ipopt(line: int) -> None:
     """The plain one keeps its limits at its places only, so it is a little too fast; its coarse grid makes it slower."""
-    theirs = best_by_ipopt(line, 2.0, 10.0, 100.0)
-    ours = Optimal().run(random_joint_paths(3)[line], LIMITS).duration
+    joint_path = random_joint_paths(3)[line]
+    theirs = best_duration(joint_path, LIMITS.arrays(6).values(), K=60)
+    ours = Optimal().run(joint_path, LIMITS).duration
     assert ours == pytest.approx(theirs, rel=5e-3)
 
 
@@ -210,12 +172,6 @@ def test_a_state_too_fast_to_stop_has_no_motion() -> None:
 def test_laws_from_rest_only_say_so() -> None:
     with pytest.raises(InvalidInput, match=r"^timing: "):
         make_law("quintic").run_from(default_joint_path(), LIMITS, PathState(0.1, 0.1, 0.0))
-
-
-@pytest.mark.parametrize("wrong", [7, 0, -1, 2.5, "many"])
-def test_intervals_that_cannot_be_meant_are_refused(wrong: Any) -> None:
-    with pytest.raises(InvalidInput, match=r"^intervals: "):
-        Optimal(intervals=wrong)
 
 
 def test_a_gentle_start_leads_to_the_same_optimum(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -102,7 +102,7 @@ def against_ipopt(robot: Robot, joint_path: JointPath, K: int, limits: MotionLim
     bounds = limits.arrays(robot.n)
     torque, rate = limits.bounds(robot.n)["torque"], limits.bounds(robot.n)["torque_rate"]
     asked = (bounds["velocity"], np.full(robot.n, np.inf), bounds["jerk"], torque, rate)
-    theirs = best_duration(joint_path, robot.loads[0], asked, K)
+    theirs = best_duration(joint_path, asked, robot.loads[0], K)
     return Optimal().run(joint_path, limits).duration / theirs
 
 

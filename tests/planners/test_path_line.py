@@ -115,26 +115,6 @@ def test_the_pose_is_on_the_chord_and_turned_the_shortest_way(start: Any, goal: 
     np.testing.assert_allclose(line(u * line.end), oracles.line_pose(start, goal, u), rtol=0.0, atol=1e-13)
 
 
-@given(poses, poses)
-def test_the_line_starts_at_its_start_and_ends_at_its_goal(start: Any, goal: Any) -> None:
-    line = Line(start, goal)
-    np.testing.assert_allclose(line(0.0), start, rtol=0.0, atol=1e-14)
-    np.testing.assert_allclose(line(line.end), goal, rtol=0.0, atol=2e-12)  # below 1e-12 nothing moves
-
-
-@given(poses, poses, st.floats(0.1, 0.9))
-def test_the_twist_is_the_derivative_of_the_pose(start: Any, goal: Any, u: float) -> None:
-    line = Line(start, goal)
-    assume(line.end > 1e-3)
-    s, h = u * line.end, 0.02 * line.end
-    velocity = oracles.difference(lambda x: line(x), s, h)
-    v, w = line(s, 1)[:3], line(s, 1)[3:]
-    scale = 1.0 + np.linalg.norm(w)
-    np.testing.assert_allclose(v, velocity[:3, 3], rtol=0.0, atol=1e-11 * scale / line.end)
-    turned = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]) @ line(s)[:3, :3]
-    np.testing.assert_allclose(turned, velocity[:3, :3], rtol=0.0, atol=1e-11 * scale / line.end)
-
-
 @given(poses, poses, parts, parts)
 def test_the_twist_is_constant_and_of_unit_speed(start: Any, goal: Any, u: float, w: float) -> None:
     line = Line(start, goal)

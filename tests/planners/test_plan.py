@@ -19,7 +19,6 @@ from planners import (
     TimeLaw,
     Trajectory,
     laws,
-    load_motion,
     make_law,
     plan,
     replan,
@@ -170,13 +169,6 @@ def test_a_solver_built_for_another_arm_is_refused() -> None:
     assert "ur5e" in info.value.got
 
 
-@pytest.mark.parametrize("argument", ["solver", "timing", "limits", "path"])
-def test_arguments_of_another_kind_are_refused_by_name(argument: str) -> None:
-    given: dict[str, Any] = {"path": default_line(), "timing": "quintic"} | {argument: 5}
-    with pytest.raises(InvalidInput):
-        plan(ROBOT, given.pop("path"), START, **given)
-
-
 # ---------------------------------------------------------------- names
 @pytest.mark.parametrize(
     ("argument", "name", "nearest"),
@@ -219,28 +211,12 @@ def test_an_option_that_a_law_does_not_have_is_refused(law: str) -> None:
 
 # ---------------------------------------------------------------- limits
 @pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk"])
-@pytest.mark.parametrize(
-    "wrong", [0.0, -1.0, np.nan, -np.inf, [1, 1, 1, 1, 1, 0], [1, 2, np.nan, 1, 1, 1], "fast", [[1.0]]]
-)
-def test_limits_that_are_not_above_zero_are_refused_by_name(field: str, wrong: Any) -> None:
-    with pytest.raises(InvalidInput, match=rf"^{field}: "):
-        MotionLimits(**{field: wrong})
-
-
-@pytest.mark.parametrize("field", ["velocity", "acceleration", "jerk"])
 @pytest.mark.parametrize("wrong", [[1.0], [1.0] * 5, [1.0] * 7, []])
 def test_limits_of_another_length_are_refused_by_name(field: str, wrong: Any) -> None:
     with pytest.raises(InvalidInput) as info:
         planned(limits=MotionLimits(**{field: wrong}))
     assert info.value.argument == field
     assert "6" in info.value.expected
-
-
-def test_limits_as_arrays() -> None:
-    arrays = MotionLimits(velocity=2.0, acceleration=[1, 2, 3]).arrays(3)
-    np.testing.assert_array_equal(arrays["velocity"], [2.0, 2.0, 2.0])
-    np.testing.assert_array_equal(arrays["acceleration"], [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(arrays["jerk"], [np.inf] * 3)
 
 
 def test_a_robot_without_dynamic_limits_needs_them_for_a_law_that_keeps_them() -> None:
@@ -273,25 +249,13 @@ def test_plain_data_of_a_plan_are_strict_json_from_which_the_motion_can_be_rebui
     assert np.array(data["path"]["goal"]).tolist() == default_line().goal.tolist()
 
 
-def test_a_saved_plan_is_the_motion_that_is_read(tmp_path: Path) -> None:
-    result = planned(timing="optimal")
-    for name in ("line.json", "line.csv", "line.npz"):
-        result.save(tmp_path / name)
-        back = load_motion(tmp_path / name)
-        assert back.robot == ROBOT
-        np.testing.assert_array_equal(back.trajectory.coefficients, result.trajectory.coefficients)
-
-
-def test_a_plan_that_fails_says_its_reason_and_saves_nothing(tmp_path: Path) -> None:
+def test_the_data_of_a_plan_that_fails_say_its_reason() -> None:
     result = too_far()
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["status"] == "outside_limits"
     assert (data["s"], data["joint"]) == (result.failure.s, "joint5")
     assert (data["reason"], data["advice"]) == (result.failure.reason, result.failure.advice)
     assert "coefficients" not in data
-    with pytest.raises(NoSolution):
-        result.save(tmp_path / "plan.json")
-    assert not list(tmp_path.iterdir())
 
 
 # ---------------------------------------------------------------- limits, durations, goals
@@ -362,16 +326,19 @@ def test_a_duration_that_changes_the_tool_speed_that_was_asked_is_refused() -> N
     assert any_speed.trajectory.duration == pytest.approx(9.0)
 
 
-@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "long", 1e10, 10**400])
-def test_durations_that_cannot_be_meant_are_refused(wrong: Any) -> None:
-    with pytest.raises(InvalidInput, match=r"^duration: "):
-        planned(duration=wrong)
+WRONG = {
+    "duration": (0.0, -1.0, np.nan, "long", 1e10, 10**400), "strict": (1,), "tolerance": (0.0,), "rate": (0.0,),
+    "branch": ("left",), "solver": (5,), "timing": (5,), "limits": (5,), "path": (5,),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("argument", ["strict", "tolerance", "rate", "branch"])
-def test_other_arguments_that_cannot_be_meant_are_refused_by_name(argument: str) -> None:
-    with pytest.raises(InvalidInput, match=rf"^{argument}: "):
-        planned(**{argument: {"strict": 1, "tolerance": 0.0, "rate": 0.0, "branch": "left"}[argument]})
+@pytest.mark.parametrize("argument", WRONG)
+def test_what_cannot_be_meant_is_refused_by_name(argument: str) -> None:
+    for wrong in WRONG[argument]:
+        given: dict[str, Any] = {"path": default_line(), "timing": "quintic", "samples": 31} | {argument: wrong}
+        with pytest.raises(InvalidInput) as info:
+            plan(ROBOT, given.pop("path"), START, **given)
+        assert info.value.argument.partition(".")[0] == argument
 
 
 # ---------------------------------------------------------------- replanning
@@ -415,36 +382,25 @@ def test_a_plan_that_failed_cannot_be_replanned() -> None:
 
 
 # ---------------------------------------------------------------- files
-def test_a_write_that_breaks_off_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fails", ["write_bytes", "replace"])
+def test_a_file_that_cannot_be_written_leaves_what_was_there(
+    fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     target = tmp_path / "plan.json"
     target.write_text("the old plan")
     real = Path.write_bytes
 
-    def full_disk(self: Path, data: bytes) -> int:
-        real(self, data[: len(data) // 2])
+    def full_disk(self: Path, data: Any) -> int:
+        if fails == "write_bytes":
+            real(self, data[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full_disk)
+    monkeypatch.setattr(Path, fails, full_disk)
     with pytest.raises(OutputError, match="No space left"):
         planned().save(target)
     monkeypatch.undo()
     assert target.read_text() == "the old plan"
     assert [f.name for f in tmp_path.iterdir()] == ["plan.json"], "no part of a file is left"
-
-
-def test_a_rename_that_fails_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    target = tmp_path / "plan.json"
-    target.write_text("the old plan")
-
-    def refuse(self: Path, other: Path) -> Path:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "replace", refuse)
-    with pytest.raises(OutputError):
-        planned().save(target)
-    monkeypatch.undo()
-    assert target.read_text() == "the old plan"
-    assert [f.name for f in tmp_path.iterdir()] == ["plan.json"]
 
 
 @pytest.mark.parametrize("name", ["a" * 245 + ".json", "a" * 300 + ".json", "a\0b.json"])

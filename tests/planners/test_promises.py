@@ -31,31 +31,6 @@ def test_a_limit_is_kept_to_rounding_and_no_more(field: str, over: float, holds:
     assert any(field in words for words in certificate.reasons) != holds
 
 
-@pytest.mark.parametrize(("order", "first"), [(0, 0), (1, 1), (2, 2)])
-def test_a_jump_makes_every_higher_derivative_infinite_though_none_of_them_jumps(order: int, first: int) -> None:
-    """Both pieces are one polynomial, but for the one derivative of one joint."""
-    rng = np.random.default_rng(3)
-    c = np.zeros((6, 2, 6))
-    c[:, 0] = 0.01 * rng.normal(size=(6, 6))
-    c[5, 0] = START
-    h, factorial = 0.7, (1.0, 1.0, 2.0, 6.0, 24.0, 120.0)
-    for j in range(6):
-        for k in range(6):
-            c[5 - k, 1, j] = np.polyval(np.polyder(c[:, 0, j], k) if k else c[:, 0, j], h) / factorial[k]
-    c[5 - order, 1, 3] += 0.003
-    trajectory = Trajectory(PPoly(c, [0.0, h, 1.5]))
-    for k in range(4):
-        assert np.abs(trajectory.jumps(k)[0, 3] - (0.003 * factorial[order] if k == order else 0.0)) < 1e-12
-    certificate = certified(trajectory, MotionLimits(10.0, 10.0, 10.0))
-    values = [getattr(certificate, field).value for field in DERIVATIVES]
-    assert certificate.continuous < order
-    for field, value in zip(DERIVATIVES[first:], values[first:], strict=True):
-        assert value[3] == np.inf, field
-        assert getattr(certificate, field).ratio[3] == np.inf
-    for value in values[:first]:
-        assert np.isfinite(value[3])
-
-
 def test_the_tools_limit_binds_by_the_faster_end_of_each_piece() -> None:
     base = step_of(1, 0.4, 1.0)
     t = np.array([0.0, 0.1, 0.25, 0.5, 0.8, 1.0])
