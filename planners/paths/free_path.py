@@ -70,7 +70,8 @@ class FreePath(Path):
     bounds : mapping
         Least and greatest value of each freedom's coordinates, by its name, in the order in which they move the tool.
     count : int, optional
-        Coefficients of each coordinate; by default 8, or 3 for each segment of the path if these are more.
+        Coefficients of each coordinate; by default 8, or 3 for each segment of the path if these are more, but fewer where the
+        timing has few grid points.
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int
@@ -89,6 +90,7 @@ class FreePath(Path):
     ) -> None:  # fmt: skip
         self.given, self.bounds = path, dict(bounds)
         check_count(starts, "starts", 1, MOST_GUESSES)
+        self.counts_itself = count is None
         count = max(FEWEST_COEFFICIENTS, PER_SEGMENT * path.segments) if count is None else count
         check_count(count, "coefficients", DEGREE + 1)
         self.hold_start, self.starts = check_flag(hold_start, "hold_start"), starts
@@ -302,7 +304,8 @@ def free(
     path : Path
         The given path of tool poses.
     coefficients : int, optional
-        Coefficients of each coordinate's spline; by default 8, or 3 for each segment of the path if these are more.
+        Coefficients of each coordinate's spline; by default 8, or 3 for each segment of the path if these are more, but at most
+        a third of the grid points of the timing.
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int

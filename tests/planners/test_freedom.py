@@ -304,6 +304,19 @@ def test_a_seam_is_shortened_and_a_file_brings_it_back(tmp_path: Any) -> None:
     assert again.certify().is_valid
 
 
+def test_a_line_through_many_waypoints_is_shortened_as_the_line_is() -> None:
+    """The timing has fewer grid points than the waypoints would have coefficients."""
+    robot = torch()
+    poses = np.tile(robot.fk(START), (200, 1, 1))
+    poses[:, :3, 3] += np.linspace(0.0, 1.0, 200)[:, None] * [-0.2, 0.3, 0.0]
+    gains = []
+    for given in (Polyline(poses, blend=1e-3), Line(poses[0], poses[-1])):
+        found = plan(robot, free(given, turn=True, hold_start=False), START, limits=LIMITS)
+        assert found.freedom is not None
+        gains.append(found.freedom.gain)
+    assert gains[0] > 0.99 * gains[1] > 0.05
+
+
 def test_a_freedom_that_cannot_shorten_the_motion_is_recognised_by_the_gradient() -> None:
     robot = paper6r()  # its tool's axis is that of the last joint, which no limit holds back
     given = line(robot, START)

@@ -38,6 +38,8 @@ SHAPE_DAMPING = 1e-2
 """Curvature that is added in each control point of a joint path [1/rad²]: motion along the path changes only its parameter."""
 ELBOW_SWINGS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """Constant changes of the null-space coordinate [rad] at which guesses begin where the others stay in contact."""
+POINTS_PER_COEFFICIENT = 3
+"""Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -280,6 +282,9 @@ def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Op
         raise InvalidInput(
             "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
         )
+    most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
+    if path.counts_itself and path.spline.count > most:
+        path = FreePath(path.given, path.bounds, count=most, hold_start=path.hold_start, starts=path.starts)
     return Choice(path, joint_path, optimum, held=held and path.hold_start)
 
 
