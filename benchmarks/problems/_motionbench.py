@@ -9,10 +9,10 @@ import io
 import json
 import re
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +36,10 @@ TABLE_DRAWS = 100
 """Number of draws after which an arm counts as unable to reach the table."""
 NEAR_TABLE = 0.5
 """Largest height of the tool above the table at both ends of a generated problem [m]."""
+
+
+READ_PARTS = "joint_state of start_state, and joint_constraints of goal_constraints"
+"""Parts of a request that are read."""
 
 
 class MotionProblem(NamedTuple):
@@ -90,17 +94,43 @@ def read_problem(
 
 
 def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:
-    """Return the start and the goal in the order of the arm's joints, whose names may have a prefix as in ``panda_joint1``."""
+    """Return the start and the goal in the order of the arm's joints."""
     try:
         state = request["start_state"]["joint_state"]
-        start = dict(zip(state["name"], state["position"], strict=True))
-        goal = {each["joint_name"]: each["position"] for each in request["goal_constraints"][0]["joint_constraints"]}
-        names = [name for joint in robot.joint_names for name in goal if name == joint or name.endswith(f"_{joint}")]
-        ends = [np.array([float(end[name]) for name in names]) for end in (start, goal)]
+        start = dict(zip(map(str, state["name"]), map(float, state["position"]), strict=True))
+        joints = request["goal_constraints"][0]["joint_constraints"]
+        goal = {str(each["joint_name"]): float(each["position"]) for each in joints}  # YAML 1.1 reads 1e-5 as text
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        expected = f"start_state and joint_constraints with the joints of {robot.name}"
-        raise InvalidInput("request", f"{type(error).__name__}: {error}"[:80], expected) from None
-    return (robot.configuration(end, name) for end, name in zip(ends, ("start_state", "goal_constraints"), strict=True))
+        raise InvalidInput("request", f"{type(error).__name__}: {error}"[:80], READ_PARTS) from None
+    names = _match_names(robot.joint_names, tuple(goal))
+    for part, end in (("start_state", start), ("goal_constraints", goal)):
+        if missing := [name for name in names if name not in end]:
+            raise InvalidInput(f"request: {part}", f"no position of {missing[0]}", READ_PARTS)
+        yield robot.configuration([end[name] for name in names], part)
+
+
+def _match_names(joints: tuple[str, ...], given: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the given name of each joint: its own name, or all own names with one prefix and suffix more or less."""
+    if set(joints) <= set(given):
+        return joints
+    (first, cores, last), (begin, others, end) = _split_names(joints), _split_names(given)
+    extends = (first.endswith(begin) or begin.endswith(first)) and (last.startswith(end) or end.startswith(last))
+    if not extends or sorted(cores) != sorted(others) or cores == [""]:
+        expected = f"the joints {', '.join(joints)}, or these with one prefix and suffix more or less"
+        raise InvalidInput("request", f"the joints {', '.join(given)}", expected)
+    return tuple(given[others.index(core)] for core in cores)
+
+
+def _split_names(names: tuple[str, ...]) -> tuple[str, list[str], str]:
+    """Return the common prefix of names, what differs, and their common suffix."""
+    prefix = _find_prefix(names)
+    reverse = [name.removeprefix(prefix)[::-1] for name in names]
+    suffix = _find_prefix(reverse)
+    return prefix, [name.removeprefix(suffix)[::-1] for name in reverse], suffix[::-1]
+
+
+def _find_prefix(names: Iterable[str]) -> str:
+    return "".join(one[0] for one in takewhile(lambda one: len(set(one)) == 1, zip(*names, strict=False)))
 
 
 # ---------------------------------------------------------------- generating

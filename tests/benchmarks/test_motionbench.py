@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,48 @@ def test_the_grasped_object_may_be_touched_by_the_hand_alone(tmp_path: Path, rob
     assert not read_problem(made, "table_pick", 7, robot, GRASPING).scene.allow
 
 
+@pytest.mark.parametrize("form", ["%s", "panda_%s", "%s_joint", "left_%s_1"])
+def test_joints_are_found_by_equal_names_or_by_one_prefix_and_suffix(tmp_path: Path, robot: Robot, form: str) -> None:
+    named = replace(robot, joint_names=tuple(form % name for name in robot.joint_names))
+    end = np.array([1e-05, -0.5, 0.5, -1.0, 0.0, 1.0, 2.0])
+    for one, other in ((robot, named), (named, robot)):
+        joints = ", ".join(
+            f"{{joint_name: {name}, position: {q}}}" for name, q in zip(one.joint_names, end, strict=True)
+        )
+        request = REQUEST % (", ".join(one.joint_names), end.tolist(), joints)
+        made = write(tmp_path / f"{one.joint_names[0]}.tar", scene=SCENE % (1, 1, 1), request=request)
+        assert np.array_equal(read_problem(made, "table_pick", 7, other).goal, end)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [
+            "shoulder_pan_joint",
+            "shoulder_lift_joint",
+            "elbow_joint",
+            "wrist_1_joint",
+            "wrist_2_joint",
+            "wrist_3_joint",
+            "a",
+        ],
+        [f"panda_joint{k}" for k in range(1, 7)],
+        [f"panda_joint{k}" for k in range(2, 9)],
+        ["joint1", *(f"panda_joint{k}" for k in range(2, 8))],
+        [f"joint{k}" for k in range(1, 7)] + ["finger_joint7"],
+        [f"axis{k}" for k in range(1, 8)],
+    ],
+)
+def test_other_joints_are_refused_in_one_line_with_both_lists(tmp_path: Path, robot: Robot, names: list[str]) -> None:
+    joints = ", ".join(f"{{joint_name: {name}, position: 0.5}}" for name in names)
+    request = REQUEST % (", ".join(names), [0.5] * len(names), joints)
+    made = write(tmp_path / "other.tar", scene=SCENE % (1, 1, 1), request=request)
+    with pytest.raises(InvalidInput) as caught:
+        read_problem(made, "table_pick", 7, robot)
+    assert ", ".join(names) in str(caught.value) and ", ".join(robot.joint_names) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 def test_bad_files_fail_with_one_line(tmp_path: Path, file: Path, robot: Robot) -> None:
     with pytest.raises(InvalidInput, match="a tar file of problems"):
         read_archive(tmp_path / "none.tar.bz2")
@@ -113,7 +156,8 @@ def test_bad_files_fail_with_one_line(tmp_path: Path, file: Path, robot: Robot) 
         read_archive(write(tmp_path / "half.tar", scene=SCENE))
     with pytest.raises(InvalidInput, match="table_boxes, table_cylinders"):
         read_problem(file, "cage", 1, robot)
-    for request in ("[]", "start_state: {}", REQUEST % ("a", [0.0], "")):
+    alone = ", ".join(f"{{joint_name: joint{k}, position: 1e-5}}" for k in range(1, 8))
+    for request in ("[]", "start_state: {}", REQUEST % ("a", [0.0], ""), REQUEST % ("joint1", [0.0], alone)):
         made = write(tmp_path / f"{len(request)}.tar", scene=SCENE % (1, 1, 1), request=request)
-        with pytest.raises(InvalidInput, match=r"joints of|joint values"):
+        with pytest.raises(InvalidInput, match=r"start_state|the joints joint1"):
             read_problem(made, "table_pick", 7, robot)
