@@ -56,6 +56,7 @@ class Freedom:
             No number above 0, no pair with lower < upper, or a pair for a ``round`` freedom.
         """
         allowed = f"a number of {self.unit} above 0" + ("" if self.round else ", a pair (lower, upper), or True")
+        value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         if value is True and not self.round:
             return -np.inf, np.inf
         if isinstance(value, tuple | list) and len(value) == 2 and not self.round:

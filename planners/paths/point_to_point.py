@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics, newton, se3
 from optik.arm.plain import describe_difference, read_numbers
 from optik.arm.robot import Robot
+from optik.check import real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance, make_solver
 from optik.ik._problem import check_start
@@ -59,9 +60,10 @@ class ViaPoint:
     """
 
     def __init__(self, target: ArrayLike, tolerance: ToleranceLike | None = None) -> None:
-        self.target: Array = np.array(target, dtype=np.float64)
+        expected = "a configuration (n,) or a pose (4, 4)"
+        self.target: Array = real_array(target, "target", expected).copy()
         if self.target.ndim != 1 and self.target.shape != (4, 4):
-            raise InvalidInput("target", f"shape {self.target.shape}", "a configuration (n,) or a pose (4, 4)")
+            raise InvalidInput("target", f"shape {self.target.shape}", expected)
         self.tolerance = None if tolerance is None else Tolerance.of(tolerance)
 
     @property
@@ -400,7 +402,7 @@ def _choose_configurations(
     layers = [q[None]]
     for i, point in enumerate(points):
         if point.is_pose:
-            found = _find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], i)
+            found = _find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], f"point {i}")
             may = np.ones(len(found), np.bool_) if usable is None else usable(found)
             layers.append(found[may] if may.any() else found)
         else:
@@ -416,7 +418,7 @@ def _choose_configurations(
     return np.stack([layer[i] for layer, i in zip(layers, reversed(chosen), strict=True)])
 
 
-def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -> Array:
+def _find_configurations(robot: Robot, pose: Array, before: Array, which: str) -> Array:
     """Return different configurations (k, n) of a pose inside the limits, from those of the point before and random ones."""
     target, limits = se3.nearest_pose(pose), robot.limits
     on = before[:BRANCH_DRAWS].copy()
@@ -425,10 +427,8 @@ def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -
         (np.abs(robot.pose_errors(on, np.repeat(target[None], len(on), axis=0))).max(axis=1) < MISSED)
         & limits.contains(on)
     ]
-    starts, several = (
-        limits.sample(np.random.default_rng(0), BRANCH_DRAWS),
-        np.repeat(target[None], BRANCH_DRAWS, axis=0),
-    )
+    starts = limits.sample(np.random.default_rng(0), BRANCH_DRAWS)
+    several = np.repeat(target[None], BRANCH_DRAWS, axis=0)
     found = make_solver(robot, "lm", max_restarts=3).solve_batch(several, starts, threads=1)
     reached = np.ascontiguousarray(found.q[found.solved])
     newton.polish_batch(robot.chain, reached, several[: len(reached)], GOAL_STEPS)
@@ -441,7 +441,7 @@ def _find_configurations(robot: Robot, pose: Array, before: Array, which: int) -
             kept.append(x)
     if not kept:
         raise NoSolution(
-            f"no configuration inside the limits reaches the pose of point {which}, from {BRANCH_DRAWS} initial guesses",
+            f"no configuration inside the limits reaches the pose of {which}, from {BRANCH_DRAWS} initial guesses",
             advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
         )
     return np.array(kept)

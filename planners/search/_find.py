@@ -49,7 +49,8 @@ def find_path(
     q_start : (n,) array
         Start [rad, m].
     goal : (n,) array, or (k, n) array, or (4, 4) array
-        Configuration [rad, m]; several, of which one is reached; or a pose of the tool, reached in any configuration.
+        Configuration [rad, m]; several, of which one is reached; or a pose of the tool, reached in any configuration. For an
+        arm of four joints, (4, 4) is a pose if its last row is 0, 0, 0, 1.
     scene : Scene
         Obstacles, and the margin to them; the arm's own links are checked too. An empty scene checks the links alone.
     search : str or Search
@@ -76,8 +77,6 @@ def find_path(
     UnknownName
         An unknown method.
     """
-    if not isinstance(scene, Scene):
-        raise InvalidInput("scene", repr(scene)[:60], "a Scene; an empty one for the arm's own links only")
     space, start = JointSpace(robot, scene), np.ascontiguousarray(check_start(robot, q_start, "q_start"))
     for name, count, least, most in (
         ("seed", seed, 0, None), ("shortcuts", shortcuts, 0, MOST_SHORTCUTS), ("paths", paths, 1, MOST_PATHS),
@@ -87,7 +86,7 @@ def find_path(
     try:
         goals = _list_goals(robot, start, goal)
     except NoSolution as error:
-        return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, str(error), "a pose within reach")
+        return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, error.reason, error.advice)
     return _search(space, start, goals, method, (seed, shortcuts, paths))
 
 
@@ -163,8 +162,8 @@ def _list_goals(robot: Robot, start: Array, goal: ArrayLike) -> Array:
         array = np.asarray(goal, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidInput("goal", repr(goal)[:60], expected) from None
-    if array.shape == (4, 4):
-        return np.ascontiguousarray(_find_configurations(robot, se3.check_pose(array, "goal"), start[None], 0))
+    if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
+        return np.ascontiguousarray(_find_configurations(robot, se3.check_pose(array, "goal"), start[None], "the goal"))
     if array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
         raise InvalidInput("goal", f"shape {array.shape}", expected)
     rows: Iterable[Array] = array.reshape(-1, robot.n)

@@ -12,6 +12,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.check import check_count
+from optik.errors import InvalidInput
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
@@ -103,6 +104,10 @@ class JointSpace:
     scene: Scene
 
     def __post_init__(self) -> None:
+        for name, kind in (("robot", Robot), ("scene", Scene)):
+            if not isinstance(value := getattr(self, name), kind):
+                allowed = "; an empty one for the arm's own links only" if kind is Scene else ""
+                raise InvalidInput(name, repr(value)[:60], f"a {kind.__name__}{allowed}")
         check_scene(self.robot, self.scene)
 
     @cached_property

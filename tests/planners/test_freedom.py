@@ -366,6 +366,8 @@ def test_the_same_arguments_make_the_same_motion() -> None:
         ({"tilt": True}, InvalidInput, "tilt"),
         ({"tilt": (0.0, 0.1)}, InvalidInput, "tilt"),
         ({"tilt": -0.1}, InvalidInput, "tilt"),
+        ({"elbow": (0.1, 0.5)}, InvalidInput, "0 is the initial joint path"),
+        ({"elbow": np.array([-0.5, -0.1])}, InvalidInput, "0 is the initial joint path"),
         ({"trun": True}, UnknownName, "turn"),
         ({"turn": True, "starts": 0}, InvalidInput, "starts"),
         ({"turn": True, "coefficients": 3}, InvalidInput, "coefficients"),
@@ -375,6 +377,10 @@ def test_the_same_arguments_make_the_same_motion() -> None:
 def test_freedoms_that_no_path_can_have_are_refused(freedoms: dict[str, Any], kind: type, said: str) -> None:
     with pytest.raises(kind, match=said):
         free(line(torch(), START), **freedoms)
+
+
+def test_a_pair_may_be_an_array() -> None:
+    assert free(line(torch(), START), turn=np.array([-1.0, 0.5])).bounds == {"turn": (-1.0, 0.5)}
 
 
 def test_misuse_of_a_free_path_is_refused() -> None:

@@ -264,6 +264,8 @@ def test_the_same_points_make_the_same_motion() -> None:
         ((HOME,), InvalidInput, "differ"),
         ((ViaPoint(HOME + 0.1, TOLERANCE),), InvalidInput, "tolerance"),
         ((np.zeros(3),), InvalidInput, "7"),
+        (([HOME + 0.1, HOME + 0.2, 3.0],), InvalidInput, "^target: "),
+        (("home",), InvalidInput, "^target: "),
         ((HOME + 9.0,), InvalidInput, "limits"),
         ((np.full(7, np.nan),), InvalidInput, "point 0"),
         ((np.diag([1.0, 1.0, 2.0, 1.0]),), InvalidInput, "point 0"),

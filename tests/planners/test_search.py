@@ -245,6 +245,15 @@ def test_a_start_or_goal_in_contact_names_the_pair() -> None:
     assert "margin is 600 mm" in near.reason
     far = find_path(panda(), LEFT, pose((3.0, 0.0, 0.5)), scene=Scene())
     assert far.status is SearchStatus.GOAL_UNREACHABLE
+    assert "the goal" in far.reason
+    assert far.advice not in far.reason
+
+
+def test_four_goals_of_an_arm_with_four_joints_are_no_pose() -> None:
+    robot, (start, *goals) = scara(), scara().limits.sample(np.random.default_rng(2), 5)
+    assert (find_path(robot, start, goals, scene=Scene()).vertices[-1] == goals).all(axis=1).any()
+    at_pose = find_path(robot, start, robot.fk(goals[0]), scene=Scene())
+    np.testing.assert_allclose(robot.fk(at_pose.vertices[-1]), robot.fk(goals[0]), atol=1e-9)
 
 
 # ---------------------------------------------------------------- arguments and own searches
@@ -255,6 +264,7 @@ def test_a_start_or_goal_in_contact_names_the_pair() -> None:
         ({"shortcuts": -1}, "shortcuts"), ({"goal": [1.0, 2.0]}, "goal"), ({"goal": "home"}, "goal"),
         ({"goal": np.full(7, 9.0)}, "goal"), ({"q_start": np.full(7, 9.0)}, "q_start"),
         ({"search": RRTConnect(), "max_samples": 5}, "max_samples"), ({"robot": optik.load("irb910sc")}, "robot"),
+        ({"robot": "panda"}, "robot"),
     ],
 )  # fmt: skip
 def test_invalid_arguments_are_named(change: dict[str, object], words: str) -> None:
