@@ -228,11 +228,11 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "(np.maximum(x, 0.0) + ROOM_BEND)",
     ),
     ("planners/timing/_free/avoid.py", "chosen = np.isfinite(self.table)", "chosen = np.isnan(self.table)"),
-    ("planners/timing/_free/clearances.py", "return not bad.any()", "return True"),
+    ("planners/timing/_free/clearances.py", "return not bool((room < self._required[k, pair]).any())", "return True"),
     (
         "planners/timing/_free/avoid.py",
-        "missing, rows = PUSH_ROOM - room[k, pair]",
-        "missing, rows = room[k, pair] - PUSH_ROOM",
+        "missing, rows = PUSH_ROOM - rooms",
+        "missing, rows = rooms - PUSH_ROOM",
     ),
     (
         "planners/search/_around.py",
@@ -274,7 +274,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("optik/task.py", "c = 1.0 / 12.0 if", "c = 1.0 / 6.0 if"),
     ("planners/certificate/_clearance.py", "max(away[k, 0, base], away[k, 1, base])", "away[k, 0, base]"),
     (
-        "planners/certificate/_clearance.py",
+        "optik/scene/contact.py",
         "T[i, 0, 2] * x + T[i, 1, 2] * y + T[i, 2, 2] * z) - edges",
         "T[i, 0, 2] * x + T[i, 2, 2] * z) - edges",
     ),

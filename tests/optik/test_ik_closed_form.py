@@ -456,16 +456,6 @@ def test_branches_refuse_what_solve_refuses():
         solver.branches(np.eye(4), np.full(6, 9.0))
 
 
-def test_batch_answers_as_single_calls_do(known):
-    solver, arm = known
-    q = oracles.configurations(arm, 6, 28)
-    targets = np.array([oracles.fk(arm, x) for x in q])
-    batch = solver.solve_batch(targets, np.zeros(6))
-    assert batch.solved.all()
-    for i, target in enumerate(targets):
-        assert (batch.q[i] == solver.solve(target, np.zeros(6)).q).all()
-
-
 @pytest.mark.parametrize("elbow", ["folds", "flips", "stands"])
 def test_a_curve_of_solutions_that_leaves_between_two_lost_directions_is_free(elbow, backend):
     """A UR5e whose wrist is straight and elbow stretched: the joints 2, 3, 4, 6 are a four-bar linkage, all in a line.

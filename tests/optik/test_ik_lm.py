@@ -150,13 +150,6 @@ def test_the_chain_is_the_arm_where_axes_are_parallel_or_nearly_so(seed, n, off,
         assert np.abs(chain_pose(built(arm), q) - oracles.fk(arm, q)).max() < 1e-11
 
 
-@pytest.mark.parametrize("name", optik.robots())
-def test_the_chain_is_the_arm_of_every_robot(name):
-    robot, arm = optik.load(name), oracles.table(name)
-    for q in oracles.configurations(arm, 20, 101):
-        assert np.abs(chain_pose(robot, q) - oracles.fk(arm, q)).max() < 1e-13
-
-
 # ---------------------------------------------------------------- sine, cosine, angle
 @numba.njit
 def sines_cosines(x, out):

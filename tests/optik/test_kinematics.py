@@ -141,11 +141,6 @@ def test_tool_motion_of_a_batch_is_that_of_each():
         assert (together[k] == motion(robot, q[k], dq[k])[0]).all()
 
 
-def test_an_arm_at_rest_has_a_tool_at_rest():
-    robot = optik.load("puma560")
-    assert (motion(robot, np.full(6, 0.3), np.zeros((3, 6))) == 0.0).all()
-
-
 def regular(name, count, seed):
     """Configurations whose Jacobian is far from losing rank."""
     robot = optik.load(name)

@@ -148,13 +148,6 @@ def test_the_links_of_an_arm_hang_together_and_it_has_room_to_move(name):
     assert free >= 4
 
 
-@pytest.mark.parametrize("name", SHAPED)
-def test_an_arm_with_shapes_survives_its_file(name):
-    robot = optik.load(name)
-    again = optik.Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
-    assert (again == robot, again.shapes == robot.shapes) == (True, True)
-
-
 TABLE = """
 convention = "{convention}"
 joints = [ {{ a_mm = 100.0, alpha_deg = 90.0, range_deg = [-90.0, 90.0] }}, {{ range_deg = [-90.0, 90.0] }} ]

@@ -10,8 +10,11 @@ from scipy.spatial.transform import Rotation
 import optik
 from optik import Scene, Shapes
 from optik.arm.robot import Robot
+from optik.scene.contact import SELF, find_pairs
 from optik.types import Array
 from planners import Trajectory
+from planners.certificate import clearance
+from planners.certificate._clearance import _judge_level
 from planners.curve import quintic_through
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
@@ -189,3 +192,18 @@ def along(d: Array) -> Array:
 
 def instants(motion: Trajectory, rate: float) -> Array:
     return np.append(np.arange(0.0, motion.end, 1.0 / rate), motion.end)
+
+
+def bounds_of_one_interval(robot: Robot, motion: Trajectory, scene: Scene) -> Array:
+    """Bounds (2,) to the scene and of the arm itself, of a whole motion as one interval whose ends are not looked at."""
+    pairs, least = find_pairs(robot, scene).bodies, np.full((2, 4), np.inf)
+    count, pieces = len(pairs), motion.knots.size - 1
+    polynomials = (motion.padded, motion.knots, motion.piece_ranges, clearance._is_continuous(motion))
+    nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
+    rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)
+    first = (np.arange(count), np.full(count, -np.inf))
+    left = _judge_level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
+    for k in range(left[0, 1]):
+        kind = int(pairs[rest[0][k], 2] == SELF)
+        least[kind, 2] = min(least[kind, 2], rest[1][k])
+    return least[:, 2]

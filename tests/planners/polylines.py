@@ -9,7 +9,7 @@ import optik
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import MotionLimits, Polyline
+from planners import MotionLimits, Path, Polyline
 
 ARMS = ("iiwa14", "irb120", "kr6", "panda", "paper6r", "puma560", "ur5e", "ur10e")
 REDRAWN = 200
@@ -100,3 +100,19 @@ def _limits(robot: Robot, rng: np.random.Generator) -> MotionLimits:
     if kind < 0.7:
         return MotionLimits(**usual)
     return MotionLimits(**{f: x * 10.0 ** rng.uniform(-1.0, 1.0, robot.n) for f, x in usual.items()})
+
+
+def keeps_on(robot: Robot, path: Path, q: Array) -> bool:
+    """Whether dense Newton steps of least joint motion follow a path inside the limits."""
+    u = np.arange(12) / 12.0
+    within = path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * u
+    x = q.copy()
+    for pose in path.pose(np.union1d(np.linspace(0.0, path.end, 600), within.ravel())):
+        y = x.copy()
+        for _ in range(6):
+            J = robot.jacobian(y)
+            y = y + J.T @ np.linalg.solve(J @ J.T + 1e-15 * np.eye(6), robot.pose_errors(y, pose))
+        if np.abs(robot.pose_errors(y, pose)).max() > 1e-9 or np.abs(y - x).max() > 0.1 or not robot.limits.contains(y):
+            return False
+        x = y
+    return True

@@ -24,7 +24,7 @@ from planners.following.smoothing import BARRIER_WEIGHT
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners.cases import START, default_line, paper6r, wide
-from tests.robots import built, marked
+from tests.robots import marked
 
 ROBOTS = ("paper6r", "ur5e", "puma560", "gen3lite", "panda", "iiwa14")
 
@@ -74,16 +74,6 @@ def test_the_bound_is_never_below_the_deviation_and_few_nodes_are_enough(name: s
         assert angle <= joint_path.bound[1] + 2e-14
         assert max(joint_path.bound) <= 1e-5
         assert len(joint_path.nodes) <= 60
-
-
-def test_a_sliding_joint_counts_in_the_bound() -> None:
-    robot = built(oracles.SLIDING, name="sliding")
-    q = np.array([0.3, -0.8, 0.5, 0.4, 0.9, -0.2])
-    line = Line(robot.fk(q), oracles.moved(robot.fk(q), np.array([0.2, 0.16, -0.12]), np.array([0.2, -0.1, 0.3])))
-    joint_path = follow(make_solver(robot, "lm"), line, q, samples=3).joint_path
-    distance, angle = off(joint_path, np.linspace(0.0, line.end, 500))
-    assert 0.0 < distance <= joint_path.bound[0] <= 1e-5
-    assert 0.0 < angle <= joint_path.bound[1] <= 1e-5
 
 
 def test_equal_samples_on_a_short_path_are_knots_but_not_all_nodes() -> None:

@@ -380,14 +380,6 @@ def test_a_correction_that_noise_and_calibration_do_not_explain_is_not_made(stat
         assert "explain" in outcome.reason and ("covariance" in outcome.failed.advice) != stated
 
 
-def test_with_a_frozen_encoder_a_task_does_not_arrive() -> None:
-    pytest.importorskip("mujoco")
-    drive = make_drive("mujoco", ARM, q=START, disturbances=(LostEncoder(1, 0.1, frozen=True),))
-    outcome = cell_of(drive=drive).move_to_spot(EXACT.reading(SPOT))
-    assert outcome.status is CellStatus.FAULT and outcome.failed.name == "execution" and "encoder" in outcome.reason
-    assert np.abs(outcome.executions[-1].dq[-1]).max() <= 0.02
-
-
 def test_corrections_remove_what_an_unknown_load_leaves() -> None:
     """A kilogram that the servos' feed-forward does not know: it hangs lower by a millimetre."""
     pytest.importorskip("mujoco")

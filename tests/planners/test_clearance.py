@@ -14,13 +14,22 @@ import planners
 from optik import Scene
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
-from optik.scene.contact import SELF, find_contact, find_nearest_pairs, find_pairs
+from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
 from planners import MotionLimits, PlanStatus, Trajectory
-from planners.certificate import clearance as module
-from planners.certificate._clearance import _judge_level
 from planners.certificate.clearance import Clearance, clearance
-from tests.planners.contacts import COAL_ERROR, REST, Oracle, drawn, drawn_motion, instants, panda, pose, table
+from tests.planners.contacts import (
+    COAL_ERROR,
+    REST,
+    Oracle,
+    bounds_of_one_interval,
+    drawn,
+    drawn_motion,
+    instants,
+    panda,
+    pose,
+    table,
+)
 
 coal = pytest.importorskip("coal")
 
@@ -98,31 +107,13 @@ def test_five_thousand_proofs_hold_against_coal(seed: int) -> None:
     assert count["free"] >= 40
 
 
-def bounds_of_one_interval(motion: Trajectory, scene: Scene, robot: optik.Robot | None = None) -> Array:
-    """Bounds (2,) of the whole motion as one interval, which is not divided and whose ends are not looked at."""
-    robot, least, pieces = robot or panda(), np.full((2, 4), np.inf), motion.knots.size - 1
-    pairs = find_pairs(robot, scene).bodies
-    count = len(pairs)
-    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
-    nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
-    rest = np.empty(count, np.int64), np.empty(count)
-    bodies, wanted = (robot.shapes.capsules, scene.arrays, pairs), (0.0, 0.0, 0.0, 1.0, 1)
-    left = _judge_level(
-        robot.chain, bodies, polynomials, wanted, nodes, (np.arange(count), np.full(count, -np.inf)), rest, least
-    )
-    for k in range(left[0, 1]):
-        kind = int(pairs[rest[0][k], 2] == SELF)
-        least[kind, 2] = min(least[kind, 2], rest[1][k])
-    return least[:, 2]
-
-
 @pytest.mark.parametrize("kind", [0, 1])
 def test_bounds_of_one_wide_interval_hold_on_a_hundred_thousand_instants(kind: int) -> None:
     rng, scene, tight = np.random.default_rng(8), table(), []
     for _ in range(3):
         whole = drawn_motion(rng, kind)
         motion = whole.slowed(1.0) if kind else quarter(whole)
-        bound = bounds_of_one_interval(motion, scene)
+        bound = bounds_of_one_interval(panda(), motion, scene)
         t = np.linspace(0.0, motion.end, 16_667)
         distance, _ = find_nearest_pairs(panda(), scene, motion(t))
         assert distance.min() >= bound.min() - 1e-9
@@ -170,7 +161,7 @@ def test_a_bound_is_below_the_distance_and_as_sharp_as_the_acceleration(case: st
     t = np.linspace(0.0, motion.end, 2001)
     kind = 1 if len(kinds) == 3 else 0
     distance = find_nearest_pairs(robot, Scene() if kind else scene, motion(t))[0]
-    bound = bounds_of_one_interval(motion, scene, robot)[kind]
+    bound = bounds_of_one_interval(robot, motion, scene)[kind]
     drop = distance[1000] - distance.min()
     assert drop > 1e-4
     assert distance.min() - 0.25 * drop <= bound <= distance.min()
@@ -247,6 +238,8 @@ def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     assert read.certify().clearance == made.certificate.clearance
     later = planners.replan(made, 0.3)
     assert later and later.certificate.clearance is not None and later.certificate.clearance.margin == 0.002
+    other = planners.replan(made, 0.3, scene=replace(table(), margin=0.001))
+    assert other.certificate.clearance is not None and other.certificate.clearance.margin == 0.001
     blocked = Scene(boxes=[(pose(panda().fk(REACHED)[:3, 3]), (0.05, 0.05, 0.05))])
     assert planners.replan(made, 0.3, scene=blocked).status is not PlanStatus.SOLVED
     assert planners.plan(panda(), REACHED, REST).certificate.clearance is None
@@ -353,11 +346,6 @@ def test_bad_input_is_one_line(bad: str) -> None:
 def test_a_margin_is_a_distance(margin: Any) -> None:
     with pytest.raises(InvalidInput, match=r"scene\.margin"):
         Scene(margin=margin)
-
-
-def test_a_new_scene_of_a_replan_brings_its_own_margin() -> None:
-    later = planners.replan(solved(), 0.3, scene=replace(table(), margin=0.001))
-    assert later.certificate.clearance is not None and later.certificate.clearance.margin == 0.001
 
 
 # ---------------------------------------------------------------- motions of others

@@ -16,6 +16,7 @@ from optik.types import Array
 from planners import Line, Polyline, follow
 from planners.following.joint_path import LEAST_SPACING, Course, fourth_bounds, make_empty_guide, thin
 from tests import oracles
+from tests.planners.polylines import keeps_on
 
 
 class Pieces(Line):
@@ -96,22 +97,6 @@ def drawn(robot: Robot, rng: np.random.Generator) -> tuple[Polyline, Array]:
             return Polyline(np.array([robot.fk(q) for q in Q]), blend=blend, blend_rotation=turn), Q[0]
         except InvalidInput:
             continue
-
-
-def keeps_on(robot: Robot, path: Polyline, q: Array) -> bool:
-    """Whether dense Newton steps of least joint motion follow the path inside the limits."""
-    u = np.arange(12) / 12.0
-    within = path.breaks[:-1, None] + np.diff(path.breaks)[:, None] * u
-    x = q.copy()
-    for pose in path.pose(np.union1d(np.linspace(0.0, path.end, 600), within.ravel())):
-        y = x.copy()
-        for _ in range(6):
-            J = robot.jacobian(y)
-            y = y + J.T @ np.linalg.solve(J @ J.T + 1e-15 * np.eye(6), robot.pose_errors(y, pose))
-        if np.abs(robot.pose_errors(y, pose)).max() > 1e-9 or np.abs(y - x).max() > 0.1 or not robot.limits.contains(y):
-            return False
-        x = y
-    return True
 
 
 def check_polylines(name: str, how_many: int) -> None:

@@ -61,12 +61,6 @@ def test_masses_that_mujoco_refuses_are_substituted_and_the_exact_ones_put_back(
     assert 0.0 < change <= 0.0075 / 3 + 1e-9  # the excess of 0.0075 kg·m², a third on each moment
 
 
-def test_an_arm_of_a_urdf_is_the_same_in_mujoco(tmp_path):
-    file = tmp_path / "arm.urdf"
-    optik.load("panda").with_inertia(viscous=0.3, motor=0.05).to_urdf(file)
-    assert (differences(optik.Robot.from_urdf(file)) <= 1e-9).all()
-
-
 def test_motors_saturate_at_the_torque_limits():
     robot = optik.load("paper6r")
     model = mujoco_model(robot)

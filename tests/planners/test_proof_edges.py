@@ -16,13 +16,12 @@ from optik.arm.inertia import Inertia
 from optik.distance import DISTANCE_ROUNDING
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
-from optik.scene.contact import BOX, PLANE, ROUND, SELF, find_pairs
+from optik.scene.contact import BOX, PLANE, ROUND, SELF, bound_distance
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate import checks
 from planners.certificate import clearance as module
-from planners.certificate._clearance import _judge_level, _sphere_distance
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearance
 from planners.certificate.effort import energy
@@ -31,7 +30,7 @@ from planners.certificate.torque import direction, fourth_bounds, sizes
 from planners.curve import quintic_through
 from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
 from planners.limits.base import Limit
-from tests.planners.contacts import pose
+from tests.planners.contacts import bounds_of_one_interval, pose
 from tests.planners.torques import proved, random_loaded, swing, values
 
 SEEDS = pytest.mark.parametrize("seed", range(6))
@@ -48,18 +47,6 @@ def polynomial(*pieces: tuple[float, Any]) -> Trajectory:
 
 
 # ---------------------------------------------------------------- clearance
-def bound_of(robot: Robot, motion: Trajectory, scene: Scene) -> float:
-    """The bound of a whole motion as one interval, whose ends are not looked at."""
-    pairs = find_pairs(robot, scene).bodies
-    count, least, pieces = len(pairs), np.full((2, 4), np.inf), motion.knots.size - 1
-    polynomials = (motion.padded, motion.knots, motion.piece_ranges, module._is_continuous(motion))
-    nodes = np.array([[0.0, motion.end]]), np.array([[0, pieces - 1, 0, count]])
-    rest, bodies = (np.empty(count, np.int64), np.empty(count)), (robot.shapes.capsules, scene.arrays, pairs)
-    first = (np.arange(count), np.full(count, -np.inf))
-    left = _judge_level(robot.chain, bodies, polynomials, (0.0, 0.0, 0.0, 1.0, 1), nodes, first, rest, least)
-    return float(min(least[0, 2], *rest[1][: left[0, 1]], np.inf))
-
-
 def bar(
     rng: np.random.Generator, length: float, radius: float, *, slides: bool = False, outwards: bool = True
 ) -> Robot:
@@ -86,7 +73,7 @@ def test_a_bar_that_begins_on_the_axis_swings_with_its_other_end(seed: int, outw
     motion = polynomial((1.0, [[2.0 * half], [middle - half]]))
     far = length * np.sin(0.8) + 0.1
     true = far - radius + min(0.0, length * np.sin(middle - half))
-    bound = bound_of(robot, motion, plane_beside(robot, 1, far, rng))
+    bound = bounds_of_one_interval(robot, motion, plane_beside(robot, 1, far, rng))[0]
     assert true - 2.0 * length * half <= bound <= true
     found = clearance(robot, motion, plane_beside(robot, 1, far, rng)).scene
     assert found is not None and found.value <= true <= found.found + ROUNDING
@@ -106,7 +93,7 @@ def test_a_motion_that_jumps_inside_an_interval_is_not_bounded_by_its_middle(see
     if what == "position":
         pieces = [(t, [[high]]), (0.1, [[low]]), (2.0 - t, [[high]])]
     motion = polynomial(*pieces)
-    assert bound_of(robot, motion, scene) <= touch
+    assert bounds_of_one_interval(robot, motion, scene)[0] <= touch
     found = clearance(robot, motion, scene)
     assert found.touches and not found.proved and found.found <= 0.0
     assert found.time == pytest.approx(t + 0.05, abs=0.051)
@@ -136,7 +123,7 @@ def test_the_sphere_around_an_axis_is_as_far_as_the_exact_formulas_say() -> None
             ROUND: np.linalg.norm(middle - 0.5 * (c + d)) - half - 0.5 * np.linalg.norm(d - c),
         }
         for kind, distance in expected.items():
-            found = _sphere_distance(near, half, kind, 0, scene, spheres)
+            found = bound_distance(near, half, kind, 0, scene, spheres)
             assert found == pytest.approx(distance, abs=1e-13), kind
 
 
@@ -152,7 +139,7 @@ def test_a_still_ball_is_bounded_by_its_distance_from_a_turned_box(seed: int) ->
         scene = Scene(boxes=[(T, edges)])
         if out.max() > 0.0:
             true = float(np.linalg.norm(np.maximum(out, 0.0))) - 0.03
-            assert bound_of(robot, motion, scene) == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
+            assert bounds_of_one_interval(robot, motion, scene)[0] == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
             if true > 1e-6:
                 assert clearance(robot, motion, scene).value == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
         else:

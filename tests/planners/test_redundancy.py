@@ -17,6 +17,7 @@ from planners.following.failure import FollowStatus
 from planners.following.redundancy import find_null_space_motions
 from planners.paths.arc import Arc
 from tests import oracles
+from tests.planners.polylines import keeps_on
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])
@@ -83,20 +84,6 @@ def test_the_smooth_free_motion_is_a_minimum_of_its_cost(held: bool) -> None:
 
 
 # ---------------------------------------------------------------- arcs that a continuous motion follows
-def keeps_on(robot: Robot, path: Arc, q: Array) -> bool:
-    """Whether steps of least joint motion follow a path inside the limits."""
-    x = q.copy()
-    for pose in path.pose(np.linspace(0.0, path.end, 601)[1:]):
-        y = x.copy()
-        for _ in range(4):
-            J = robot.jacobian(y)
-            y = y + J.T @ np.linalg.solve(J @ J.T + 1e-15 * np.eye(6), robot.pose_errors(y, pose))
-        if np.abs(robot.pose_errors(y, pose)).max() > 1e-9 or np.abs(y - x).max() > 0.1 or not robot.limits.contains(y):
-            return False
-        x = y
-    return True
-
-
 def check_arcs(name: str, how_many: int) -> None:
     robot, rng, seen = load(name), np.random.default_rng(17), 0
     lower, upper = robot.limits.lower, robot.limits.upper
