@@ -303,7 +303,7 @@ class _Planner:
     def _avoid(
         self, path: FreePath | PointToPoint, followed: FollowResult, starts_there: bool, duration: float | None
     ) -> Plan:
-        """Return the fastest plan that is found along ways around the obstacles, of this duration if one is given."""
+        """Return the fastest collision-free plan from the initial paths that are searched, of this duration if one is given."""
         request, samples, rounds = self.request, 0, 0
         plans: list[Plan] = []
         scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid

@@ -113,15 +113,15 @@ def print_certificate(plan: Any) -> None:
 
 
 def print_choice(plan: Any) -> None:
-    """Print what a plan chose: the freedoms of its path, and the way around obstacles."""
+    """Print what a plan chose: the freedoms of its path, and how it avoided obstacles."""
     from planners.paths.free_path import FreePath
 
-    chosen, way = plan.freedom, plan.search
-    if way is not None:
-        words = f"{way.rounds} round{'s' * (way.rounds != 1)} of path and timing"
+    chosen, search = plan.freedom, plan.search
+    if search is not None:
+        words = f"{search.rounds} round{'s' * (search.rounds != 1)} of path and timing"
         if not isinstance(plan.path, FreePath):  # which is not searched
-            ways = f"{way.paths} way{'s' * (way.paths != 1)}"
-            words = f"{way.planner} with {way.samples} random configurations, {ways}, {words}"
+            paths = f"{search.paths} initial path{'s' * (search.paths != 1)}"
+            words = f"{search.planner} with {search.samples} random configurations, {paths}, {words}"
         out_console.print(f"search: {words}", soft_wrap=True)
     if chosen is None:
         return

@@ -38,7 +38,7 @@ HALVED_AROUND = 2
 DEFAULT_SEARCH = "rrt_connect"
 """Name of the search of a plan that avoids obstacles."""
 MOST_WAYS = 3
-"""Most ways around the obstacles that a plan tries, from searches with different seeds."""
+"""Most initial paths around the obstacles that a plan tries, from searches with different seeds."""
 
 
 VIA_ADVICE = "another via point, or its configuration in place of its pose; or a smaller margin"
@@ -64,7 +64,7 @@ class SearchReport(NamedTuple):
     rounds : int
         Rounds of the choice of path and timing, each with the pairs of shapes that came too near in those before.
     paths : int
-        Ways that were tried.
+        Initial paths that were tried.
     """
 
     planner: str

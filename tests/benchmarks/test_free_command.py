@@ -81,7 +81,9 @@ def test_joints_go_around_a_wall_and_straight_ones_do_not(typed: Any, wall: str)
     assert typed(*move)[0] == 1
     status, out, said = typed(*move, "--avoid")
     assert status == 0, said
-    assert re.search(r"search: rrt_connect with \d+ random configurations, 1 way, \d rounds? of path and timing", out)
+    assert re.search(
+        r"search: rrt_connect with \d+ random configurations, 1 initial path, \d rounds? of path and timing", out
+    )
     status, out, _ = typed(*move, "--avoid", "--json")
     data = json.loads(out)
     assert (status, data["search"]["planner"], data["certificate"]["is_valid"]) == (0, "rrt_connect", True)

@@ -66,7 +66,7 @@ def make_page(show: Show, *, live: bool = False) -> str:
 
     data, facts = describe_show(show)
     legend = {"path": "path", "executed": "executed", "planned": "planned arm", "beam": "laser beam", "scene": "scene"}
-    legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "first way around"}
+    legend |= {"payload": "centre of the payload", "near": "nearest pair", "before": "initial path"}
     there = {"path": True, "executed": show.executed, "planned": show.executed, "beam": show.beam, "scene": show.scene}
     there |= {"payload": data["payload"], "near": data["clearance"], "before": data["before"]}
     return _template("page.html.j2").render(
