@@ -1,8 +1,14 @@
-"""Side-by-side timing of calls: in rounds, in turn, each call as a whole, with the garbage collector off."""
+"""Side-by-side timing: calls in turn with the garbage collector off, fresh processes, and seeds of random methods."""
 
 from __future__ import annotations
 
 import gc
+import hashlib
+import json
+import os
+import random
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blocks.base import Entry
+from optik.errors import OptikError
 from optik.plugins.files import is_path
 
 Item = TypeVar("Item")
@@ -80,3 +87,48 @@ def version_words(about: Mapping[str, Any]) -> str:
     if about["kind"] == "peer":
         return "–"
     return f"own file {Path(name).name}" if is_path(name) else "this version"
+
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder of our packages, so that a fresh process imports the same code."""
+
+
+class ProcessFailed(OptikError, RuntimeError):
+    """A fresh process ended with an error; the message is its last line."""
+
+
+def fresh(arguments: list[str], what: str, **environment: str) -> Any:
+    """Run ``python ARGUMENTS`` and read what it prints as JSON. Nothing is imported from the working folder."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"} | environment,
+    )
+    if done.returncode != 0:
+        raise ProcessFailed(
+            f"{what}: {(done.stderr.strip().splitlines() or ['the process ended without a message'])[-1]}"
+        )
+    return json.loads(done.stdout)
+
+
+def trial_seed(seed: int, problem: int, method: str, trial: int = 0) -> int:
+    """Seed of one trial of a method on a problem."""
+    named = int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8).digest(), "little")
+    return int(np.random.SeedSequence((seed, problem, named, trial)).generate_state(1)[0])
+
+
+def reseed(method: Any, seed: int, problem: int, label: str, trial: int = 0) -> None:
+    """Seed all random number generators that a method may use, before one trial of it.
+
+    These are Python's `random`, NumPy's global generator, and whatever the method's own ``reseed(number)`` sets, where it
+    has one.
+    """
+    number = trial_seed(seed, problem, label, trial)
+    random.seed(number)  # both generators are global: older packages use them
+    np.random.seed(number)  # noqa: NPY002
+    own = getattr(method, "reseed", None)
+    if callable(own):
+        own(number)

@@ -216,9 +216,8 @@ class KernelsCommand(JsonCommand):
 
 def _compile(jobs: int, environment: dict[str, str]) -> None:
     """Compile common calls in several processes, one such run at a time."""
-    from benchmarks.kernels.parts import WARM_UP
-    from benchmarks.kernels.run import Progress, run_parts
-    from benchmarks.run.lock import locked
+    from benchmarks.kernels.parts import WARM_UP, Progress, run_parts
+    from benchmarks.run.manifest import locked
 
     kernel: Any = forward
     folder = KernelCache(kernel).cache_path

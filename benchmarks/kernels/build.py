@@ -12,9 +12,8 @@ from tempfile import TemporaryDirectory
 from numba.core.caching import _CacheLocator
 from numba.core.registry import cpu_target
 
-from benchmarks.blocks._fresh import ROOT
-from benchmarks.kernels.parts import WARM_UP
-from benchmarks.kernels.run import Progress, run_parts
+from benchmarks.blocks._contest import ROOT
+from benchmarks.kernels.parts import WARM_UP, Progress, run_parts
 from optik.compiled import archive
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS

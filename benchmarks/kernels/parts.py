@@ -1,20 +1,27 @@
-"""Common calls, in parts that separate processes can run."""
+"""Common calls that compile the kernels, each part run in a process of its own, which prints each kernel."""
 
 from __future__ import annotations
 
 import os
 import re
 import runpy
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
+from numba.core import event
 
 import optik
 import planners
-from benchmarks.blocks._fresh import ROOT
+from benchmarks.blocks._contest import ROOT
+from optik.compiled.kernel import Helper, Kernel
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 """A configuration of panda [rad]."""
@@ -107,3 +114,84 @@ def pages() -> None:
 
 WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
 """The parts that an installed package can run, in the best order for two processes."""
+
+
+PROGRESS_SECONDS = 10.0
+"""Interval between two lines of progress if the error stream is no terminal [s]."""
+
+
+class Progress:
+    """Counter of compiled kernels on the error stream: one line on a terminal, otherwise a line from time to time."""
+
+    def __init__(self) -> None:
+        self.count, self._begin = 0, time.monotonic()
+        self._last = self._begin
+
+    def __call__(self, kernel: str) -> None:
+        """Count a kernel."""
+        self.count += 1
+        now, terminal = time.monotonic(), sys.stderr.isatty()
+        if terminal or now - self._last > PROGRESS_SECONDS:
+            words = f"compiled {self.count} kernels in {now - self._begin:.0f} s: {kernel}"
+            print(
+                f"\r\x1b[K{words[:70]}\r" if terminal else words,
+                end="" if terminal else "\n",
+                file=sys.stderr,
+                flush=True,
+            )
+            self._last = now
+
+    def end(self) -> str:
+        """Clear the line, and return a summary."""
+        print("\r\x1b[K" if sys.stderr.isatty() else "", end="", file=sys.stderr, flush=True)
+        return f"{self.count} kernels in {time.monotonic() - self._begin:.0f} s"
+
+
+def run_parts(parts: Sequence[str], jobs: int, say: Callable[[str], None], **environment: str) -> dict[str, str]:
+    """Run the parts in so many processes, and `say` each compiled kernel; return the error of each part that failed."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+    def run(part: str) -> str:
+        command = [sys.executable, "-P", "-m", "benchmarks.kernels.parts", part]
+        env = os.environ | {"PYTHONPATH": path} | environment
+        with (
+            TemporaryFile("w+") as errors,
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=env) as process,
+        ):
+            for line in process.stdout or ():
+                say(line.strip())
+            if process.wait() == 0:
+                return ""
+            errors.seek(0)
+            return (errors.read().strip().splitlines() or [f"exit status {process.returncode}"])[-1]
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return {part: words for part, words in zip(parts, pool.map(run, parts), strict=True) if words}
+
+
+class Teller(event.Listener):  # type: ignore[misc]
+    """Event listener of Numba that prints the name of each compiled kernel."""
+
+    def __init__(self, out: Any) -> None:
+        self._out = out
+
+    def on_start(self, event: Any) -> None:
+        """Do nothing, because the name of the kernel is not known yet."""
+
+    def on_end(self, event: Any) -> None:
+        """Print the kernel's name."""
+        kernel = event.data["dispatcher"]
+        if isinstance(kernel, Kernel) and not isinstance(kernel, Helper):
+            print(f"{kernel.py_func.__module__}.{kernel.py_func.__name__}", file=self._out, flush=True)
+
+
+def main(part: str) -> None:
+    """Run a part, and discard its output."""
+    with os.fdopen(os.dup(1), "w") as out, open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        with event.install_listener("numba:compile", Teller(out)):
+            (WARM_UP | {"pages": pages})[part]()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

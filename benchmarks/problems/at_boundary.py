@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.problems._starts import stream, with_starts
+from benchmarks.problems.base import stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput

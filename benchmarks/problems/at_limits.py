@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.problems._starts import stream, with_starts
+from benchmarks.problems.base import stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput

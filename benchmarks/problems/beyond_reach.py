@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems._starts import from_solutions, stream
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems.base import ProblemSet, from_solutions, stream
 from optik.arm.reach import outside_reach, reach_bound
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number

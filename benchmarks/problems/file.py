@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
-from benchmarks.problems._starts import check_starts, named, start_configurations, stream
 from benchmarks.problems._tables import Poses, read_poses
-from benchmarks.problems.base import ProblemSet, start_of
+from benchmarks.problems.base import ProblemSet, check_starts, named, start_configurations, start_of, stream
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.problems._starts import stream
-from benchmarks.problems.base import ProblemSet
+from benchmarks.problems.base import ProblemSet, stream
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput

@@ -9,8 +9,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from benchmarks.blocks.base import Kind
-from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, Finding
-from benchmarks.experiments.counterparts import PAPER_TITLE
+from benchmarks.experiments.base import FAILS, HOLDS, PAPER_TITLE, PARTLY, Finding
 from benchmarks.records import slug
 from benchmarks.report.base import Section, load_report
 from benchmarks.report.numbers import listed

@@ -13,10 +13,8 @@ from typing import Any
 from benchmarks.blocks.base import Kind, Part, add_keys
 from benchmarks.records import JOURNAL, Journal, RunFolder, failures, record_failures, update_manifest
 from benchmarks.run.cluster import Cluster
-from benchmarks.run.lock import Lock
-from benchmarks.run.manifest import begun, new_manifest, resumed
-from benchmarks.run.parts import solve_parts
-from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, words_of_error
+from benchmarks.run.manifest import Lock, begun, new_manifest, resumed
+from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_parts, words_of_error
 from benchmarks.suite import Suite, suite_of
 from optik.arm.library import load
 from optik.check import check_count, check_number

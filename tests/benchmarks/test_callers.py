@@ -16,10 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks._seeds import reseed
+from benchmarks.blocks._contest import reseed
 from benchmarks.blocks.base import Entry
-from benchmarks.blocks.ik.callers import Caller, callers_of
-from benchmarks.blocks.ik.rounds import timed_part
+from benchmarks.blocks.ik.rounds import Caller, callers_of, timed_part
 from benchmarks.cli.app import app
 from benchmarks.peers.ik import _worker
 from benchmarks.peers.ik._worker import WorkerPeer
@@ -105,7 +104,7 @@ def test_a_method_that_does_not_support_the_arm_is_refused_and_the_others_run() 
 
 
 def test_wrong_options_are_no_refusal() -> None:
-    from benchmarks.blocks.ik.callers import build_ours
+    from benchmarks.blocks.ik.rounds import build_ours
 
     with pytest.raises(InvalidInput, match="dampnig"):
         build_ours(Entry("x", "dls", {"dampnig": 1.0}), ARM)

@@ -13,8 +13,7 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.ik.callers import Caller
-from benchmarks.blocks.ik.rounds import Rounds, timed_part
+from benchmarks.blocks.ik.rounds import Caller, Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
@@ -80,7 +79,7 @@ def test_a_method_that_has_ended_the_process_is_not_called_and_all_its_problems_
 
 
 def test_a_round_that_is_kept_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.records.journal.WORTH_KEEPING", 0.0)
+    monkeypatch.setattr("benchmarks.records.WORTH_KEEPING", 0.0)
     folder, seen = RunFolder(tmp_path), []  # type: ignore[var-annotated]
     callers = [called("a", seen), called("b", seen)]
     with pytest.raises(KeyboardInterrupt), Journal(folder) as journal:  # stopped: the block is not finished

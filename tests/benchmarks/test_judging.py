@@ -18,8 +18,7 @@ from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report
-from benchmarks.report.ik.calls import block_winners
-from benchmarks.report.ik.calls_plots import by_sigma, profile_costs
+from benchmarks.report.ik.calls import block_winners, by_sigma, profile_costs
 from benchmarks.report.ik.calls_tables import block_tables
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Table, shown_rows

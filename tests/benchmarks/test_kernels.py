@@ -12,8 +12,8 @@ import pytest
 from numba.core.registry import cpu_target
 
 from benchmarks.cli.installation import KernelsCommand
-from benchmarks.kernels import build, parts, process, run
-from benchmarks.run.lock import locked
+from benchmarks.kernels import build, parts
+from benchmarks.run.manifest import locked
 from optik.compiled import archive, compiled
 from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
@@ -64,7 +64,7 @@ def test_native_without_compile_is_refused() -> None:
 
 
 def test_a_part_that_fails_is_named() -> None:
-    assert run.run_parts(["nothing"], 2, print) == {"nothing": "KeyError: 'nothing'"}
+    assert parts.run_parts(["nothing"], 2, print) == {"nothing": "KeyError: 'nothing'"}
 
 
 def test_a_process_tells_what_it_compiles(
@@ -74,7 +74,7 @@ def test_a_process_tells_what_it_compiles(
     monkeypatch.setitem(parts.WARM_UP, "one", lambda: os.write(1, str(compiled(half)(3.0)).encode()))
     saved = os.dup(1)
     try:
-        process.main("one")
+        parts.main("one")
     finally:
         os.dup2(saved, 1)
     assert capfd.readouterr().out == f"{half.__module__}.half\n"
@@ -120,7 +120,7 @@ def test_where_there_is_no_terminal_progress_is_a_line_now_and_then(
 ) -> None:
     now = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    progress = run.Progress()
+    progress = parts.Progress()
     for seconds in (1.0, 11.0, 12.0, 25.0):
         now[0] = seconds
         progress("a.kernel")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.blocks.base import load_kind
+from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE
 from benchmarks.experiments.claims import judge
-from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Winner, load_report

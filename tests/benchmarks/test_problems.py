@@ -17,8 +17,7 @@ from scipy.optimize import least_squares
 import optik
 from benchmarks.problems._reference import known_solutions
 from benchmarks.problems._singular import put_at_zero, put_on_limits, singular
-from benchmarks.problems._starts import START_KINDS, start_configurations, stream
-from benchmarks.problems.base import SETS, ProblemSet, sha256_of, start_of
+from benchmarks.problems.base import SETS, START_KINDS, ProblemSet, sha256_of, start_configurations, start_of, stream
 from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput

@@ -21,8 +21,8 @@ from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Winner
 from benchmarks.report.boards import Board, Control, packed
-from benchmarks.report.drawing import draw
 from benchmarks.report.figures import add, band, entry, figure, heatmap, lean, line, log_axis, steps_of, variable
+from benchmarks.report.formats import draw
 from benchmarks.report.ik import budgets
 from benchmarks.report.numbers import listed
 from benchmarks.report.page import render

@@ -13,8 +13,7 @@ import polars as pl
 import pytest
 
 from benchmarks.blocks.base import Kind, Part
-from benchmarks.run.parts import MOST_CRASHES, Done, solve_parts
-from benchmarks.run.pool import Failure, Pool
+from benchmarks.run.pool import MOST_CRASHES, Done, Failure, Pool, solve_parts
 from optik.errors import InvalidInput, OptikError
 from tests.benchmarks.toy import Divisible, Toy, ToyWork
 

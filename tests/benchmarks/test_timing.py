@@ -18,10 +18,9 @@ import pytest
 from scipy.optimize import linprog
 
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.timing.laws.example import maximum_velocity
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion
 from benchmarks.blocks.timing.laws.rows import SCHEMA, blank
-from benchmarks.blocks.timing.laws.timers import line_rows
+from benchmarks.blocks.timing.laws.timers import line_rows, maximum_velocity
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits

@@ -116,7 +116,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/search/_find.py": SEARCH,
     "planners/timing/_optimal/iteration.py": LAWS,
     "planners/timing/base.py": LAWS[::-1],
-    "benchmarks/records/folder.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
+    "benchmarks/records.py": ("tests/benchmarks/test_run.py", "tests/benchmarks/test_suite.py"),
     "optik/arm/shapes/model.py": ("tests/optik/test_shapes.py",),
     "optik/arm/shapes/enclosure.py": ("tests/optik/test_meshes.py",),
     "optik/scene/model.py": (EDGES, "tests/optik/test_scene.py"),

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._arms import arm_with
-from benchmarks.blocks._seeds import trial_seed
+from benchmarks.blocks._contest import trial_seed
 from benchmarks.blocks.base import Work
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
 from optik import se3

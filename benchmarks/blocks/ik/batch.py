@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._fresh import fresh
+from benchmarks.blocks._contest import fresh
 from benchmarks.blocks._problems import ProblemBlock, check_set
 from benchmarks.blocks.base import Compared, Kind, Tell
 from benchmarks.blocks.ik.judgement import judge_configurations

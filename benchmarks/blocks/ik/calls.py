@@ -16,9 +16,8 @@ from benchmarks.blocks._contest import clock_cost
 from benchmarks.blocks._entries import IKPeer, Method
 from benchmarks.blocks._problems import ProblemBlock, check_set, need_problems, store_problems
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Tell, chunks
-from benchmarks.blocks.ik.callers import Caller, build_ours, callers_of
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
-from benchmarks.blocks.ik.rounds import Rounds, timed_part
+from benchmarks.blocks.ik.rounds import Caller, Rounds, build_ours, callers_of, timed_part
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean

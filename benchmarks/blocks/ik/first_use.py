@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._fresh import fresh
+from benchmarks.blocks._contest import fresh
 from benchmarks.blocks.base import Block, Compared, Kind, Tell
 from benchmarks.settings import Count, RobotName, SolverName, key
 from benchmarks.targets import Measure, Target

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 from benchmarks.blocks._arms import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
 from benchmarks.blocks.columns import count, mean, median, quantile
-from benchmarks.peers._pinocchio import pinocchio_model
+from benchmarks.peers._models import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from benchmarks.targets import Measure
 from optik.arm.library import load

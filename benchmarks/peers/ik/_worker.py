@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.peers.ik._urdf import urdf
+from benchmarks.peers._models import urdf
 from benchmarks.peers.ik.base import Answer, Failed, NotInstalled, Peer, none, one
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput

@@ -1,4 +1,4 @@
-"""The interface of a peer: an IK method of another package, built for one arm and called as its users call it."""
+"""Peers of inverse kinematics: their base class and results, and the loop of those that iterate from one start."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.peers.ik import PEERS
 from benchmarks.provenance import version_here
+from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import load_method
@@ -255,3 +256,61 @@ def none(robot: Robot) -> Array:
 
 METHOD_BASE = Peer
 """Base class of the METHOD of every module here, and of every plug-in."""
+
+
+LOOP_ITERATIONS = 100
+"""Iteration limit of a loop of differential inverse kinematics, for targets where it does not converge."""
+LOOP_TOLERANCE = 7e-7
+"""Bound on the norm of the pose error, so that both errors are below the 1e-6 m and rad that every method must reach."""
+TASK_DAMPING = 1e-3
+"""``lm_damping`` of a frame task: without it the quadratic programme of an arm with seven joints may be singular."""
+
+
+class LoopPeer(Peer):
+    """A peer whose call returns a configuration (n,) [rad, m], the number of iterations and whether it converged."""
+
+    budgeted: ClassVar[bool] = True
+    limits: JointLimits | None = (
+        None  # to which the configuration is clamped, for a method that keeps limits to rounding
+    )
+
+    def answers(self, raw: Any) -> Array:
+        """Return the last configuration of the iteration."""
+        return one(raw[0] if self.limits is None else self.limits.clip(raw[0]))
+
+    def iterations(self, raw: Any) -> int | None:
+        """Return the number of iterations."""
+        return int(raw[1])
+
+    def claims(self, raw: Any) -> bool | None:
+        """Say whether the method reports convergence."""
+        return bool(raw[2])
+
+
+def frame_task_loop(
+    configuration: Any,
+    task: Any,
+    pose_of: Callable[[Array], Any],
+    solve_ik: Callable[..., Any],
+    no_solution: type[Exception],
+    iterations: int | None,
+    **options: Any,
+) -> Callable[[Array, Array], tuple[Array, int, bool]]:
+    """Return ``solve_ik(configuration, [task], dt=1)`` and ``integrate_inplace``, repeated until the task's error is small."""
+    most = LOOP_ITERATIONS if iterations is None else iterations
+
+    def call(target: Array, q0: Array) -> tuple[Array, int, bool]:
+        task.set_target(pose_of(target))
+        configuration.update(q0)
+        for i in range(most + 1):
+            converged = bool(np.linalg.norm(task.compute_error(configuration)) < LOOP_TOLERANCE)
+            if converged or i == most:
+                break
+            try:
+                velocity = solve_ik(configuration, [task], 1.0, "daqp", **options)
+            except no_solution:
+                break
+            configuration.integrate_inplace(velocity, 1.0)
+        return configuration.q.copy(), i, converged
+
+    return call

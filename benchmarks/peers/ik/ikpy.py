@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._urdf import roll_pitch_yaw
+from benchmarks.peers._models import roll_pitch_yaw
 from benchmarks.peers.ik.base import Peer, one
 from optik.arm.robot import Robot
 from optik.types import Array

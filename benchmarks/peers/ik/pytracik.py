@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._urdf import urdf
+from benchmarks.peers._models import urdf
 from benchmarks.peers.ik.base import Peer, need_revolute, none, one
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot

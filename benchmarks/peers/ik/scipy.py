@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik._loop import LoopPeer
+from benchmarks.peers.ik.base import LoopPeer
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -10,8 +10,7 @@ import polars as pl
 from benchmarks.blocks.columns import quantile, share
 from benchmarks.blocks.ik.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words
-from benchmarks.experiments.base import UNTESTED
-from benchmarks.experiments.counterparts import COUNTERPARTS, PAPER_TITLE
+from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE, UNTESTED
 from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, axis, bars, colour, figure, lean, vary

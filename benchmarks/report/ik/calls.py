@@ -2,22 +2,191 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.ik.judgement import shared
 from benchmarks.report.base import KindReport, Section, Winner
-from benchmarks.report.ik.calls_plots import against_singularity, errors, profiles, success_in_time
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import Json, add, axis, figure, line, log_axis, steps_of, vary
 from benchmarks.report.ik.calls_tables import LABEL, block_tables
 from benchmarks.report.ik.default import has_same_problems
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.report.winners import most_solved, ranked
-from benchmarks.statistics import median_interval, not_longer
+from benchmarks.statistics import median_interval, not_longer, percentage, performance_profile
+from optik.types import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+PLOT_ROOM = 0.03
+"""Margin beside the curves, as a fraction of the width of a plot [1]."""
+
+LEAST_ERROR = 1e-12
+"""Errors below this [m, rad] are drawn here: they are rounding, not a result."""
+
+PROFILE_POINTS = 200
+"""Multiples of the least time at which a performance profile is drawn, evenly on its logarithmic axis."""
+
+SIGMA_BINS = 12
+"""Bins of the smallest singular value, each as wide as the others on a logarithmic axis."""
+
+FEWEST_IN_BIN = 10
+"""Least number of problems in a bin with a plotted rate: with fewer it is not informative."""
+
+PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
+"""Function from a block, a label and its rows to the plotted values; if they are empty, nothing is drawn."""
+
+
+def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Figure:
+    """Return a plot of the percentage solved, with a line for each method of each block."""
+    plot = figure(id, title, across, axis("problems solved [%]", range=[-2, 102]), height)
+    for b in blocks:
+        for label, part in b.by_method.items():
+            look = run.look(label) | {"shape": "hv"}
+            if found := points(b, label, part):
+                found["hover"] = f"{label}<br>{found['hover']}"
+                add(plot, line(**found, name=label, line=look), {"block": [b.block.id]})
+    return plot
+
+
+def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Figure, ...], caption: str) -> Board:
+    return Board(id, plots, (Control.of_blocks(blocks),), caption)
+
+
+def _distribution(values: Array, count: int, hover: str) -> Json:
+    """Return the percentage of `count` problems at or below each value."""
+    if not len(values):
+        return {}
+    x, rates = steps_of(values, count)
+    return {"x": x, "y": rates, "digits": 6, "hover": hover}
+
+
+def success_in_time(blocks: list[CallRows], run: Run) -> Board:
+    """Return the percentage of all problems that each method has solved within a time."""
+
+    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
+        us = part.filter("solved")["ns"].to_numpy() / 1e3
+        return _distribution(us, len(part), "%{y:.4~g} % solved within %{x:.3g} µs")
+
+    across = log_axis("time budget of a call [µs]", dtick=1)
+    plot = _plot("success-time", "Success against time budget", across, 420, blocks, run, points)
+    for b in blocks:
+        us = b.rows.filter("solved")["ns"].to_numpy() / 1e3
+        if len(us):
+            vary(plot, {"block": [b.block.id]}, {"xaxis": {"range": _widened(np.log10(us.min()), np.log10(us.max()))}})
+    caption = (
+        "Percentage of all problems solved by a call within this time. A curve ends at its method's success rate. The time of "
+        "a call is the median of its rounds."
+    )
+    return _board("success-time-board", blocks, run, (plot,), caption)
+
+
+def _widened(low: float, high: float) -> list[float]:
+    """Return a range with margins at both ends, so that no curve ends at the frame."""
+    room = max(PLOT_ROOM * (high - low), 0.05)
+    return [low - room, high + room]
+
+
+def profiles(blocks: list[CallRows], run: Run) -> Board:
+    """Return performance profiles: problems solved within a multiple of the fastest method's time there."""
+    costs = {b.block.id: profile_costs(b.rows, tuple(b.by_method)) for b in blocks}
+
+    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
+        cost = costs[b.block.id]
+        if not len(cost):
+            return {}
+        ratios = _profile_ratios(cost)
+        rates = performance_profile(cost, ratios)[:, list(b.by_method).index(label)]
+        hover = f"%{{y:.4~g}} % within %{{x:.3g}} times the least, of {len(cost):,}"
+        return {"x": ratios, "y": 100.0 * rates, "digits": 5, "hover": hover}
+
+    across = log_axis("time / least time of any method on the same problem", dtick=1)
+    plot = _plot("call-profile", "Performance profile", across, 380, blocks, run, points)
+    caption = (
+        "On the problems that all methods were given (Dolan and Moré 2002). At 1: how often a method is the fastest that "
+        "solves; at the right end: its success rate. The profile compares each method with the best one only."
+    )
+    return _board("call-profile-board", blocks, run, (plot,), caption)
+
+
+def _profile_ratios(costs: Array) -> Array:
+    """Return multiples of the least time, up to the largest one at which a problem was solved."""
+    best = costs.min(axis=1, keepdims=True, initial=np.inf)
+    solved = np.isfinite(costs)
+    return np.geomspace(1.0, 1.0001 * max((costs / best)[solved].max(initial=1.0), 10.0), PROFILE_POINTS)
+
+
+def profile_costs(rows: pl.DataFrame, labels: tuple[str, ...]) -> Array:
+    """Return the time of each method on each problem that all were given."""
+    both = shared(rows, labels).with_columns(
+        cost=pl.when("solved").then(pl.col("ns").cast(pl.Float64)).otherwise(np.inf)
+    )
+    columns = [both.filter(pl.col("method") == label).sort("problem")["cost"].to_numpy() for label in labels]
+    return np.stack(columns, axis=1)
+
+
+def errors(blocks: list[CallRows], run: Run) -> Board:
+    """Return distributions of the errors of answers inside the limits, of position and of rotation."""
+
+    def plot(what: str, unit: str) -> Figure:
+        def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
+            values = np.maximum(part.filter("inside")[f"{what}_error"].to_numpy(), LEAST_ERROR)
+            return _distribution(values, len(part), f"%{{y:.4~g}} % within %{{x:.2g}} {unit}")
+
+        title = f"Percentage of problems with at most this {what} error"
+        found = _plot(f"call-{what}", title, log_axis(f"{what} error [{unit}]", dtick=3), 360, blocks, run, points)
+        found.update_layout(yaxis=axis("problems [%]", range=[-2, 102]))
+        return found
+
+    caption = f"Answers inside the limits, by optik's forward kinematics. The least error shown is {LEAST_ERROR:g}."
+    return _board("call-errors-board", blocks, run, (plot("position", "m"), plot("rotation", "rad")), caption)
+
+
+def against_singularity(blocks: list[CallRows], run: Run) -> Board | None:
+    """Return the percentage solved against the smallest singular value at the solution that generated the target."""
+    known = [b for b in blocks if b.rows["sigma"].is_finite().any() and not b.rows["solved"].all()]
+
+    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
+        rates = by_sigma(part, _singular_edges(b.rows))
+        text = [f"{y:.4g} % [{low:.4g}, {high:.4g}] of {n:,}" for _, y, low, high, n in rates]
+        x, y = [r[0] for r in rates], [r[1] for r in rates]
+        return {"x": x, "y": y, "digits": 6, "mode": "lines+markers", "text": text, "hover": "%{text}"}
+
+    across = log_axis("smallest singular value at the solution", dtick=1)
+    plot = _plot("call-sigma", "Success against the smallest singular value", across, 380, known, run, points)
+    caption = (
+        f"{SIGMA_BINS} bins of equal width on this axis; bins with fewer than {FEWEST_IN_BIN} problems are omitted. Hover for "
+        "the Wilson intervals."
+    )
+    drawn = any(len(trace.x) for trace in plot.data)
+    return _board("call-sigma-board", known, run, (plot,), caption) if drawn else None
+
+
+def _singular_edges(rows: pl.DataFrame) -> Array:
+    """Return the edges of the bins of the smallest singular value."""
+    sigma = np.maximum(rows.filter(pl.col("sigma").is_finite())["sigma"].to_numpy(), LEAST_ERROR)
+    return np.geomspace(sigma.min(), sigma.max() * (1.0 + 1e-9), SIGMA_BINS + 1)
+
+
+def by_sigma(part: pl.DataFrame, edges: Array) -> list[tuple[float, float, float, float, int]]:
+    """Return the middle, the percentage solved with its interval and the count of every bin with enough problems."""
+    own = part.filter(pl.col("sigma").is_finite())
+    number = np.searchsorted(edges, np.maximum(own["sigma"].to_numpy(), LEAST_ERROR), side="right") - 1
+    solved, found = own["solved"].to_numpy(), []
+    for i in range(len(edges) - 1):
+        count = int((number == i).sum())
+        if count >= FEWEST_IN_BIN:
+            rate = percentage(int(solved[number == i].sum()), count)
+            found.append((float(np.sqrt(edges[i] * edges[i + 1])), *rate, count))
+    return found
 
 
 def tables(run: Run) -> list[Table]:

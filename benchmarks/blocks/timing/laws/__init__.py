@@ -15,12 +15,11 @@ import polars as pl
 from benchmarks.blocks._contest import clock_cost, facts_on
 from benchmarks.blocks._problems import about_file, check_same
 from benchmarks.blocks.base import Compared, Kind, Tell, chunks
-from benchmarks.blocks.timing.laws.example import write_example
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion, motion_in_file, stands_of
 from benchmarks.blocks.timing.laws.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.laws.rows import SCHEMA, LawRows, in_group, with_optimum
 from benchmarks.blocks.timing.laws.settings import LawBlock, LineSet, told
-from benchmarks.blocks.timing.laws.timers import line_rows
+from benchmarks.blocks.timing.laws.timers import line_rows, write_example
 from benchmarks.peers.ik.base import Absent, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits

@@ -1,4 +1,4 @@
-"""Timing of one line: every law and peer times the same joint path; each call is timed, and each motion is certified."""
+"""Timing of a line: every law and peer times the same joint path and is certified; one line is shown in detail."""
 
 from __future__ import annotations
 
@@ -8,24 +8,30 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import polars as pl
+from numpy.typing import NDArray
 
 from benchmarks.blocks._contest import timed, turns
+from benchmarks.blocks._torques import torques_at
 from benchmarks.blocks.base import Entry
 from benchmarks.blocks.timing.laws.motions import DrawnLine
 from benchmarks.blocks.timing.laws.rows import blank, facts_of
 from benchmarks.blocks.timing.laws.settings import LawBlock, told
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws.base import build_timing_peer, peer_limits
-from benchmarks.records import UNKEPT, Journal
+from benchmarks.records import UNKEPT, Journal, RunFolder
 from optik import se3
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
+from optik.types import Array
+from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import FollowResult, JointPath, follow
-from planners.limits import MotionLimits
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, ratio_to_limit, sides
 from planners.plan import Plan, PlanStatus, make_law, plan
-from planners.timing.base import TimeLaw
+from planners.timing.base import TimeLaw, speed_bound
 from planners.trajectory import Trajectory
 
 
@@ -223,3 +229,125 @@ def _median_ms(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
     """Return the median of some calls without the first, and the last result."""
     ns, raws = timed(call, [()] * (rounds + 1))
     return float(np.median(ns[1:])) / 1e6, raws[-1]
+
+
+EXAMPLE_INSTANTS = 1201
+"""Number of instants of each motion that are stored for plots."""
+
+CURVE_PLACES = 401
+"""Number of positions along the line at which the bounding curves are computed."""
+
+MOST_SPEED = 1e9
+"""Largest stored bound on the path speed [m/s]: a file has no infinity."""
+
+
+def write_example(
+    block: LawBlock, line: DrawnLine, folder: RunFolder, name: Callable[[str], str], journal: Journal
+) -> None:
+    """Write the motions of all laws, their active constraints, and last the curves over s, which mark completion."""
+    limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
+    solver = make_solver(line.robot, block.solver)
+    motions, bindings = [], []
+    for entry in (one for one in block.laws if one.label not in journal.crashed):
+        with journal.at_work(entry.label):
+            law, within = make_law(entry.name, **entry.options), told(limits, entry)
+            planned = plan(
+                line.robot, line.path, line.q_start, solver=solver, timing=law, limits=within, samples=block.samples,
+                allow=LIMIT_WORDS,
+            )  # fmt: skip
+        if planned:
+            motions.append(motion_frame(planned, limits).with_columns(law=pl.lit(entry.label)))
+            proof = planned.certificate
+            if within is not limits:
+                proof = certify(line.robot, line.path, planned.trajectory, limits)
+            bindings.append(binding_frame(proof).with_columns(law=pl.lit(entry.label)))
+    joints = follow(solver, line.path, line.q_start, samples=block.samples).joint_path
+    if motions and joints is not None:
+        folder.write(name("motions"), pl.concat(motions))
+        folder.write(name("binding"), pl.concat(bindings))
+        folder.write(name("curve"), curve_frame(joints, limits))
+    else:
+        folder.write(name("curve"), pl.DataFrame({"s": []}))
+
+
+def motion_frame(planned: Plan, limits: MotionLimits) -> pl.DataFrame:
+    """Return the path speed and the ratios of the joints to their limits, over time."""
+    robot, path, motion = planned.robot, planned.path, planned.trajectory
+    t = np.linspace(0.0, motion.end, EXAMPLE_INSTANTS)
+    q = motion(t)
+    s = path.nearest(robot.fk(q))
+    twist, tool = path.twist(s), np.einsum("kij,kj->ki", robot.jacobian(q), motion(t, 1))
+    part = slice(3, 6) if path.unit == "rad" else slice(0, 3)
+    speed = np.einsum("ki,ki->k", tool[:, part], twist[:, part]) / np.einsum("ki,ki->k", twist[:, part], twist[:, part])
+    bound = limits.bounds(robot.n)
+    ratios = {
+        field: ratio_to_limit(motion(t, order), bound[field]).max(axis=1)
+        for order, field in enumerate(DERIVATIVES, start=1)
+    }
+    return pl.DataFrame({"t": t, "s": s, "speed": speed, **ratios, **torque_ratios(robot, motion, limits, t)})
+
+
+def torque_ratios(robot: Robot, motion: Trajectory, limits: MotionLimits, t: Array) -> dict[str, Array]:
+    """Return the ratios of torques and their rates to their limits, over time."""
+    bound = limits.bounds(robot.n)
+    given = [name for name in LOADED if np.isfinite(bound[name]).any()]
+    if not given:
+        return {}
+    values = dict(zip(("torque", "torque_rate"), torques_at(robot, motion, t), strict=True))
+    return {name: ratio_to_limit(values[name], bound[name]).max(axis=(0, 2)) for name in given}
+
+
+def binding_frame(proof: Certificate) -> pl.DataFrame:
+    """Return the active constraint of each piece of a motion."""
+    b = proof.binding
+    return pl.DataFrame(
+        {"from": b.s[:-1], "to": b.s[1:], "ratio": b.ratio, "limit": list(b.limit), "joint": list(b.joint)}
+    )
+
+
+def curve_frame(joints: JointPath, limits: MotionLimits) -> pl.DataFrame:
+    """Return the greatest path speed over s by the velocity limits, and by the acceleration limits for any s̈."""
+    s = np.linspace(0.0, joints.end, CURVE_PLACES)
+    bound, names = limits.bounds(joints.robot.n), joints.robot.joint_names
+    by_joint = ratio_to_limit(joints(s, 1), bound["velocity"])
+    acceleration = maximum_velocity(joints(s, 1), joints(s, 2), bound["acceleration"])
+    return pl.DataFrame(
+        {
+            "s": s,
+            "velocity": np.minimum(speed_bound(joints, limits, s), MOST_SPEED),
+            "velocity_joint": [names[i] for i in by_joint.argmax(axis=1)],
+            "acceleration": np.minimum(acceleration, MOST_SPEED),
+            "singular_value": joints.robot.singular_values(joints(s))[:, -1],
+        }
+    )
+
+
+def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
+    """Return the maximum-velocity curve: the greatest ṡ (k,) with an s̈ that satisfies |q' s̈ + q'' ṡ²| ≤ limit on every joint.
+
+    Each joint allows an interval of s̈ whose ends are linear in x = ṡ², so the feasible x are an interval from 0, whose end
+    bisection finds (Bobrow, Dubowsky and Gibson, IJRR 1985).
+    """
+    low, high = np.zeros(len(q1)), np.full(len(q1), 1.0)
+    for _ in range(200):  # some x that is too large, where there is one
+        good = _some_acceleration(q1, q2, limit, high)
+        if not good.any() or high.max() > 1e18:
+            break
+        high = np.where(good, 4.0 * high, high)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        good = _some_acceleration(q1, q2, limit, middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return np.sqrt(low)
+
+
+def _some_acceleration(q1: Array, q2: Array, limit: Array, x: Array) -> NDArray[np.bool_]:
+    """Return whether some s̈ respects all limits at ṡ² = x (k,)."""
+    lower, upper = sides(limit)
+    moves = np.abs(q1) > 1e-12 * np.abs(q1).max()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (np.stack([lower, upper])[:, None] - q2 * x[:, None]) / q1
+    least = np.where(moves, ends.min(axis=0), -np.inf).max(axis=1)
+    most = np.where(moves, ends.max(axis=0), np.inf).min(axis=1)
+    stands = np.where(moves, True, ratio_to_limit(q2 * x[:, None], limit) <= 1.0).all(axis=1)
+    return np.asarray((least <= most) & stands)

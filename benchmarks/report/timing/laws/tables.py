@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.blocks.columns import largest, mean, median, median_with_interval, quantile, share
 from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
-from benchmarks.report.tables import Column, Table
-from benchmarks.statistics import median_interval, percentage, quantiles
+from benchmarks.report.tables import Cell, Column, Group, Table, table_of
 from optik.types import Array
 from planners.limits import DERIVATIVES
 
 if TYPE_CHECKING:
     from benchmarks.blocks.timing.laws.rows import LawRows
     from benchmarks.report.run import Run
-    from benchmarks.report.tables import Cell
 
 TORQUE_NOTE = (
     "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "
@@ -62,80 +60,59 @@ def law_tables(b: LawRows) -> list[Table]:
     return whole + parts
 
 
+def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
+    return lambda own: or_infinite(own[column])
+
+
 def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
-    ms, fields = "ms", limited(rows)
+    ms, fields, slowed = "ms", limited(rows), _or_infinite("kept_over_optimum")
+    jerk, valid = "sampled_jerk", mean(pl.col("holds").cast(pl.Float64), 100.0, among="solved")
+
+    def holds(own: pl.DataFrame) -> Cell:
+        if not b.entries[own["method"][0]]["enforced"] and own["solved"].any():
+            return "nothing enforced"
+        rate = valid(own)
+        return None if rate is None else f"{rate:.1f} %"
+
     columns = (
         LAW_COLUMN,
-        Column("kept", "within every limit", "%", "more", "share"),
-        *([Column("over_torque", "over a torque limit", "%", "less", "share")] if "torque" in fields else []),
-        Column("nearly", "within 0.1 %", "%", "more", "share"),
-        Column("worst", "largest peak / limit", show="limit"),
-        Column("as_is", "T / T*, unchanged"),
-        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less"),
-        Column("ms", "median time of a call", ms, "less"),
-        Column("count", "motions requested", show="count"),
-        Column("found", "motions found", "%", "more", "share", aside=True),
-        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True),
-        *(Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque") for field in fields),
-        Column("holds", "certificate valid", show="text", aside=True),
-        Column("stretched", "largest stretch by plan", show="precise", aside=True),
-        Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True),
-        Column("jerk_worst", "largest jerk at 1 kHz", "rad/s³", aside=True),
-        Column("distance", "largest distance from the path", "µm", "less", aside=True),
-        Column("angle", "largest rotation from the path", "µrad", "less", aside=True),
-        Column("ms_p95", "p95 time of a call", ms, "less", aside=True),
-    )
-    found: list[Mapping[str, Cell]] = []
+        Column("kept", "within every limit", "%", "more", "share", of=share("keeps_all")),
+        *([Column("over_torque", "over a torque limit", "%", "less", "share", of=share("over_torque", among="solved"))]
+          if "torque" in fields else []),
+        Column("nearly", "within 0.1 %", "%", "more", "share", of=share("nearly")),
+        Column("worst", "largest peak / limit", show="limit", of=largest("worst", among="solved")),
+        Column("as_is", "T / T*, unchanged", of=median_with_interval(_or_infinite("over_optimum"))),
+        Column("slowed_down", "T / T*, stretched to meet the limits", "", "less", of=median_with_interval(slowed)),
+        Column("ms", "median time of a call", ms, "less", of=quantile("ms_law", 0.5)),
+        Column("count", "motions requested", show="count", of=len),
+        Column("found", "motions found", "%", "more", "share", aside=True, of=share("solved")),
+        Column("worst_slowed_down", "largest T / T*, stretched to meet the limits", "", "less", aside=True, of=largest(slowed)),
+        *(
+            Column(field, f"largest {_words(field)} / limit", show="limit", aside=field != "torque",
+                   of=largest(field, among="solved"))
+            for field in fields
+        ),
+        Column("holds", "certificate valid", show="text", aside=True, of=holds),
+        Column("stretched", "largest stretch by plan", show="precise", aside=True, of=largest("slowed", among="solved")),
+        Column("jerk_median", "median jerk at 1 kHz", "rad/s³", aside=True, of=median(jerk, among="solved")),
+        Column("jerk_worst", "largest jerk at 1 kHz", "rad/s³", aside=True, of=largest(jerk, among="solved")),
+        Column("distance", "largest distance from the path", "µm", "less", aside=True,
+               of=largest("distance", 1e6, among="solved")),
+        Column("angle", "largest rotation from the path", "µrad", "less", aside=True, of=largest("angle", 1e6, among="solved")),
+        Column("ms_p95", "p95 time of a call", ms, "less", aside=True, of=quantile("ms_law", 0.95)),
+    )  # fmt: skip
+    groups: list[Group] = []
     for label, about in b.entries.items():
         own = rows.filter(pl.col("method") == label)
-        if own.is_empty():
-            found.append({"label": label, "kept": "absent" if "absent" in about else "not requested"})
-        else:
-            found.append({"label": label} | _law_cells(own, about))
-    return Table(f"timing-{slug(b.block.id)}-{name}", title, columns, tuple(found), _note(b, rows))
-
-
-def _law_cells(own: pl.DataFrame, about: Mapping[str, Any]) -> dict[str, Cell]:
-    good = own.filter("solved")
-    slowed = or_infinite(own["kept_over_optimum"])
-    cells: dict[str, Cell] = {
-        "kept": share_of(own["keeps_all"]), "nearly": share_of(own["nearly"]), "found": share_of(own["solved"]),
-        "as_is": median_interval(or_infinite(own["over_optimum"])), "slowed_down": median_interval(slowed),
-        "worst_slowed_down": float(slowed.max()), "count": len(own),
-    }  # fmt: skip
-    times = quantiles(own["ms_law"].drop_nulls().to_numpy(), (0.5, 0.95))
-    cells |= dict(zip(("ms", "ms_p95"), times, strict=True))
-    if good.is_empty():
-        return cells
-    stretched = good["slowed"].drop_nulls().to_numpy()
-    share = 100.0 * float(good["holds"].to_numpy().mean())
-    cells["over_torque"] = share_of(good["over_torque"])
-    return (
-        cells
-        | {field: _largest(good[field]) for field in JOINT_LIMITS}
-        | {
-            "worst": _largest(good["worst"]), "holds": f"{share:.1f} %" if about["enforced"] else "nothing enforced",
-            "stretched": float(stretched.max()) if len(stretched) else None,
-            "jerk_median": float(np.median(good["sampled_jerk"].to_numpy())), "jerk_worst": _largest(good["sampled_jerk"]),
-            "distance": _largest(good["distance"], 1e6), "angle": _largest(good["angle"], 1e6),
-        }
-    )  # fmt: skip
+        missing = "absent" if "absent" in about else "not requested"
+        groups.append(({"label": label, "kept": missing}, None) if own.is_empty() else ({"label": label}, own))
+    return table_of(f"timing-{slug(b.block.id)}-{name}", title, columns, groups, _note(b, rows))
 
 
 def or_infinite(column: pl.Series) -> Array:
     """Return the values of a column, infinity if there is none: a line without a motion is not left out."""
     return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
-
-
-def share_of(column: pl.Series) -> tuple[float, float, float]:
-    """Return the fraction of rows at which a column is true, with Wilson's interval."""
-    return percentage(int(column.fill_null(value=False).sum()), len(column))
-
-
-def _largest(column: pl.Series, scale: float = 1.0) -> float | None:
-    values = column.drop_nulls().to_numpy()
-    return scale * float(values.max()) if len(values) else None
 
 
 def _note(b: LawRows, rows: pl.DataFrame) -> str:
@@ -166,54 +143,48 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
 
 def violations(b: LawRows) -> Table | None:
     """Return limit violations of every law: how often, by how much, and the duration without violations."""
-    found: list[tuple[int, str, dict[str, Cell]]] = []
-    fields = limited(b.rows)
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
+    found: list[tuple[dict[str, Cell], pl.DataFrame]] = []
     for (label, limits), rows in good.group_by("method", "limits", maintain_order=True):
-        broken = rows.filter(pl.col("breaks") != "")
-        if broken.is_empty():
-            continue
-        row: dict[str, Cell] = {"label": str(label), "limits": str(limits), "count": len(rows)}
-        for field in fields:
-            row[field] = share_of(rows[field] > 1.0)
-            row[f"{field}_worst"] = _largest(rows[field])
-        row["now"] = float(np.median(rows["duration"].to_numpy()))
-        row["least"] = float(np.median(broken["least_duration"].to_numpy()))
-        found.append((order[str(label)], str(limits), row))
+        if (rows["breaks"] != "").any():
+            found.append(({"label": str(label), "limits": str(limits)}, rows))
     if not found:
         return None
-    columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count")]
-    for field in fields:
+    columns = [LAW_COLUMN, Column("limits", "Limits", show="text"), Column("count", "motions", show="count", of=len)]
+    for field in limited(b.rows):
+        broken = (pl.col(field) > 1.0).fill_null(value=False)
         columns += [
-            Column(field, f"{_words(field)} exceeded in", "%", "less", "share"),
-            Column(f"{field}_worst", f"largest {_words(field)} / limit", show="limit"),
+            Column(field, f"{_words(field)} exceeded in", "%", "less", "share", of=share(broken)),
+            Column(f"{field}_worst", f"largest {_words(field)} / limit", show="limit", of=largest(field)),
         ]
-    columns += [Column("now", "median T", "s", show="precise")]
-    columns += [Column("least", "median T of the violating motions, stretched to meet the limits", "s", show="precise")]
-    rows_ = tuple(row for _, _, row in sorted(found, key=lambda item: item[:2]))
+    least = "median T of the violating motions, stretched to meet the limits"
+    columns += [
+        Column("now", "median T", "s", show="precise", of=median("duration")),
+        Column("least", least, "s", show="precise", of=median("least_duration", among=pl.col("breaks") != "")),
+    ]
+    ordered = sorted(found, key=lambda group: (order[str(group[0]["label"])], str(group[0]["limits"])))
     title = f"{b.block.title}: limit violations, enforced or not"
-    return Table(f"timing-{slug(b.block.id)}-violations", title, tuple(columns), rows_)
+    return table_of(f"timing-{slug(b.block.id)}-violations", title, columns, ordered)
 
 
 def plan_times(b: LawRows) -> Table | None:
     """Return the computing times of the steps of a whole plan, by arm and kind of line."""
     steps = {"ms_follow": "follow", "ms_law": "law", "ms_certificate": "certificate", "ms_plan": "whole plan"}
     timed = b.rows.filter(pl.col("ms_plan").is_not_null())
-    found: list[Mapping[str, Cell]] = []
-    for (robot, kind), rows in timed.group_by("robot", "kind", maintain_order=True):
-        row: dict[str, Cell] = {"label": f"{robot}, {str(kind).replace('_', '-')}", "count": len(rows)}
-        for column in steps:
-            times = quantiles(rows[column].drop_nulls().to_numpy(), (0.5, 0.95))
-            row |= dict(zip((column, f"{column}_p95"), times, strict=True))
-        found.append(row)
-    if not found:
+    groups: list[Group] = [
+        ({"label": f"{robot}, {str(kind).replace('_', '-')}"}, rows)
+        for (robot, kind), rows in timed.group_by("robot", "kind", maintain_order=True)
+    ]
+    if not groups:
         return None
-    columns = [Column("label", "Lines", show="text"), Column("count", "plans", show="count")]
-    columns += [Column(key, f"{words}, median", "ms", "") for key, words in steps.items()]
-    columns += [Column(f"{key}_p95", f"{words}, p95", "ms", "", aside=True) for key, words in steps.items()]
+    columns = [Column("label", "Lines", show="text"), Column("count", "plans", show="count", of=len)]
+    columns += [Column(key, f"{words}, median", "ms", of=quantile(key, 0.5)) for key, words in steps.items()]
+    columns += [
+        Column(f"{key}_p95", f"{words}, p95", "ms", aside=True, of=quantile(key, 0.95)) for key, words in steps.items()
+    ]
     title = f"{b.block.title}: computing time of a whole plan with {timed['method'][0]}, by step"
-    return Table(f"timing-{slug(b.block.id)}-plans", title, tuple(columns), tuple(found))
+    return table_of(f"timing-{slug(b.block.id)}-plans", title, columns, groups)
 
 
 def compared(b: LawRows) -> Table:

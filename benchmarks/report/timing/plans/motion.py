@@ -28,7 +28,7 @@ from benchmarks.report.figures import (
 )
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.timing.active import ACTIVE, active_plot
+from benchmarks.report.timing.laws.plots import ACTIVE, active_plot
 from benchmarks.report.timing.plans.tables import law_control, line_plans, worst
 from optik.arm.robot import Robot
 from optik.types import Array

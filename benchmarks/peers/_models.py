@@ -1,8 +1,9 @@
-"""Write an arm as URDF, for peers that read only URDF: one link per joint; angles and quaternions of rotations."""
+"""An arm as peers read it: as URDF, as a model of Pinocchio, and its rotations as quaternions and angles."""
 
 from __future__ import annotations
 
 from math import atan2, hypot
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,18 @@ from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.se3 import log_so3
 from optik.types import Array
+
+
+def pinocchio_model(pin: Any, robot: Robot) -> Any:
+    """Return Pinocchio's model of an arm with position limits, without other limits, with the frame ``tool``."""
+    model, last, infinite = pin.Model(), 0, np.array([np.inf])
+    for i in range(robot.n):
+        joint = pin.JointModelPZ() if robot.prismatic[i] else pin.JointModelRZ()
+        lower, upper = robot.limits.lower[i : i + 1].copy(), robot.limits.upper[i : i + 1].copy()
+        placement = pin.SE3(np.array(robot.fixed[i]))
+        last = model.addJoint(last, joint, placement, robot.joint_names[i], infinite, infinite, lower, upper)
+    model.addFrame(pin.Frame("tool", last, 0, pin.SE3(np.array(robot.tool)), pin.FrameType.OP_FRAME))
+    return model
 
 
 def urdf(robot: Robot, limits: JointLimits | None = None) -> str:
