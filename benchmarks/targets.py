@@ -23,7 +23,6 @@ class Measure:
     # from the rows of one entry to the value, or one value for each of `parts`; relative: of both entries, and their labels
     compute: Callable[..., Any]
     words: str = ""  # what reports call it; by default its name
-    parts: tuple[str, ...] = ("value",)  # what each of its values is
     show: str = "number"  # with three digits, exact (seven), count, or share (a percentage with its interval)
     relative: bool = False  # it compares with a second entry, the `to` of a target
 
@@ -35,7 +34,9 @@ class Measure:
     def values(self, rows: pl.DataFrame) -> tuple[float, ...]:
         """Return all values of the measure on the rows of one entry."""
         found = self.compute(rows)
-        return tuple(float(value) for value in found) if isinstance(found, tuple) else (float(found),)
+        return tuple(
+            float("nan" if value is None else value) for value in (found if isinstance(found, tuple) else (found,))
+        )
 
 
 def measure_named(measures: Sequence[Measure], name: str, where: str) -> Measure:

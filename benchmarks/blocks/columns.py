@@ -96,9 +96,13 @@ def largest(what: What, scale: float = 1.0, *, among: Condition | None = None) -
     return _statistic(np.max, what, scale, among)
 
 
-def quantile(what: What, level: float, *, among: Condition | None = None) -> Of:
+def quantile(what: What, level: float, scale: float = 1.0, *, among: Condition | None = None) -> Of:
     """Return the computation of a quantile, which infinite values do not make NaN; of no values it is NaN."""
-    return lambda rows: quantiles(values_of(rows if among is None else rows.filter(among), what), (level,))[0]
+
+    def of(rows: pl.DataFrame) -> float:
+        return scale * quantiles(values_of(rows if among is None else rows.filter(among), what), (level,))[0]
+
+    return of
 
 
 def median_with_interval(what: What) -> Of:

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks._arms import Payload, arm_label
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
+from benchmarks.blocks.columns import largest, mean, quantile
 from benchmarks.blocks.timing.laws.motions import draw_motion_of
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.blocks.timing.laws.settings import LimitSet
@@ -64,20 +65,12 @@ SHOWN_INSTANTS = 251
 """Number of stored instants of the motion of an example."""
 
 
-def _of_rows(column: str, level: float) -> Callable[[pl.DataFrame], float]:
-    return lambda rows: float(np.quantile(rows[column].to_numpy(), level))
-
-
-def _percent(column: str) -> Callable[[pl.DataFrame], float]:
-    return lambda rows: 100.0 * float(rows[column].to_numpy().mean())
-
-
 MEASURES = (
-    Measure("solved", "%", _percent("solved"), "motions found"),
-    Measure("certified", "%", _percent("certified"), "certificate valid"),
-    Measure("median_ratio", "", _of_rows("ratio", 0.5), "median duration after / before"),
-    Measure("worst_ratio", "", _of_rows("ratio", 1.0), "largest duration after / before", show="exact"),
-    Measure("median_ms", "ms", _of_rows("ms", 0.5), "median time of a plan"),
+    Measure("solved", "%", mean(pl.col("solved").cast(pl.Float64), 100.0), "motions found"),
+    Measure("certified", "%", mean(pl.col("certified").cast(pl.Float64), 100.0), "certificate valid"),
+    Measure("median_ratio", "", quantile("ratio", 0.5), "median duration after / before"),
+    Measure("worst_ratio", "", largest("ratio"), "largest duration after / before", show="exact"),
+    Measure("median_ms", "ms", quantile("ms", 0.5), "median time of a plan"),
 )
 """Measures that a target of such a block can name."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -19,17 +19,15 @@ from benchmarks.blocks.cell.settings import (
     Noise,
     SpotsBlock,
     figures_of,
-    within,
+    share_within,
 )
+from benchmarks.blocks.columns import Of, count, largest, median
 from benchmarks.records import slug
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
-from benchmarks.statistics import percentage, quantiles
+from benchmarks.report.tables import Cell, Column, Group, Table, table_of
+from benchmarks.statistics import quantiles
 from optik.types import Array
 from planners.cell.iso9283 import SIMULATED, PoseFigures
-
-if TYPE_CHECKING:
-    from benchmarks.report.tables import Cell
 
 NOISE_WORDS = {
     "laser_angle": ("σ of the laser's pan and tilt", 1e3, "mrad"), "laser_range": ("σ of its range", 1e3, "mm"),
@@ -42,21 +40,32 @@ NOISE_WORDS = {
 """Random quantities of a trial in words, with the factor to their unit."""
 
 
+EXECUTED = pl.col("position_error").is_not_null()
+"""Whether a trial was executed."""
+
+
+def _mm(column: str, level: float = 0.5) -> Of:
+    """Return the computation of a quantile [mm] over the executed trials; None without any."""
+
+    def of(rows: pl.DataFrame) -> float | None:
+        ends = rows.filter(EXECUTED)
+        return 1e3 * quantiles(ends[column].to_numpy(), (level,))[0] if len(ends) else None
+
+    return of
+
+
 SPOT_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("budget", "iterations", show="text"),
-    Column("within", "within 2 mm on each axis", "%", "more", "share"),
-    Column("count", "trials", show="count"),
-    Column("error", "median error", "mm", "less"),
-    Column("p95", "p95 error", "mm", "less"),
-    Column("laser", "laser", "mm"),
-    Column("ik", "IK", "mm"),
-    Column("path", "path", "mm"),
-    Column("servo", "servo", "mm"),
-    Column("tracking", "largest tracking error", "mm", "less"),
-    Column("torque", "largest torque / bound", "", "", "limit"),
-    Column("duration", "median duration", "s", aside=True),
-    Column("failed", "not executed", show="count"),
+    Column("within", "within 2 mm on each axis", "%", "more", "share", of=share_within),
+    Column("count", "trials", show="count", of=len),
+    Column("error", "median error", "mm", "less", of=_mm("position_error")),
+    Column("p95", "p95 error", "mm", "less", of=_mm("position_error", 0.95)),
+    *(Column(name.lower(), name, "mm", of=_mm(f"{name.lower()}_error")) for name in ("laser", "IK", "path", "servo")),
+    Column("tracking", "largest tracking error", "mm", "less", of=largest("tracking_m", 1e3, among=EXECUTED)),
+    Column("torque", "largest torque / bound", "", "", "limit", of=largest("torque_ratio", among=EXECUTED)),
+    Column("duration", "median duration", "s", aside=True, of=median("duration", among=EXECUTED)),
+    Column("failed", "not executed", show="count", of=count(~EXECUTED)),
 )
 """Columns of a table of spots; the parts of the error are medians of lengths."""
 
@@ -73,23 +82,28 @@ ISO_COLUMNS = (
 )
 """Columns of a table of ISO 9283; angles are the largest component of the rotation vector."""
 
+STILL = pl.col("repeat") == 0
+"""Whether a motion was executed without noise."""
+
 COST_COLUMNS = (
     Column("label", "Law", show="text"),
-    Column("duration", "duration", "s", "less"),
-    Column("tracking", "tracking error of the tool", "mm", "less"),
-    Column("noisy", "largest tracking error with noise", "mm", "less"),
-    Column("joint", "tracking error of a joint", "mrad", "less"),
+    Column("duration", "duration", "s", "less", of=median("duration", among=STILL)),
+    Column("tracking", "tracking error of the tool", "mm", "less", of=largest("tracking_m", 1e3, among=STILL)),
+    Column("noisy", "largest tracking error with noise", "mm", "less", of=largest("tracking_m", 1e3, among=~STILL)),
+    Column("joint", "tracking error of a joint", "mrad", "less", of=largest("tracking_rad", 1e3, among=STILL)),
     Column("torque", "largest torque / certificate's bound", "", "", "limit"),
     Column("torque_joint", "of joint", show="text"),
     Column("peak", "its largest torque", "N·m"),
     Column("bound", "its bound", "N·m"),
     Column("limit", "largest torque / motor limit", "", "", "limit"),
     Column("proved", "bound / motor limit", "", "", "limit", aside=True),
-    Column("energy", "energy", "J", "less"),
-    Column("acceleration", "acceleration / limit", "", "", "limit"),
-    Column("jerk", "jerk / limit", "", "", "limit"),
-    Column("rest", "error at the end", "mm", "less", aside=True),
-    Column("status", "Status", show="text", aside=True),
+    Column("energy", "energy", "J", "less", of=median("energy", among=STILL)),
+    Column("acceleration", "acceleration / limit", "", "", "limit", of=largest("acceleration_ratio", among=STILL)),
+    Column("jerk", "jerk / limit", "", "", "limit", of=largest("jerk_ratio", among=STILL)),
+    Column("rest", "error at the end", "mm", "less", aside=True, of=median("rest_m", 1e3, among=STILL)),
+    Column(
+        "status", "Status", show="text", aside=True, of=lambda rows: ", ".join(sorted(set(rows["status"].drop_nulls())))
+    ),
 )
 """Columns of a table of time laws."""
 
@@ -136,20 +150,10 @@ def _budget_words(budget: Any, along: bool) -> str:
 
 def spots_table(b: BlockRows) -> Table:
     """Return spots by method and budget."""
-    rows = []
-    known = b.rows.filter("known")
-    for (setting, budget), part in known.group_by("setting", "budget", maintain_order=True):
-        ok, ends = within(part), part.filter(pl.col("position_error").is_not_null())
-        row: dict[str, Cell] = {
-            "label": str(setting), "budget": _budget_words(budget, part["along"][0]), "count": len(part),
-            "within": percentage(int(ok.sum()), len(ok)), "failed": len(part) - len(ends),
-        }  # fmt: skip
-        if not ends.is_empty():
-            row |= dict(zip(("error", "p95"), _mm(ends["position_error"], (0.5, 0.95)), strict=True))
-            row |= {name: _mm(ends[f"{name}_error"], (0.5,))[0] for name in ("laser", "ik", "path", "servo")}
-            row |= {"tracking": _most(ends, "tracking_m", 1e3), "torque": _most(ends, "torque_ratio")}
-            row["duration"] = _median(ends, "duration")
-        rows.append(row)
+    groups: list[Group] = [
+        ({"label": str(setting), "budget": _budget_words(budget, part["along"][0])}, part)
+        for (setting, budget), part in b.rows.filter("known").group_by("setting", "budget", maintain_order=True)
+    ]
     note = (
         "Spots with a known solution. The parts of the error are median lengths of vectors at the end of the motion: laser "
         "(target − spot), IK (tool at the method's answer − target), path (planned − answer), servo (executed − planned). If "
@@ -157,21 +161,7 @@ def spots_table(b: BlockRows) -> Table:
         "has no error. Torque: simulated peak / certificate's bound for the nominal arm. Other friction and payload may "
         "exceed the bound, and so may single steps in which the servo responds to the resolution and noise of its encoders."
     )
-    return Table(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, tuple(rows), note)
-
-
-def _mm(values: pl.Series, levels: Sequence[float]) -> tuple[float, ...]:
-    return tuple(1e3 * q for q in quantiles(values.to_numpy(), levels))
-
-
-def _most(rows: pl.DataFrame, column: str, scale: float = 1.0) -> float | None:
-    found = rows[column].drop_nulls()
-    return scale * float(found.max()) if len(found) else None  # type: ignore[arg-type]
-
-
-def _median(rows: pl.DataFrame, column: str) -> float | None:
-    found = rows[column].drop_nulls()
-    return float(found.median()) if len(found) else None  # type: ignore[arg-type]
+    return table_of(f"cell-spots-{slug(b.block.id)}", b.block.title, SPOT_COLUMNS, groups, note)
 
 
 def iso_table(b: BlockRows) -> Table:
@@ -219,6 +209,7 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
         if rows.is_empty():
             continue
         parts = [(law, rows.filter(pl.col("method") == law)) for law in b.block.labels]
+        groups = [({"label": law} | _torques(part.filter(STILL), limits), part) for law, part in parts]
         note = (
             f"For {_lines(rows)}: median duration, energy and end error, and the largest value of all other columns, "
             "without noise unless a column says so. The tracking error is executed − planned at the same instant, at every "
@@ -228,11 +219,7 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
             f"{SIMULATED.capitalize()}."
         )
         name = f"cell-laws-{slug(b.block.id)}" + ("" if timed == OWN_TIME else "-same")
-        found.append(
-            Table(
-                name, f"{b.block.title}: {words}", COST_COLUMNS, tuple(_law(law, p, limits) for law, p in parts), note
-            )
-        )
+        found.append(table_of(name, f"{b.block.title}: {words}", COST_COLUMNS, groups, note))
     return found
 
 
@@ -247,35 +234,22 @@ def _lines(rows: pl.DataFrame) -> str:
     return "one line" if count == 1 else f"{count} lines"
 
 
-def _law(law: str, rows: pl.DataFrame, limits: Array | None) -> dict[str, Any]:
-    """Return the row of one law."""
-    still, noisy = rows.filter(pl.col("repeat") == 0), rows.filter(pl.col("repeat") > 0)
-    row: dict[str, Cell] = {
-        "label": law, "duration": _median(still, "duration"), "tracking": _most(still, "tracking_m", 1e3),
-        "noisy": _most(noisy, "tracking_m", 1e3), "joint": _most(still, "tracking_rad", 1e3),
-        "energy": _median(still, "energy"), "acceleration": _most(still, "acceleration_ratio"),
-        "jerk": _most(still, "jerk_ratio"), "rest": _scaled(_median(still, "rest_m"), 1e3),
-        "status": ", ".join(sorted(set(rows["status"].drop_nulls()))),
-    }  # fmt: skip
+def _torques(still: pl.DataFrame, limits: Array | None) -> dict[str, Cell]:
+    """Return the largest torque over its bound, with its joint, and over the limit of its motor."""
     worst = still.filter(pl.col("torque_ratio") == pl.col("torque_ratio").max())
-    if not worst.is_empty():
-        first = worst.row(0, named=True)
-        joint = int(np.argmax(np.array(first["torque"]) / np.array(first["torque_bound"])))
-        row |= {
-            "torque": first["torque_ratio"], "torque_joint": first["torque_joint"], "peak": first["torque"][joint],
-            "bound": first["torque_bound"][joint],
-        }  # fmt: skip
-        if limits is not None:
-            row |= {
-                key: _over(still[column], limits) for key, column in (("limit", "torque"), ("proved", "torque_bound"))
-            }
+    if worst.is_empty():
+        return {}
+    first = worst.row(0, named=True)
+    joint = int(np.argmax(np.array(first["torque"]) / np.array(first["torque_bound"])))
+    row: dict[str, Cell] = {
+        "torque": first["torque_ratio"], "torque_joint": first["torque_joint"], "peak": first["torque"][joint],
+        "bound": first["torque_bound"][joint],
+    }  # fmt: skip
+    if limits is not None:
+        row |= {key: _over(still[column], limits) for key, column in (("limit", "torque"), ("proved", "torque_bound"))}
     return row
 
 
 def _over(torques: pl.Series, limits: Array) -> float:
     """Return the largest ratio of torque to limit over several motions."""
     return float((np.array(torques.drop_nulls().to_list()) / limits).max())
-
-
-def _scaled(value: float | None, scale: float) -> float | None:
-    return None if value is None else scale * value

@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.columns import Of, quantile, share
 from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FreeSet
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
@@ -30,9 +31,9 @@ from benchmarks.report.figures import (
 )
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.timing.plans.space import read_track
-from benchmarks.statistics import percentage, quantiles
+from benchmarks.statistics import quantiles
 from planners.cell.view.page import embed_arm
 
 HOW_COMPARED = (
@@ -43,24 +44,34 @@ HOW_COMPARED = (
 )
 """Description of the compared motions."""
 
+
+def _quantile(column: str, level: float) -> Of:
+    return quantile(column, level, among=pl.col("ratio").is_not_null())
+
+
+def _span(least: float, most: float) -> Of:
+    """Return the words for two quantiles of the ratios of the durations."""
+    return lambda rows: " to ".join(map(number, quantiles(rows["ratio"].drop_nulls().to_numpy(), (least, most))))
+
+
 FREEDOM_COLUMNS = (
     Column("label", "Motions", show="text"),
     Column("robot", "arm", show="text"),
     Column("limits", "limits", show="text"),
     Column("method", "method", show="text"),
-    Column("n", "n", show="count"),
-    Column("certified", "certified", "%", show="share"),
-    Column("before", "before, median", "s"),
-    Column("duration", "after, median", "s"),
-    Column("ratio", "after / before, median"),
-    Column("quartiles", "quartiles", show="text"),
-    Column("extremes", "least to largest", show="text", aside=True),
-    Column("ms", "planning, median", "ms"),
-    Column("ms_fixed", "planning of the initial path, median", "ms", aside=True),
-    Column("steps", "Newton steps, median", show="count", aside=True),
-    Column("starts", "initial guesses, median", show="count", aside=True),
+    Column("n", "n", show="count", of=len),
+    Column("certified", "certified", "%", show="share", of=share("certified")),
+    Column("before", "before, median", "s", of=_quantile("before", 0.5)),
+    Column("duration", "after, median", "s", of=_quantile("duration", 0.5)),
+    Column("ratio", "after / before, median", of=_quantile("ratio", 0.5)),
+    Column("quartiles", "quartiles", show="text", of=_span(0.25, 0.75)),
+    Column("extremes", "least to largest", show="text", aside=True, of=_span(0.0, 1.0)),
+    Column("ms", "planning, median", "ms", of=_quantile("ms", 0.5)),
+    Column("ms_fixed", "planning of the initial path, median", "ms", aside=True, of=_quantile("ms_fixed", 0.5)),
+    Column("steps", "Newton steps, median", show="count", aside=True, of=_quantile("steps", 0.5)),
+    Column("starts", "initial guesses, median", show="count", aside=True, of=_quantile("starts", 0.5)),
 )
-"""Columns of a table."""
+"""Columns of a table; medians are those of the motions with a duration before and after."""
 
 
 def tables(run: Run) -> Sequence[Table]:
@@ -100,25 +111,17 @@ def _groups(b: BlockRows, method: str = CHOSEN) -> list[tuple[FreeSet, str, pl.D
 
 
 def _table(b: BlockRows) -> Table:
-    rows: list[dict[str, Cell]] = []
-    named = [(method, *group) for method in b.block.labels for group in _groups(b, method)]
-    for method, part, limits, every in named:
-        both = every.filter(pl.col("ratio").is_not_null())
-        ratios = quantiles(both["ratio"].to_numpy(), (0.0, 0.25, 0.5, 0.75, 1.0))
-        least, low, _, high, most = map(number, ratios)
-        keys = ("ms", "ms_fixed", "steps", "starts", "before", "duration")
-        medians = {key: quantiles(both[key].to_numpy(), (0.5,))[0] for key in keys}
-        rows.append({
-            "label": part.label, "robot": part.arm, "limits": limits, "n": len(every), "method": method,
-            "certified": percentage(int(every["certified"].sum()), len(every)), "ratio": ratios[2],
-            "quartiles": f"{low} to {high}", "extremes": f"{least} to {most}", **medians,
-        })  # fmt: skip
+    groups: list[Group] = [
+        ({"label": part.label, "robot": part.arm, "limits": limits, "method": method}, rows)
+        for method in b.block.labels
+        for part, limits, rows in _groups(b, method)
+    ]
     alone = int(b.rows["ratio"].is_null().sum())
     note = "The certified rate has Wilson's 95 % interval." + (
         f" {alone} motions have no ratio: there is no plan before or after." if alone else ""
     )
-    return Table(f"freedom-{slug(b.block.id)}", f"Duration before and after: {b.block.title}", FREEDOM_COLUMNS,
-                 tuple(rows), note)  # fmt: skip
+    title = f"Duration before and after: {b.block.title}"
+    return table_of(f"freedom-{slug(b.block.id)}", title, FREEDOM_COLUMNS, groups, note)
 
 
 # ---------------------------------------------------------------- plots
