@@ -40,7 +40,7 @@ NOISE_WORDS = {
 """Random quantities of a trial in words, with the factor to their unit."""
 
 
-EXECUTED = pl.col("position_error").is_not_null()
+ENDED_TRIAL = pl.col("position_error").is_not_null()
 """Whether a trial was executed."""
 
 
@@ -48,7 +48,7 @@ def _mm(column: str, level: float = 0.5) -> Of:
     """Return the computation of a quantile [mm] over the executed trials; None without any."""
 
     def of(rows: pl.DataFrame) -> float | None:
-        ends = rows.filter(EXECUTED)
+        ends = rows.filter(ENDED_TRIAL)
         return 1e3 * quantiles(ends[column].to_numpy(), (level,))[0] if len(ends) else None
 
     return of
@@ -62,10 +62,10 @@ SPOT_COLUMNS = (
     Column("error", "median error", "mm", "less", of=_mm("position_error")),
     Column("p95", "p95 error", "mm", "less", of=_mm("position_error", 0.95)),
     *(Column(name.lower(), name, "mm", of=_mm(f"{name.lower()}_error")) for name in ("laser", "IK", "path", "servo")),
-    Column("tracking", "largest tracking error", "mm", "less", of=largest("tracking_m", 1e3, among=EXECUTED)),
-    Column("torque", "largest torque / bound", "", "", "limit", of=largest("torque_ratio", among=EXECUTED)),
-    Column("duration", "median duration", "s", aside=True, of=median("duration", among=EXECUTED)),
-    Column("failed", "not executed", show="count", of=count(~EXECUTED)),
+    Column("tracking", "largest tracking error", "mm", "less", of=largest("tracking_m", 1e3, among=ENDED_TRIAL)),
+    Column("torque", "largest torque / bound", "", "", "limit", of=largest("torque_ratio", among=ENDED_TRIAL)),
+    Column("duration", "median duration", "s", aside=True, of=median("duration", among=ENDED_TRIAL)),
+    Column("failed", "not executed", show="count", of=count(~ENDED_TRIAL)),
 )
 """Columns of a table of spots; the parts of the error are medians of lengths."""
 
