@@ -82,25 +82,29 @@ ISO_COLUMNS = (
 )
 """Columns of a table of ISO 9283; angles are the largest component of the rotation vector."""
 
-STILL = pl.col("repeat") == 0
+WITHOUT_NOISE = pl.col("repeat") == 0
 """Whether a motion was executed without noise."""
 
 COST_COLUMNS = (
     Column("label", "Law", show="text"),
-    Column("duration", "duration", "s", "less", of=median("duration", among=STILL)),
-    Column("tracking", "tracking error of the tool", "mm", "less", of=largest("tracking_m", 1e3, among=STILL)),
-    Column("noisy", "largest tracking error with noise", "mm", "less", of=largest("tracking_m", 1e3, among=~STILL)),
-    Column("joint", "tracking error of a joint", "mrad", "less", of=largest("tracking_rad", 1e3, among=STILL)),
+    Column("duration", "duration", "s", "less", of=median("duration", among=WITHOUT_NOISE)),
+    Column("tracking", "tracking error of the tool", "mm", "less", of=largest("tracking_m", 1e3, among=WITHOUT_NOISE)),
+    Column(
+        "noisy", "largest tracking error with noise", "mm", "less", of=largest("tracking_m", 1e3, among=~WITHOUT_NOISE)
+    ),
+    Column("joint", "tracking error of a joint", "mrad", "less", of=largest("tracking_rad", 1e3, among=WITHOUT_NOISE)),
     Column("torque", "largest torque / certificate's bound", "", "", "limit"),
     Column("torque_joint", "of joint", show="text"),
     Column("peak", "its largest torque", "N·m"),
     Column("bound", "its bound", "N·m"),
     Column("limit", "largest torque / motor limit", "", "", "limit"),
     Column("proved", "bound / motor limit", "", "", "limit", aside=True),
-    Column("energy", "energy", "J", "less", of=median("energy", among=STILL)),
-    Column("acceleration", "acceleration / limit", "", "", "limit", of=largest("acceleration_ratio", among=STILL)),
-    Column("jerk", "jerk / limit", "", "", "limit", of=largest("jerk_ratio", among=STILL)),
-    Column("rest", "error at the end", "mm", "less", aside=True, of=median("rest_m", 1e3, among=STILL)),
+    Column("energy", "energy", "J", "less", of=median("energy", among=WITHOUT_NOISE)),
+    Column(
+        "acceleration", "acceleration / limit", "", "", "limit", of=largest("acceleration_ratio", among=WITHOUT_NOISE)
+    ),
+    Column("jerk", "jerk / limit", "", "", "limit", of=largest("jerk_ratio", among=WITHOUT_NOISE)),
+    Column("rest", "error at the end", "mm", "less", aside=True, of=median("rest_m", 1e3, among=WITHOUT_NOISE)),
     Column(
         "status", "Status", show="text", aside=True, of=lambda rows: ", ".join(sorted(set(rows["status"].drop_nulls())))
     ),
@@ -209,7 +213,7 @@ def law_tables(b: BlockRows, run: Run) -> list[Table]:
         if rows.is_empty():
             continue
         parts = [(law, rows.filter(pl.col("method") == law)) for law in b.block.labels]
-        groups = [({"label": law} | _torques(part.filter(STILL), limits), part) for law, part in parts]
+        groups = [({"label": law} | _torques(part.filter(WITHOUT_NOISE), limits), part) for law, part in parts]
         note = (
             f"For {_lines(rows)}: median duration, energy and end error, and the largest value of all other columns, "
             "without noise unless a column says so. The tracking error is executed − planned at the same instant, at every "
