@@ -14,6 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
+from optik.ik._problem import check_start
 from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
 from optik.types import Array
@@ -22,7 +23,8 @@ from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.fit import check_statics, fit, stretch_factor
-from planners.following.follow import DEFAULT_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
+from planners.following.collision import CollisionCheck
+from planners.following.follow import DEFAULT_TOLERANCE, START_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
 from planners.limits import SAME_SPEED, MotionLimits, check_path
 from planners.motion import PlanStatus
 from planners.paths._goal import path_to
@@ -34,7 +36,7 @@ from planners.search._around import DEFAULT_SEARCH, MOST_WAYS, SearchReport, che
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing._free.avoid import choose_around
-from planners.timing._free.choose import choice_for, choose
+from planners.timing._free.choose import choice_for, choose, report_fixed
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory
@@ -154,6 +156,7 @@ def judge_certificate(
     advice = "another law, or a wider tolerance; plan.trajectory and plan.certificate show where"
     if proof.clearance is not None and proof.clearance.touches:
         status = PlanStatus.CONTACT
+        advice = "another start, goal or path, or a smaller margin; plan.certificate.clearance shows where"
     elif enforced is not None and replace(proof, enforced=enforced).is_valid:
         status = PlanStatus.LIMITS_EXCEEDED
         advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.violations)!r}"
@@ -242,6 +245,8 @@ class _Planner:
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
         started, path = perf_counter(), self.request.path
+        if isinstance(path, FreePath) and not path.hold_start and q_start is not None and branch != "best":
+            q_start = self._reach_start(path, q_start)
         around = self.request.avoid is not False
         followed = self._follow(path, q_start, branch, None if around else self.request.scene)
         ended = perf_counter()
@@ -252,6 +257,14 @@ class _Planner:
             found = self._time(path, followed, duration)[0]
         proof = found.seconds.certificate
         return replace(found, seconds=PlanSeconds(ended - started, perf_counter() - ended - proof, proof))
+
+    def _reach_start(self, path: FreePath, q_start: ArrayLike) -> Array:
+        """Return a configuration at the path's start from a first guess; itself if it is there, or if none is found."""
+        pose, q = path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
+        if np.abs(self.request.robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose:
+            return q
+        found = self.solver.solve(pose, q)
+        return found.q if found else q
 
     def _follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
         """Return the joint path along a path."""
@@ -308,6 +321,10 @@ class _Planner:
         plans: list[Plan] = []
         scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
         assert scene is not None
+        if isinstance(path, FreePath) and path.hold_start and starts_there and followed.joint_path is not None:
+            blocked = CollisionCheck(request.robot, scene).check_start(followed.joint_path.q[0])
+            if blocked is not None:
+                return request._fail(PlanStatus.CONTACT, followed.joint_path, blocked)
 
         def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan:
             return self._time(chosen, self._follow(chosen, q, "start", None), None)[0]
@@ -326,6 +343,8 @@ class _Planner:
                 choice = choice_for(path, fixed.joint_path, optimum, held=starts_there)
                 found, result, spent = choose_around(choice, scene, fixed, plan_along)
                 found, rounds = replace(found, freedom=result), rounds + spent
+            elif fixed.has_motion:
+                found = replace(fixed, freedom=report_fixed(path, fixed))
             plans.append(found)
             if any(plans) or isinstance(path, FreePath):
                 break

@@ -236,7 +236,8 @@ def test_the_same_scene_gives_the_same_motion() -> None:
 def test_any_law_times_the_way_that_is_found() -> None:
     found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), timing="smooth", avoid=True)
     assert found
-    assert found.freedom is None
+    assert found.freedom is not None
+    assert "only the law optimal" in found.freedom.outcome
     assert found.trajectory.duration > around().trajectory.duration
 
 
@@ -324,6 +325,23 @@ def test_a_start_or_goal_in_contact_says_which() -> None:
         assert found.failure is not None
         assert word in found.failure.reason
         assert "sphere1" in found.failure.reason
+
+
+@pytest.mark.parametrize("timing", ["optimal", "smooth"])
+def test_a_free_path_says_where_it_touches_and_what_may_help(timing: str) -> None:
+    robot, T = panda(), panda().fk(REST)
+    goal = T.copy()
+    goal[:3, 3] += [0.0, 0.2, 0.0]
+    path = free(Line(T, goal), turn=0.1)
+    for at, words in ((T, "start configuration is in collision"), (goal, "sphere1")):
+        scene = Scene(spheres=[(at[:3, 3], 0.03)])
+        found = plan(robot, path, REST, limits=LIMITS, scene=scene, avoid=True, timing=timing, allow="jerk")
+        assert found.status is PlanStatus.CONTACT
+        assert found.failure is not None
+        assert words in found.failure.reason
+        assert "sphere1" in found.failure.reason
+        assert "margin" in found.failure.advice
+        assert "law" not in found.failure.advice
 
 
 def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_there_is_none() -> None:

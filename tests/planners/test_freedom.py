@@ -337,6 +337,18 @@ def test_other_laws_time_the_initial_coefficients_and_say_so() -> None:
     assert "only the law optimal" in found.freedom.outcome
 
 
+def test_a_first_guess_may_be_at_a_turn_that_is_not_allowed() -> None:
+    robot = torch()
+    path = free(line(robot, START), turn=(0.3, 0.8), hold_start=False)
+    found = plan(robot, path, START, limits=LIMITS)
+    assert found
+    assert found.freedom is not None
+    low, high = found.freedom.ranges[0].reached
+    assert 0.3 <= low <= high <= 0.8
+    with pytest.raises(InvalidInput, match="q_start"):
+        plan(robot, free(line(robot, START), turn=(0.3, 0.8)), START, limits=LIMITS)
+
+
 def test_a_duration_is_that_of_the_chosen_path_slowed() -> None:
     robot = torch()
     path = free(line(robot, START), turn=True)

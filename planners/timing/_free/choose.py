@@ -318,7 +318,7 @@ def choose(
     """
     duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
     if optimum is None:
-        return fixed, report(path, duration, fixed, "the initial coefficients: only the law optimal chooses them")
+        return fixed, report_fixed(path, fixed)
     choice = choice_for(path, joint_path, optimum, held=held)
     gradient = float(np.abs(choice.gradient()).sum())
     if gradient <= WORTHLESS * duration:
@@ -340,6 +340,12 @@ def choose(
             break
         outcome = "the initial path: no other is proved and shorter in time"
     return best, report(path, duration, best, outcome, gradient, tried, steps)
+
+
+def report_fixed(path: FreePath | PointToPoint, fixed: Timed) -> FreedomResult:
+    """Return the result for a path that another law than optimal timed."""
+    outcome = "the initial coefficients: only the law optimal chooses them"
+    return report(path, fixed.trajectory.duration, fixed, outcome)
 
 
 def report(
