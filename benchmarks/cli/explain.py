@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 from pydantic_core import PydanticUndefined
 
-from benchmarks.blocks._entries import IKPeer, LawPeer
-from benchmarks.blocks._problems import ProblemBlock, check_set
+from benchmarks.blocks._entries import IKPeer, LawPeer, ProblemBlock, check_set
 from benchmarks.blocks.base import Block
 from benchmarks.blocks.timing.laws.motions import path_in_file
 from benchmarks.blocks.timing.laws.settings import LawBlock

@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 from benchmarks.blocks._contest import version_words
-from benchmarks.blocks._problems import check_set
+from benchmarks.blocks._entries import check_set
 from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report.base import load_report

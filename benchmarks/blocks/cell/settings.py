@@ -9,8 +9,7 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks._entries import BudgetedMethod, Law
-from benchmarks.blocks._problems import ProblemBlock
+from benchmarks.blocks._entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.blocks.base import Block, Entry
 from benchmarks.blocks.columns import largest, mean, median, quantile
 from benchmarks.settings import (
@@ -102,7 +101,7 @@ def _iso(what: type, field: str) -> Callable[[pl.DataFrame], float]:
 
 
 OF_EXECUTIONS = (
-    Measure("executed", "%", mean((pl.col("status") == "executed").cast(pl.Float64), 100.0), "executed to the end"),
+    Measure("executed", "%", mean(pl.col("status") == "executed", 100.0), "executed to the end"),
     Measure("tracking_mm", "mm", largest("tracking_m", 1e3), "largest tracking error of the tool"),
     Measure("tracking_mrad", "mrad", largest("tracking_rad", 1e3), "largest tracking error of a joint"),
     Measure("torque_ratio", "", largest("torque_ratio"), "largest torque / certificate's bound", show="exact"),

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.blocks._problems import store_problems
+from benchmarks.blocks._entries import store_problems
 from benchmarks.blocks.base import Entry, chunks
 from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
 from benchmarks.blocks.cell.trials import (

@@ -12,8 +12,7 @@ import polars as pl
 from pydantic import model_validator
 
 from benchmarks.blocks._contest import reseed, trial_seed
-from benchmarks.blocks._entries import Method
-from benchmarks.blocks._problems import ProblemBlock, record_hash
+from benchmarks.blocks._entries import Method, ProblemBlock, record_hash
 from benchmarks.blocks.base import Compared, Entry, Kind, Part, Work, chunks
 from benchmarks.blocks.columns import Of, largest, mean
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at

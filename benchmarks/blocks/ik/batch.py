@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import fresh
-from benchmarks.blocks._problems import ProblemBlock, check_set
+from benchmarks.blocks._entries import ProblemBlock, check_set
 from benchmarks.blocks.base import Compared, Kind, Tell
 from benchmarks.blocks.ik.judgement import judge_configurations
 from benchmarks.problems.base import SETS

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from benchmarks.blocks._contest import reseed
-from benchmarks.blocks._entries import BudgetedMethod
-from benchmarks.blocks._problems import ProblemBlock, need_problems, store_problems
+from benchmarks.blocks._entries import BudgetedMethod, ProblemBlock, need_problems, store_problems
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part, Work, chunks
 from benchmarks.blocks.ik.judgement import JUDGED_AT, rate, within
 from benchmarks.problems.base import ProblemSet

@@ -11,6 +11,7 @@ import polars as pl
 
 from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.columns import largest, mean, median, quantile
 from benchmarks.targets import Measure
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
@@ -155,25 +156,10 @@ LEAST_BOUND = 1e-12
 """Least certified deviation [m, rad] that is used as a divisor."""
 
 
-def _column(name: str, statistic: Callable[[Any], Any], scale: float = 1.0) -> Callable[[pl.DataFrame], float]:
-    """Return a statistic of a column."""
-    return lambda rows: scale * float(statistic(rows[name].to_numpy()))
-
-
 def _deviations(ratio: Callable[[Any, Any], Any]) -> Callable[[pl.DataFrame], float]:
     """Return the largest ratio of a sampled deviation to a certified one, of distances and of angles."""
     pairs = (("true_distance", "distance"), ("true_angle", "angle"))
     return lambda rows: float(max(ratio(rows[true].to_numpy(), rows[bound].to_numpy()).max() for true, bound in pairs))
-
-
-def _largest(*columns: str) -> Callable[[pl.DataFrame], float]:
-    """Return the largest value of some columns, which are empty for joints without limits."""
-
-    def compute(rows: pl.DataFrame) -> float:
-        most = rows.select(pl.max_horizontal(columns)).to_series().max()
-        return float("nan") if most is None else float(most)  # type: ignore[arg-type]
-
-    return compute
 
 
 def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float]:
@@ -190,24 +176,24 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
 
 
 MEASURES = (
-    Measure("solved", "%", _column("solved", np.mean, 100.0), "lines with a motion"),
-    Measure("kept", "%", _column("keeps_all", np.mean, 100.0), "motions within every limit, exactly"),
-    Measure("nearly", "%", _column("nearly", np.mean, 100.0), "motions that exceed no limit by more than 0.1 %"),
-    Measure("holds", "%", _column("holds", np.mean, 100.0), "motions with a valid certificate"),
-    Measure("worst_ratio", "", _largest(*JOINT_LIMITS), "largest peak / limit, exact", show="exact"),
-    Measure("worst_velocity", "", _column("velocity", np.max), "largest velocity / limit, exact", show="exact"),
-    Measure("worst_acceleration", "", _column("acceleration", np.max), "largest acceleration / limit, exact", show="exact"),
-    Measure("worst_jerk", "", _column("jerk", np.max), "largest jerk / limit, exact", show="exact"),
-    Measure("worst_torque", "", _largest("torque"), "largest torque / limit, proved bound", show="exact"),
-    Measure("worst_torque_rate", "", _largest("torque_rate"), "largest torque rate / limit, proved bound", show="exact"),
-    Measure("over_torque", "%", _column("over_torque", np.mean, 100.0), "motions over a torque limit"),
-    Measure("median_optimum", "", _column("over_optimum", np.median), "median T / T*", show="exact"),
-    Measure("worst_optimum", "", _column("over_optimum", np.max), "largest T / T*", show="exact"),
-    Measure("median_kept", "", _column("kept_over_optimum", np.median), "median T / T*, stretched to the limits", show="exact"),
-    Measure("worst_kept", "", _column("kept_over_optimum", np.max), "largest T / T*, stretched to the limits", show="exact"),
-    Measure("median_ms", "ms", _column("ms_law", np.median), "median time of the law"),
-    Measure("p95_ms", "ms", _column("ms_law", lambda ms: np.quantile(ms, 0.95)), "95th percentile of the law's time"),
-    Measure("plan_ms", "ms", _column("ms_plan", np.median), "median time of a whole plan"),
+    Measure("solved", "%", mean("solved", 100.0), "lines with a motion"),
+    Measure("kept", "%", mean("keeps_all", 100.0), "motions within every limit, exactly"),
+    Measure("nearly", "%", mean("nearly", 100.0), "motions that exceed no limit by more than 0.1 %"),
+    Measure("holds", "%", mean("holds", 100.0), "motions with a valid certificate"),
+    Measure("worst_ratio", "", largest(pl.max_horizontal(JOINT_LIMITS)), "largest peak / limit, exact", show="exact"),
+    Measure("worst_velocity", "", largest("velocity"), "largest velocity / limit, exact", show="exact"),
+    Measure("worst_acceleration", "", largest("acceleration"), "largest acceleration / limit, exact", show="exact"),
+    Measure("worst_jerk", "", largest("jerk"), "largest jerk / limit, exact", show="exact"),
+    Measure("worst_torque", "", largest("torque"), "largest torque / limit, proved bound", show="exact"),
+    Measure("worst_torque_rate", "", largest("torque_rate"), "largest torque rate / limit, proved bound", show="exact"),
+    Measure("over_torque", "%", mean("over_torque", 100.0), "motions over a torque limit"),
+    Measure("median_optimum", "", median("over_optimum"), "median T / T*", show="exact"),
+    Measure("worst_optimum", "", largest("over_optimum"), "largest T / T*", show="exact"),
+    Measure("median_kept", "", median("kept_over_optimum"), "median T / T*, stretched to the limits", show="exact"),
+    Measure("worst_kept", "", largest("kept_over_optimum"), "largest T / T*, stretched to the limits", show="exact"),
+    Measure("median_ms", "ms", median("ms_law"), "median time of the law"),
+    Measure("p95_ms", "ms", quantile("ms_law", 0.95), "95th percentile of the law's time"),
+    Measure("plan_ms", "ms", median("ms_plan"), "median time of a whole plan"),
     Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median time of the law, as a ratio to", relative=True),
     Measure(
         "median_duration_ratio", "", _paired("slowed_duration", np.median),
@@ -217,7 +203,7 @@ MEASURES = (
         "worst_duration_ratio", "", _paired("slowed_duration", np.max),
         "largest duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
     ),
-    Measure("deviation_um", "µm", _column("distance", np.max, 1e6), "largest certified distance from the line"),
+    Measure("deviation_um", "µm", largest("distance", 1e6), "largest certified distance from the line"),
     Measure(
         "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
         "largest deviation by dense sampling / certified one",

@@ -67,7 +67,7 @@ def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
 def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
     ms, fields, slowed = "ms", limited(rows), _or_infinite("kept_over_optimum")
-    jerk, valid = "sampled_jerk", mean(pl.col("holds").cast(pl.Float64), 100.0, among="solved")
+    jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
 
     def holds(own: pl.DataFrame) -> Cell:
         if not b.entries[own["method"][0]]["enforced"] and own["solved"].any():
