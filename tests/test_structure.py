@@ -230,9 +230,10 @@ def test_an_unknown_name_lists_the_nearest(folder):
         assert str(caught.value) == "unknown method 'newtown'; did you mean newton? there are: levenberg, newton"
 
 
-@pytest.mark.parametrize("name", ["__init__", "base", "ik.dls", "", "Newton"])
+@pytest.mark.parametrize("name", ["__init__", "base", "_private", "ik.dls", "", "Newton"])
 def test_what_is_no_name_is_not_loaded(folder, name):
-    (folder / "newton.py").write_text("METHOD = 1\n")
+    for file in ("newton", "base", "_private"):
+        (folder / f"{file}.py").write_text("METHOD = 1\n")
     with pytest.raises(UnknownName):
         registry.load_method(folder.name, name)
 

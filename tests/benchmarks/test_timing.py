@@ -170,10 +170,9 @@ def test_a_stopped_run_is_continued_with_the_same_answers(quick: RunFolder, tmp_
 def test_wrong_options_and_missing_limits_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     for path, value in (("laws", [{"law": "toppra", "options": {"gird": 3}}]), ("limits", [{"velocity": 2.0}])):
         settings = copy.deepcopy(QUICK)
-        settings["timing"][0] |= {path: value, "peers": [], "targets": []}
-        settings["timing"][0].pop("plan")
-        settings["timing"][0].pop("peers")
-        settings["timing"][0].pop("targets")
+        settings["timing"][0] |= {path: value}
+        for key in ("plan", "peers", "targets"):
+            settings["timing"][0].pop(key)
         with pytest.raises(InvalidInput, match=r"gird|acceleration"):
             run_suite(suite_of("quick", settings), tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -96,6 +96,12 @@ def smallest(arm: Any, q: Any) -> Array:
     return np.linalg.svd(jacobian(arm, q), compute_uv=False)[..., -1]
 
 
+def speeds(arm: Any, motion: Any, t: Array) -> Array:
+    """Speeds (k, 2) of the tool's point and of its turning at instants t (k,) of a motion of the joints."""
+    twists = np.einsum("kij,kj->ki", jacobian(arm, motion(t)), motion(t, 1))
+    return np.asarray(np.linalg.norm(twists.reshape(-1, 2, 3), axis=2))
+
+
 def tool_motion(arm: Any, q: Array, dq: Array) -> Array:
     """Twist (ṗ, vee(Ṙ Rᵀ)) of the tool and its derivatives (k, ..., 6) from those of the joints, dq (k, ..., n)."""
     scale = np.array([factorial(i) for i in range(len(dq) + 1)])

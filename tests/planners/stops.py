@@ -104,8 +104,7 @@ def ratios_of(plan: Plan, execution: Execution) -> dict[str, float]:
     s, _ = oracles.nearest(plan.path, T, np.maximum(near - margin, 0.0), np.minimum(near + margin, whole), 1.0)
     distance, angle = oracles.off_by(T, plan.path.pose(s))
     if plan.speed is not None:
-        moving = np.einsum("kij,kj->ki", oracles.jacobian(robot, joints(few)), joints(few, 1))
-        found["speed"] = float(np.linalg.norm(moving[:, :3], axis=1).max() / plan.speed / (1.0 + 1e-6))
+        found["speed"] = float(oracles.speeds(robot, joints, few)[:, 0].max() / plan.speed / (1.0 + 1e-6))
     return found | {
         "distance": float(distance.max() / tolerance.position),
         "angle": float(angle.max() / tolerance.rotation),

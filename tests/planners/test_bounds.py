@@ -393,10 +393,8 @@ def contradicted(path: Path, trajectory: Trajectory, count: int, *, over: float)
     (error, _), fast = path_error(robot, path, trajectory), tool_speed(robot, trajectory)
     joints = oracles.Joints(trajectory)
     t = np.linspace(0.0, trajectory.end, count)
-    q = joints(t)
-    T = oracles.fk(oracles.PAPER, q)
-    twist = np.einsum("kij,kj->ki", oracles.jacobian(oracles.PAPER, q), joints(t, 1))
-    truth = [np.linalg.norm(twist[:, part], axis=1).max() for part in (slice(0, 3), slice(3, 6))]
+    T = oracles.fk(oracles.PAPER, joints(t))
+    truth = list(oracles.speeds(oracles.PAPER, joints, t).max(axis=0))
     # the least that any place of the path has of each, which is no more than where the motion is taken to be
     s = np.linspace(0.0, path.end, 400)
     at = path.pose(s)

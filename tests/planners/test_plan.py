@@ -189,18 +189,6 @@ def test_an_unknown_name_is_answered_with_the_nearest(argument: str, name: str, 
     assert isinstance(info.value, LookupError)
 
 
-@pytest.mark.parametrize("name", ["", "base", "_private"])
-def test_what_is_no_law_is_an_unknown_name(name: str) -> None:
-    with pytest.raises(UnknownName):
-        make_law(name)
-
-
-@pytest.mark.parametrize("name", ["quintic.py", "../quintic"])
-def test_a_law_s_path_without_a_file_is_refused(name: str) -> None:
-    with pytest.raises(InvalidInput, match="which is no file"):
-        make_law(name)
-
-
 @pytest.mark.parametrize("law", laws())
 def test_an_option_that_a_law_does_not_have_is_refused(law: str) -> None:
     with pytest.raises(InvalidInput) as info:

@@ -11,7 +11,7 @@ import optik
 from optik import Scene, Shapes
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, load_motion, plan, save
+from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, plan
 from planners.timing._free.choose import JointChoice
 from planners.timing._free.vias import pass_through
 from planners.timing.optimal import Optimal
@@ -230,18 +230,6 @@ def test_limits_of_via_points_change_with_the_control_points_as_their_difference
             bend = (border.bends[k, :, c] ** 2).reshape(2, 3).sum(axis=1) if inside else np.zeros(2)
             exact = (above - 2.0 * here + below)[k] / 1e-8
             assert (np.abs(bend - exact) <= 0.2 * np.abs(exact) + 10.0).all()  # without the curvature of the kinematics
-
-
-def test_a_file_brings_it_back(tmp_path: Any) -> None:
-    found = planned()
-    save(found.motion, tmp_path / "cycle.npz")
-    again = load_motion(tmp_path / "cycle.npz")
-    assert isinstance(again.path, PointToPoint)
-    assert isinstance(found.path, PointToPoint)
-    s = np.linspace(0.0, found.path.end, 50)
-    assert (again.path.pose(s) == found.path.pose(s)).all()
-    assert [via.tolerance for via in again.path.vias] == [via.tolerance for via in found.path.vias]
-    assert again.certify().is_valid
 
 
 def test_a_file_whose_path_misses_a_via_point_is_refused() -> None:
