@@ -106,8 +106,8 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     return [1, 3, 5].map(k => parseInt(text.slice(k, k + 2), 16) / 255);
   };
   const theme = () => {
-    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "near", "contact", "payload", "before", "grid", "mark",
-      "x", "y", "z"];
+    const names = ["back", "arm", "link", "path", "executed", "planned", "beam", "scene", "edges", "near", "contact", "payload", "before", "grid",
+      "mark", "x", "y", "z"];
     colours = Object.fromEntries(names.map(name => [name, colour(name)]));
   };
   const build = () => {
@@ -174,7 +174,7 @@ const Picture = (canvas, labels, data, arm, tracks) => {
     gl.uniform2f(line.at("viewport"), gl.drawingBufferWidth, gl.drawingBufferHeight);
     for (const name of names) {
       gl.uniform1f(line.at("width"), widths[name] * devicePixelRatio);
-      gl.uniform4f(line.at("paint"), ...colours[{ edges: "scene", near: "pair" }[name] || name], alpha);
+      gl.uniform4f(line.at("paint"), ...colours[name === "near" ? "pair" : name], alpha);
       layers[name].draw();
     }
   };
