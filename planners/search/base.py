@@ -23,6 +23,9 @@ from planners.search._trees import shorten
 MOST_CONFIGURATIONS = 10_000_000
 """Largest number of samples of a search: more would take hours."""
 
+MOST_TURNED = 4.0 * np.pi * (1.0 + 1e-9)
+"""Widest range of a joint that is searched as a whole [rad]: two turns, and rounding."""
+
 
 class SearchStatus(StrEnum):
     """Outcome of a search.
@@ -131,11 +134,15 @@ class JointSpace:
         Returns
         -------
         tuple of (n,) arrays
-            The limits; where there is none, half a turn or 3 m beyond the start and the goals [rad, m].
+            The limits; where there is none, half a turn or 3 m beyond the start and the goals; of a joint that turns more than
+            twice, at most a turn beyond them, because further turns are the same places [rad, m].
         """
-        limits, beyond = self.robot.limits, np.pi
-        lower = np.where(np.isfinite(limits.lower), limits.lower, ends.min(axis=0) - beyond)
-        return lower, np.where(np.isfinite(limits.upper), limits.upper, ends.max(axis=0) + beyond)
+        limits, least, most = self.robot.limits, ends.min(axis=0), ends.max(axis=0)
+        lower = np.where(np.isfinite(limits.lower), limits.lower, least - np.pi)
+        upper = np.where(np.isfinite(limits.upper), limits.upper, most + np.pi)
+        several = ~self.robot.prismatic & (upper - lower > MOST_TURNED)
+        lower = np.where(several, np.maximum(lower, least - 0.5 * MOST_TURNED), lower)
+        return lower, np.where(several, np.minimum(upper, most + 0.5 * MOST_TURNED), upper)
 
     def is_free(self, q: Array) -> bool:
         """Return whether no links are in contact, and all keep more than the margin from the scene.

@@ -301,6 +301,25 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
     assert planners.search.Search is Search
 
 
+@pytest.mark.parametrize("turns", [1000.0, np.inf])
+def test_joints_that_turn_many_times_are_searched_near_the_start_and_the_goals(turns: float) -> None:
+    limits, odd = panda().limits, np.arange(7) % 2 == 0
+    robot = panda().with_limits(
+        lower=np.where(odd, -turns, limits.lower),
+        upper=np.where(odd, [turns, 0, turns, 0, turns, 0, 9.0], limits.upper),
+    )
+    for seed in range(3):
+        found = find_path(robot, LEFT, RIGHT, scene=wall(), seed=seed, paths=1)
+        assert found
+        check(robot, wall(), found.vertices)
+    space, ends = JointSpace(robot, wall()), np.array([LEFT, RIGHT])
+    lower, upper = space.find_range(ends)
+    assert (upper[odd] - lower[odd] <= 4.0 * np.pi + np.ptp(ends[:, odd], axis=0) + 1e-6).all()
+    assert (lower[~odd] == limits.lower[~odd]).all()
+    ur = JointSpace(optik.load("ur5"), Scene())
+    assert (ur.find_range(np.array([np.full(6, 3.0)]))[0] == ur.robot.limits.lower).all()
+
+
 @SEARCHES
 def test_a_joint_without_limits_and_a_locked_one_are_searched(search: str) -> None:
     limits = scara().limits.replace(lower=[-np.inf, -2.6, 0.0, 0.0], upper=[np.inf, 2.6, 0.18, 0.0])
