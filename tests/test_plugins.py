@@ -684,19 +684,6 @@ def test_a_suite_s_plug_ins_are_noted_without_running_them_and_start_at_its_fold
     usage.check_allowed([], False)
 
 
-def test_a_suite_with_files_is_checked_without_running_them_and_runs_only_where_they_are_allowed(
-    tmp_path: Path,
-) -> None:
-    bomb = write(tmp_path / "bomb.py", "raise SystemExit('run')")
-    text = '[[blocks]]\nid = "a"\nrobot = "ur5e"\nset = "./bomb.py"\nmethods = [{ solver = "lm" }]\n'
-    suite = write(tmp_path / "with_files.toml", text)
-    done = invoked("bench", "check", str(suite), "--json")
-    assert [row["path"] for row in json.loads(done.stdout)["plugins"]] == [str(bomb)]
-    done = invoked("bench", "run", str(suite), "--out", str(tmp_path / "out"))
-    assert "--allow-plugins" in str(done.exception)
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_settings_of_a_finished_run_are_read_where_its_files_are_gone() -> None:
     with usage.collect_plugins(None) as found:
         assert registry.check_name("optik.ik", "./gone.py", "IK method") == "./gone.py"

@@ -134,11 +134,6 @@ class Browser:
             size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
             self.send("Emulation.setDeviceMetricsOverride", **size)
 
-    def screenshot(self, path: Path, whole: bool = False) -> None:
-        """A picture of what is in view, or of the whole page."""
-        found = self.send("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(found["data"]))
-
     def pdf(self, path: Path) -> None:
         """The page as it is printed."""
         path.write_bytes(

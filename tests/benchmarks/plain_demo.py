@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import pytest
 from numpy.typing import NDArray
 
 Column = NDArray[Any]
@@ -68,24 +69,29 @@ def rates(run: Path, name: str) -> dict[str, dict[str, float]]:
     own = {m: given_to_all(rows, [m])[m] for m in methods}
     most = max(len(part["problem"]) for part in own.values())
     ranked = [m for m in methods if len(own[m]["problem"]) >= min(1000, most / 2)]
-    out = {}
-    for m, mine in (own | given_to_all(rows, ranked)).items():
-        hits = solved(mine, 1e-6)
-        took = mine["iterations"][mine["status"] == "solved"]
-        out[m] = {
-            "count": len(hits), "fine": 100 * hits.mean(), "low": 100 * wilson(int(hits.sum()), len(hits))[0],
-            "coarse": 100 * solved(mine, 1e-3).mean(),
-            "position": 1e3 * np.median(mine["position_error"]), "position_95": 1e3 * np.quantile(mine["position_error"], 0.95),
-            "rotation": np.degrees(np.median(mine["rotation_error"])), "iterations": np.median(took) if len(took) else np.nan,
-        }  # fmt: skip
-    return out
+    return {m: figures(mine) for m, mine in (own | given_to_all(rows, ranked)).items()}
 
 
-def only_one(run: Path, name: str, first: str, second: str) -> tuple[int, int, int, int]:
-    """Problems that both solved, only the first, only the second, and neither."""
-    rows = given_to_all(block(run, name), [first, second])
-    a, b = (solved(rows[m], 1e-6) for m in (first, second))
-    return int((a & b).sum()), int((a & ~b).sum()), int((~a & b).sum()), int((~a & ~b).sum())
+def figures(mine: dict[str, Column]) -> dict[str, float]:
+    """A row of the table of methods."""
+    hits, took = solved(mine, 1e-6), mine["iterations"][mine["status"] == "solved"]
+    position, rotation = 1e3 * mine["position_error"], np.degrees(mine["rotation_error"])
+    return {
+        "count": len(hits), "fine": 100 * hits.mean(), "low": 100 * wilson(int(hits.sum()), len(hits))[0],
+        "coarse": 100 * solved(mine, 1e-3).mean(),
+        "position": np.median(position), "position_95": np.quantile(position, 0.95),
+        "rotation": np.median(rotation), "rotation_95": np.quantile(rotation, 0.95),
+        "iterations": np.median(took) if len(took) else np.nan,
+    }  # fmt: skip
+
+
+def check_figures(row: Any, expect: dict[str, float]) -> None:
+    """A row of the table of methods has these figures."""
+    assert row["count"] == expect["count"]
+    for key in ("position", "position_95", "rotation", "rotation_95", "iterations"):
+        assert row[key] == pytest.approx(expect[key], nan_ok=True)
+    assert row["fine"][:2] == pytest.approx((expect["fine"], expect["low"]))
+    assert row["coarse"][0] == pytest.approx(expect["coarse"])
 
 
 def claim_a(run: Path) -> tuple[float, int, float]:

@@ -71,12 +71,7 @@ def test_rates_and_medians_are_what_the_files_hold(run: Run, block: str) -> None
     shown = {str(row["label"]): row for row in tables(run, "budgets")[f"methods-{block}"].rows}
     assert set(shown) == set(found)
     for label, expect in found.items():
-        row: Any = shown[label]
-        assert row["count"] == expect["count"]
-        for key in ("position", "position_95", "rotation", "iterations"):
-            assert row[key] == pytest.approx(expect[key], nan_ok=True)
-        assert row["fine"][:2] == pytest.approx((expect["fine"], expect["low"]))
-        assert row["coarse"][0] == pytest.approx(expect["coarse"])
+        plain_demo.check_figures(shown[label], expect)
 
 
 def test_the_default_and_the_paper_s_iteration_are_counted_on_the_same_targets(run: Run) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-import math
 import re
 import shutil
 from collections.abc import Callable
@@ -37,6 +36,7 @@ from benchmarks.report.timing.plans.tables import (
 )
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
+from tests.benchmarks import plain_demo
 from tests.benchmarks.browser import Browser
 from tests.benchmarks.conftest import SMALL, small
 
@@ -167,39 +167,12 @@ def shown_rows(folder: RunFolder, kind: str, table: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("block", ["workspace", "misprint"])
 def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: str) -> None:
-    rows = [
-        r for f in sorted((small_run.path / "rows/budgets").glob(f"{block}--*")) for r in pl.read_parquet(f).to_dicts()
-    ]
-    known = {
-        r["problem"] for r in pl.read_parquet(small_run.path / f"problems/{block}.parquet").to_dicts() if r["known"]
-    }
-    known |= {r["problem"] for r in rows if r["status"] == "solved"}
-    last = max(r["budget"] for r in rows)
-    by_method: dict[str, dict[int, dict[str, Any]]] = {}
-    for r in rows:
-        if r["budget"] == last:
-            by_method.setdefault(r["method"], {})[r["problem"]] = r
-    pairs = known.intersection(*by_method.values())
-    assert pairs
     shown = shown_rows(small_run, "budgets", f"methods-{block}")
-    for method, answers in by_method.items():
-        mine = [answers[p] for p in sorted(pairs)]
-        solved = [r for r in mine if r["status"] == "solved"]
-        for name, tolerance in (("coarse", 1e-3), ("fine", 1e-6)):
-            hits = sum(max(r["position_error"], r["rotation_error"]) <= tolerance for r in mine)
-            assert shown[method][name][0] == pytest.approx(100 * hits / len(mine))
-        expect = {
-            "position": (mine, "position_error", 50, 1e3),
-            "position_95": (mine, "position_error", 95, 1e3),
-            "rotation_95": (mine, "rotation_error", 95, 180 / math.pi),
-            "iterations": (solved, "iterations", 50, 1.0),
-        }
-        for name, (chosen, column, level, scale) in expect.items():
-            value = shown[method][name]
-            if chosen:
-                assert value == pytest.approx(scale * np.percentile([r[column] for r in chosen], level))
-            else:
-                assert math.isnan(value)
+    given = plain_demo.given_to_all(plain_demo.block(small_run.path, block), list(shown))
+    assert set(shown) == {m["label"] for b in SMALL["blocks"] if b["id"] == block for m in b["methods"]}
+    for method, mine in given.items():
+        assert mine["problem"].size
+        plain_demo.check_figures(shown[method], plain_demo.figures(mine))
 
 
 def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
