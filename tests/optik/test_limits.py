@@ -1,6 +1,5 @@
 """Limits: what is inside, the middle and the half of a range, configurations drawn inside, and what is refused."""
 
-import pickle
 from math import pi
 
 import numpy as np
@@ -70,16 +69,6 @@ def test_limits_that_cannot_be_meant_are_refused_by_name(limits, options, argume
         JointLimits(*limits, **options)
     assert caught.value.argument == argument
     assert word in str(caught.value)
-
-
-def test_pickled_limits_come_back_the_same():
-    limits = JointLimits([-1, -2], [1, np.inf], velocity=[1, 2])
-    back = pickle.loads(pickle.dumps(limits))
-    assert (back.lower == limits.lower).all()
-    assert (back.upper == limits.upper).all()
-    assert (back.velocity == limits.velocity).all()
-    assert back.acceleration is None
-    assert back.jerk is None
 
 
 def test_positive_gives_one_figure_a_joint_and_no_hold_of_the_callers():

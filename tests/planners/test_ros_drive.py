@@ -383,14 +383,11 @@ def test_a_goal_through_rclpy(monkeypatch):
         np.testing.assert_allclose(last.positions, plan.trajectory(plan.trajectory.end), atol=1e-12)
         ros.q = list(last.positions)
         ros.accepts = False
-        back = RosDrive(plan.robot, transport, **PATIENT).execute(
-            planners.plan(plan.robot, plan.trajectory(0.0), np.array(ros.q), timing="ruckig", limits=plan.limits)
-        )
+        way = planners.plan(plan.robot, plan.trajectory(0.0), np.array(ros.q), timing="ruckig", limits=plan.limits)
+        back = RosDrive(plan.robot, transport, **PATIENT).execute(way)
         assert (back.status, back.fault.kind) == ("fault", "controller") and "rejected" in back.reason
         ros.accepts, ros.state = True, 6
-        lost = RosDrive(plan.robot, transport, **PATIENT).execute(
-            planners.plan(plan.robot, plan.trajectory(0.0), np.array(ros.q), timing="ruckig", limits=plan.limits)
-        )
+        lost = RosDrive(plan.robot, transport, **PATIENT).execute(way)
         assert (lost.status, lost.fault.kind) == ("fault", "stall") and "goal tolerance" in lost.reason
         goal = transport.send(
             {"joint_names": [], "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}, "points": []}
