@@ -287,8 +287,8 @@ def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:
             found[name] = True if not equals else bounds[0] if len(bounds) == 1 else bounds
             kind.check(found[name])
         except (ValueError, InvalidInput):
-            expected = typed if kind.round else f"{typed}, the lower bound first"
-            raise InvalidInput("--free", repr(text), expected) from None
+            order = "" if kind.round else ", the lower bound first" + ("" if kind.screws else f", {name}=0 inside")
+            raise InvalidInput("--free", repr(text), f"{typed}{order}") from None
     return found
 
 

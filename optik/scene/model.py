@@ -223,7 +223,7 @@ class Scene:
             raise InvalidInput("robot", got, "an arm with shapes, without a part of the object's name")
         T = se3.inverse(robot.frames(robot.configuration(q))[robot.n - 1])
         shapes = robot.shapes.with_part(name, robot.n, self._enclose(name), T)
-        pairs = tuple((name, other) for other in check_words(tuple(allow), "allow"))
+        pairs = tuple((name, other) for other in check_words(allow, "allow"))
         return robot.with_shapes(shapes), replace(rest, allow=(*rest.allow, *pairs))
 
     def _enclose(self, name: str) -> list[Capsule]:

@@ -88,6 +88,8 @@ def check_avoidable(
     if not isinstance(line, JointLine):
         allowed = "joints as goal, or PointToPoint(robot, q_start, pose): a pose alone means the straight line to it"
         raise InvalidInput("path", "a pose, with avoid", allowed)
+    if not line.end > 0.0:
+        raise InvalidInput("path", "a length of 0", "a path whose ends differ")
     assert q_start is not None
     return PointToPoint(robot, q_start, path)
 

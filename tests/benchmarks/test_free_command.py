@@ -117,6 +117,7 @@ def test_a_free_path_avoids_obstacles_in_rounds(typed: Any, wall: str) -> None:
         (("--free", "tilt"), "tilt=RADIUS above 0 [degrees]"),
         (("--free", "tilt=-5:5"), "tilt=RADIUS above 0 [degrees]"),
         (("--free", "turn", "--free", "turn=9"), "turn twice"),
+        ((*PANDA, "--free", "elbow=10:20"), "elbow=0 inside; got 'elbow=10:20'"),
         (("--free", "elbow"), "an arm with more than six joints; got elbow for paper6r with 6 joints"),
         (("--start-free",), "--start-free: expected a freedom"),
         (("--coefficients", "9"), "--coefficients: expected a freedom"),

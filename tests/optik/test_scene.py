@@ -288,5 +288,7 @@ def test_an_attached_object_in_contact_is_named_unless_it_is_allowed():
     ):
         with pytest.raises(OptikError, match=words):
             scene.attach(*arguments)
+    with pytest.raises(InvalidInput, match=r"^allow: expected a list of strings; got 'table'"):
+        scene.attach(robot, "cup", Q, allow="table")
     with pytest.raises(InvalidInput, match="the plane"):
         SCENE.attach(robot, "plane1", Q)

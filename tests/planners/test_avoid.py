@@ -369,6 +369,7 @@ def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_t
         (GOAL, {"scene": None}, "a Scene with the obstacles"),
         (Line(panda().fk(REST), panda().fk(GOAL)), {}, "planners.free"),
         (panda().fk(GOAL), {}, "straight line"),
+        (REST, {}, "^path: .* ends differ"),
         (GOAL, {"avoid": "rrt"}, "rrt"),
         (GOAL, {"avoid": 3}, "search: expected a name"),
     ],
