@@ -41,7 +41,7 @@ from benchmarks.report.tables import (
 )
 from benchmarks.report.timing import plans
 from benchmarks.report.winners import Ranked, ranked, tied_words, winners_table, won
-from benchmarks.statistics import holm, mcnemar_p, signed_rank
+from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
 from optik.errors import InvalidInput, MissingDependency
 from tests.benchmarks.conftest import hide
 
@@ -372,6 +372,9 @@ def test_a_name_with_a_comma_is_told_from_two_names() -> None:
 def test_digits_of_shares_and_p_values() -> None:
     assert written("share", 89.6667, 88.46, 90.76)[0] == "89.7"
     assert written("share", 99.97, 99.0, 100.0)[0] == "99.9"  # 100 only where all are solved
+    counts = {"100": (100_000, 100_000), "99.999": (999_999, 1_000_000), "99.98": (9999, 10_001), "0.0": (0, 10)}
+    assert {written("share", *percentage(*solved))[0]: solved for solved in counts.values()} == counts
+    assert written("share", *percentage(100_000, 100_000))[1] == "99.996 to 100.000"
     assert [written("p", p)[0] for p in (2e-112, 0.0, 0.0345)] == ["< 10⁻⁶", "< 10⁻⁶", "0.035"]
 
 

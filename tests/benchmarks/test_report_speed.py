@@ -18,9 +18,7 @@ from benchmarks.report.base import load_report
 from benchmarks.report.ik.accuracy import choose
 from benchmarks.report.ik.calls_tables import conspicuous
 from benchmarks.report.run import Run
-from benchmarks.report.tables import written
 from benchmarks.run import run_suite
-from benchmarks.statistics import percentage
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM
 from tests.benchmarks.conftest import hide
@@ -65,20 +63,10 @@ def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
     assert "1 of 3 targets met, 1 not measured." in page.text
 
 
-def test_the_table_is_what_the_rows_hold(page: Page, speed_run: RunFolder) -> None:
-    rows = load_kind("calls").rows(speed_run, suite_of("speed", SPEED).of("calls")[0])
-    tables = {table.id: table for table in load_report(load_kind("calls")).tables(Run(speed_run))}
-    assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= set(tables)
-    found = {str(row["label"]): row for row in tables["speed-hard"].rows}
-    for label in ("dls", "one step", "plain casadi"):
-        own = rows.filter((pl.col("method") == label) & pl.col("solved"))["ns"].to_numpy() / 1e3
-        if len(own):
-            expect = [np.median(own), np.quantile(own, 0.95), np.quantile(own, 0.99), own.max()]
-            assert [found[label][part] for part in ("median", "p95", "p99", "max")] == pytest.approx(expect)
-    assert found["dls"]["ratio"] == 1.0
-    same = rows.filter(pl.col("problem").is_in(rows.filter(pl.col("method") == "plain casadi")["problem"].implode()))
-    medians = dict(same.group_by("method").agg(pl.col("ns").median()).iter_rows())
-    assert found["plain casadi"]["ratio"] == pytest.approx(medians["plain casadi"] / medians["dls"])
+def test_every_table_of_the_report_is_on_the_page(page: Page, speed_run: RunFolder) -> None:
+    tables = {table.id for table in load_report(load_kind("calls")).tables(Run(speed_run))}
+    assert "speed-hard" in tables
+    assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= tables
 
 
 def test_an_absent_peer_kinds_of_failures_and_verdicts_are_on_the_page(page: Page) -> None:
@@ -88,18 +76,6 @@ def test_an_absent_peer_kinds_of_failures_and_verdicts_are_on_the_page(page: Pag
     assert ("b", {}) not in page.tags
     looks = [a["class"] for t, a in page.tags if t == "span" and "badge" in a.get("class", "")]
     assert looks == ["badge good", "badge partly", "badge none"]
-
-
-def test_only_all_of_them_are_a_hundred_percent() -> None:
-    def share(solved: int, count: int) -> tuple[str, str]:
-        return written("share", *percentage(solved, count))
-
-    assert share(100_000, 100_000) == ("100", "99.996 to 100.000")
-    assert share(99_999, 100_000)[0] == "99.999"
-    assert share(999_999, 1_000_000)[0] == "99.999"
-    assert share(999, 1000)[0] == "99.9"
-    assert share(9999, 10_001)[0] == "99.98"
-    assert share(0, 10)[0] == "0.0"
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

@@ -314,17 +314,12 @@ def test_a_batch_is_judged_at_its_largest_number_of_threads() -> None:
             "extra_memory_mb": [900.0, 1.0, 5.0, 3.0],
         }
     )  # fmt: skip
-    assert load_kind("batch").judge(table, Target(measure="success", at_least=0.0))[0] == 98.0
-    assert load_kind("batch").judge(table, Target(measure="million_per_second", at_least=0.0))[0] == pytest.approx(
-        49e-6
-    )
-    assert load_kind("batch").judge(table, Target(measure="extra_memory_mb", at_least=0.0))[0] == 5.0
-    silent = table.with_columns(extra_memory_mb=pl.lit(None))
-    assert (
-        load_kind("batch").judge(silent, Target(measure="extra_memory_mb", at_least=0.0))[1]
-        == "not reported by this system"
-    )
-    assert load_kind("batch").judge(None, Target(measure="success", at_least=0.0))[1] == "it was not run"
+    judge, memory = load_kind("batch").judge, Target(measure="extra_memory_mb", at_least=0.0)
+    assert judge(table, Target(measure="success", at_least=0.0))[0] == 98.0
+    assert judge(table, Target(measure="million_per_second", at_least=0.0))[0] == pytest.approx(49e-6)
+    assert judge(table, memory)[0] == 5.0
+    assert judge(table.with_columns(extra_memory_mb=pl.lit(None)), memory)[1] == "not reported by this system"
+    assert judge(None, Target(measure="success", at_least=0.0))[1] == "it was not run"
 
 
 # ---------------------------------------------------------------- peers

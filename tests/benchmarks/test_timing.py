@@ -246,23 +246,17 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
         "worst_acceleration": 1.2, "worst_jerk": 1.0, "median_ms": 1.0, "p95_ms": 9.1, "plan_ms": 7.0, "deviation_um": 1.0,
         "truth_over_bound": 2.0, "bound_over_truth": 1.0 / 0.99,
     }  # fmt: skip
+
+    def judged(measure: str, **of: Any) -> tuple[float, str]:
+        found: tuple[float, str] = load_kind("laws").judge(table, Target(measure=measure, at_least=0.0, **of))
+        return found
+
     for measure, value in wanted.items():
-        assert load_kind("laws").judge(table, Target(measure=measure, method="a", at_least=0.0))[0] == pytest.approx(
-            value
-        ), measure
-    assert load_kind("laws").judge(table, Target(measure="worst_optimum", method="a", group="regular", at_least=0.0))[
-        0
-    ] == pytest.approx(1.5)
-    assert load_kind("laws").judge(
-        table, Target(measure="worst_ratio", method="a", group="near_singular", at_least=0.0)
-    ) == (
-        1.2,
-        "1 motions",
-    )
-    assert re.findall(
-        r"\d+", load_kind("laws").judge(table, Target(measure="worst_ratio", method="a", at_least=0.0))[1]
-    ) == ["3", "4"]
-    assert np.isnan(load_kind("laws").judge(table, Target(measure="worst_ratio", method="b", at_least=0.0))[0])
+        assert judged(measure, method="a")[0] == pytest.approx(value), measure
+    assert judged("worst_optimum", method="a", group="regular")[0] == pytest.approx(1.5)
+    assert judged("worst_ratio", method="a", group="near_singular") == (1.2, "1 motions")
+    assert re.findall(r"\d+", judged("worst_ratio", method="a")[1]) == ["3", "4"]
+    assert np.isnan(judged("worst_ratio", method="b")[0])
 
 
 def test_targets_are_judged_in_the_suites_order(quick: RunFolder) -> None:
