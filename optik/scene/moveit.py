@@ -38,6 +38,11 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
     if attached := state.get("attached_collision_objects"):
         got = f"{len(attached) if isinstance(attached, list) else format_value(attached)} attached objects"
         raise InvalidInput("robot_state", got, "none: Shapes.with_part attaches objects to a link")
+    octomap = _mapping(world.get("octomap") or {}, "world.octomap")
+    if _mapping(octomap.get("octomap") or {}, "world.octomap.octomap").get("data"):
+        raise InvalidInput(
+            "world.octomap", "an octomap with data", "none, because it is not read: its cells as objects"
+        )
     frames = _Frames(scene, state)
     parts: list[Part] = []
     for i, one in enumerate(_rows(world, "collision_objects", "world")):

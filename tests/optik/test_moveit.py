@@ -91,6 +91,12 @@ def test_objects_frames_and_allowed_pairs_are_read(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_an_empty_octomap_is_no_obstacle(tmp_path: Path) -> None:
+    text = SCENE.replace("world:\n", "world:\n  octomap: {octomap: {resolution: 0.0, data: []}}\n")
+    assert text != SCENE
+    assert load(tmp_path, text) == load(tmp_path, SCENE)
+
+
 def test_a_floating_base_moves_the_world(tmp_path: Path) -> None:
     data = yaml.safe_load(SCENE)
     base = {"translation": [0.0, 2.0, 0.0], "rotation": QUARTER}
@@ -109,6 +115,8 @@ BAD = [
     ("{a: &a [1], ? *a : 2}", "complete YAML"),
     ("[" * 20_000, "complete YAML"),
     ("world: {collision_objects: 3}", "a list"),
+    ("world: {octomap: {octomap: {resolution: 0.05, data: [1, 2]}}}", "world.octomap: expected none"),
+    ("world: {octomap: 3}", "world.octomap: expected a mapping"),
     ("world: {collision_objects: [{id: 3}]}", "a string"),
     (SCENE.replace("type: cylinder", "type: cone"), "box, sphere, cylinder"),
     (SCENE.replace("type: 2", "type: 4"), "box, sphere, cylinder"),
