@@ -1,4 +1,4 @@
-"""The layout of the packages: no import circles, few entries at the top, short files and functions, few parameters."""
+"""The layout of the packages: imports point down, no circles, few entries at the top, short files, few parameters."""
 
 import ast
 from collections import Counter, defaultdict
@@ -12,6 +12,7 @@ import pytest
 from tests.oracles import REPOSITORY
 
 PACKAGES = ("optik", "planners", "benchmarks")
+"""Each may use itself and those to its left."""
 FILES = sorted(f for package in PACKAGES for f in (REPOSITORY / package).rglob("*.py"))
 MOST_AT_TOP = {"optik": 20, "planners": 18, "benchmarks": 16}
 """Files and folders of a package besides ``__init__.py`` and ``py.typed``."""
@@ -101,6 +102,14 @@ def part(module: str) -> str:
     return ".".join(module.split(".")[:2])
 
 
+def test_imports_point_down_and_never_up() -> None:
+    graph = imports(REPOSITORY, (*PACKAGES, "tests"), with_types=True)
+    rank = {name: i for i, name in enumerate((*PACKAGES, "tests"))}
+    assert {module.partition(".")[0] for module in graph} == set(rank)
+    edges = [(module, name) for module, found in graph.items() for name in found]
+    assert [(a, b) for a, b in edges if rank[a.partition(".")[0]] < rank[b.partition(".")[0]]] == []
+
+
 def test_no_module_is_imported_by_what_it_imports() -> None:
     assert circles(imports(REPOSITORY, PACKAGES)) == []
 
@@ -138,6 +147,14 @@ def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tm
 
 
 # ---------------------------------------------------------------- sizes
+def test_every_file_says_its_job_in_its_first_line() -> None:
+    for path in FILES:
+        docstring = ast.get_docstring(parsed(path))
+        assert docstring, relative(path)
+        assert 10 <= len(docstring.splitlines()[0]) <= 120, relative(path)
+        assert text_of(path).startswith('"""'), relative(path)
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_few_files_and_folders_are_at_the_top_of_a_package(package: str) -> None:
     top = {f.name for f in (REPOSITORY / package).iterdir()} - {"__init__.py", "py.typed", "__pycache__"}
