@@ -134,19 +134,6 @@ def mcnemar_p(only_first: int, only_second: int) -> float:
     return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
 
 
-def not_beaten(best: str, solved: Mapping[str, Mapping[int, bool]]) -> tuple[str, ...]:
-    """Return the best method and those not significantly different by McNemar's test with Holm's correction.
-
-    Intervals of two shares may overlap although one method solves nearly all that the other solves and more: the test
-    compares problem by problem.
-    """
-    p_values = {}
-    for label in (label for label in solved if label != best):
-        shared = sorted(solved[best].keys() & solved[label].keys())
-        p_values[label] = mcnemar([solved[best][k] for k in shared], [solved[label][k] for k in shared]).p
-    return not_told_apart(best, p_values)
-
-
 def not_longer(best: str, values: Mapping[str, ArrayLike]) -> tuple[str, ...]:
     """Return the best and those not significantly longer by Wilcoxon's test with Holm's correction."""
     mine = np.asarray(values[best], dtype=float)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from benchmarks.problems._singular import ELBOW, WRIST, put_at_zero, put_on_limits, singular
-from benchmarks.problems.base import ProblemSet, start_of
+from benchmarks.problems.base import ELBOW, WRIST, ProblemSet, put_at_zero, put_on_limits, singular, start_of
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput

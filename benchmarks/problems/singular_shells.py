@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.problems._singular import ELBOW, RANK_LOST, SHOULDER, WRIST, by_all_joints, by_one_joint
-from benchmarks.problems.base import stream, with_starts
+from benchmarks.problems.base import ELBOW, RANK_LOST, SHOULDER, WRIST, by_all_joints, by_one_joint, stream, with_starts
 from optik.arm.robot import Robot
 from optik.check import check_count, check_number
 from optik.errors import InvalidInput

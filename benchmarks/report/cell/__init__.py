@@ -165,18 +165,15 @@ def _board(b: BlockRows, run: Run) -> Board:
     )  # fmt: skip
 
 
-SECTIONS = (
-    Section("The paper's claims, as executed", "cell-claims", claims, QUESTION.with_name("claims.html.j2"), 61),
-    Section("The task in space", "cell-space", space, order=62),
-    Section("Sources of the error", "cell-split", split, order=63),
-    Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, order=64),
-    Section("ISO 9283, simulated", "cell-iso", iso, order=65),
-    Section("Time laws on the plant", "cell-laws", laws, order=66),
-)
-"""Sections on executed motions, from the claims to the plant."""
-
 REPORT = KindReport(
-    SECTIONS,
+    (
+        Section("The paper's claims, as executed", "cell-claims", claims, QUESTION.with_name("claims.html.j2"), 61),
+        Section("The task in space", "cell-space", space, order=62),
+        Section("Sources of the error", "cell-split", split, order=63),
+        Section("Spot and tool, as executed (Fig. 10 to 13)", "cell-axes", axes, order=64),
+        Section("ISO 9283, simulated", "cell-iso", iso, order=65),
+        Section("Time laws on the plant", "cell-laws", laws, order=66),
+    ),
     lambda blocks: ("executed motions of the laser cell",),
     tables=tables,
     findings=findings,

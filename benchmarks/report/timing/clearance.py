@@ -123,9 +123,6 @@ def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     )  # fmt: skip
 
 
-SECTIONS = (Section("Contact between samples", "clearance", section, order=25),)
-"""Plots and a table for each scene."""
-
 LIMITATIONS_OF_CLEARANCE = (
     "Clearance is that of the capsules around the arm's links, which extend beyond the real surface: a contact of "
     "the shapes need not be one of the arm. Pairs of links that always touch are not examined.",
@@ -133,7 +130,7 @@ LIMITATIONS_OF_CLEARANCE = (
 """Limitations of the figures."""
 
 REPORT = KindReport(
-    SECTIONS,
+    (Section("Contact between samples", "clearance", section, order=25),),
     lambda blocks: (f"proofs of clearance over {sum(block.count for block in blocks):,} motions",),
     tables=tables,
     findings=findings,

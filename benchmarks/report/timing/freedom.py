@@ -220,16 +220,17 @@ def arm(run: Run) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-SECTIONS = (
-    Section("Path and time together", "freedom", section, order=22),
-    Section("The arm along both paths", "freedom-arm", arm, Path(__file__).parent / "plans" / "arm.html.j2", 23),
-)
-"""Plots, tables, and the arm."""
-
-
 def _subjects(blocks: Sequence[Any]) -> Sequence[str]:
     motions = sum(part.count * len(block.limits) for block in blocks for part in block.sets)
     return (f"{motions:,} motions along initial and along free paths",)
 
 
-REPORT = KindReport(SECTIONS, _subjects, tables=tables, findings=findings)
+REPORT = KindReport(
+    (
+        Section("Path and time together", "freedom", section, order=22),
+        Section("The arm along both paths", "freedom-arm", arm, Path(__file__).parent / "plans" / "arm.html.j2", 23),
+    ),
+    _subjects,
+    tables=tables,
+    findings=findings,
+)

@@ -17,7 +17,7 @@ from benchmarks.blocks._entries import about_file, check_same
 from benchmarks.blocks.base import Compared, Kind, Tell, chunks
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion, motion_in_file, stands_of
 from benchmarks.blocks.timing.laws.rows import MEASURES as MEASURES
-from benchmarks.blocks.timing.laws.rows import SCHEMA, LawRows, in_group, with_optimum
+from benchmarks.blocks.timing.laws.rows import SCHEMA, in_group, with_optimum
 from benchmarks.blocks.timing.laws.settings import LawBlock, LineSet, told
 from benchmarks.blocks.timing.laws.timers import line_rows, write_example
 from benchmarks.peers.ik.base import Absent, version_of
@@ -120,7 +120,6 @@ class _Laws(Kind):
     name = "laws"
     title = "Time laws on many lines"
     block = LawBlock
-    read_as = LawRows
     has_facts = True
     order = 60
     compared = (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.columns import largest, mean, median, quantile
 from benchmarks.targets import Measure
 from optik import se3
@@ -108,11 +107,6 @@ NEARLY = 1.001
 
 ON_PATH_M, ON_PATH_RAD = 1e-4, 1e-4
 """Largest certified distance [m] and angle [rad] from the path for a motion that counts: far above any law's (3e-6)."""
-
-
-@dataclass(frozen=True)
-class LawRows(BlockRows):
-    """A block of timed lines, its rows, and the facts on the entries; the reference is none of its entries."""
 
 
 def with_optimum(rows: pl.DataFrame) -> pl.DataFrame:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.timing.laws.rows import LawRows, in_group
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock, LimitSet
 from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.numbers import listed, number, percent, quoted
@@ -33,7 +34,7 @@ def findings(run: Run) -> list[str]:
     return [words for b in run.of("laws") if (words := _medians(b))]
 
 
-def _medians(b: LawRows) -> str:
+def _medians(b: BlockRows) -> str:
     words, lines = [], b.rows["line"].n_unique()
     for label in b.entries:
         rows = b.rows.filter((pl.col("method") == label) & pl.col("solved"))
@@ -60,7 +61,7 @@ def _medians(b: LawRows) -> str:
     )
 
 
-def _block(b: LawRows, run: Run) -> dict[str, Any]:
+def _block(b: BlockRows, run: Run) -> dict[str, Any]:
     block, tables = b.block, law_tables(b)
     alone = len(block.kinds)
     return {
@@ -88,7 +89,7 @@ def limit_words(part: LimitSet) -> str:
     return f"{quoted(part.label)} ({'; '.join(words)})"
 
 
-def _reference(b: LawRows) -> str:
+def _reference(b: BlockRows) -> str:
     entry = b.block.reference
     if entry is None:
         return ""
@@ -109,7 +110,7 @@ def winners(run: Run) -> Sequence[Winner]:
     return [winner for b in run.of("laws") for kind in b.block.kinds for winner in kind_winners(b, kind)]
 
 
-def kind_winners(b: LawRows, kind: str) -> list[Winner]:
+def kind_winners(b: BlockRows, kind: str) -> list[Winner]:
     """Return the law with the shortest motions on a kind of line, and the fastest to compute of those equally short.
 
     Ranked are laws whose jerk is bounded, so that any motion can be slowed until it keeps the limits, and which stay on the
@@ -134,7 +135,7 @@ def kind_winners(b: LawRows, kind: str) -> list[Winner]:
     ]
 
 
-def _rankable(b: LawRows, rows: pl.DataFrame) -> tuple[list[str], str]:
+def _rankable(b: BlockRows, rows: pl.DataFrame) -> tuple[list[str], str]:
     """Return the labels of the laws that can be ranked, and the reasons of the others."""
     unbounded = [
         label
@@ -155,9 +156,6 @@ def _winner(question: str, unit: str, values: Mapping[str, Array], note: str) ->
     level, count = not_longer(entries[0][0], values), len(values[entries[0][0]])
     return Winner(question, unit, "less", tuple(entries), "timing", note, DECIDED_BY, level, count)
 
-
-SECTIONS = (Section("Time laws on many lines", "timing", timing, Path(__file__).with_name("section.html.j2"), 20),)
-"""The one section."""
 
 OF_MODELS = (
     "Torques are those of the arms' models: what motors deliver at a speed or a temperature, and the elasticity of gears, are "
@@ -188,7 +186,7 @@ def limitations(run: Run) -> tuple[str, ...]:
 
 
 REPORT = KindReport(
-    SECTIONS,
+    (Section("Time laws on many lines", "timing", timing, Path(__file__).with_name("section.html.j2"), 20),),
     subjects,
     winners=winners,
     tables=all_tables,

@@ -10,7 +10,8 @@ import polars as pl
 
 from benchmarks.blocks._arms import arm_label
 from benchmarks.blocks._torques import JOINT_LIMITS
-from benchmarks.blocks.timing.laws.rows import LawRows, in_group
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -95,7 +96,7 @@ PATHS_WITHIN = "%{y:.3~g} % of the paths within %{x:.4g} "
 """Tooltip of a distribution, before the unit."""
 
 
-def durations(b: LawRows, run: Run) -> Board:
+def durations(b: BlockRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
     plain = figure(
         "timing-distribution", "Paths with a duration of at most this multiple of T*", _ticked("T / T*", RATIO_TICKS),
@@ -127,7 +128,7 @@ def durations(b: LawRows, run: Run) -> Board:
     )  # fmt: skip
 
 
-def torques(b: LawRows, run: Run) -> Board | None:
+def torques(b: BlockRows, run: Run) -> Board | None:
     """Return the fraction of motions up to every multiple of their limits on torque and on its rate."""
     fields = [field for field in limited(b.rows) if field in LOADED]
     if not fields:
@@ -178,7 +179,7 @@ def _path_words(robot: str, kind: str, index: int) -> str:
     return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
 
 
-def against_singularity(b: LawRows, run: Run) -> Board:
+def against_singularity(b: BlockRows, run: Run) -> Board:
     """Plot durations and their ratio to T* over the smallest singular value on the path."""
     across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
     seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
@@ -212,7 +213,7 @@ FAR = 1e3
 """Curves that bound the speed are cut at this multiple of the speed of the fastest motion."""
 
 
-def example_boards(b: LawRows, run: Run) -> list[Board]:
+def example_boards(b: BlockRows, run: Run) -> list[Board]:
     """Show the phase plane of all laws, and the active constraints of each."""
     motions, binding, curve = (b.table(name) for name in ("motions", "binding", "curve"))
     if motions is None or binding is None or curve is None or curve.is_empty():
@@ -222,7 +223,7 @@ def example_boards(b: LawRows, run: Run) -> list[Board]:
     return [_phase(b, run, motions, curve, words, unit), _constraints(b, motions, binding, words, unit)]
 
 
-def _which(b: LawRows) -> str:
+def _which(b: BlockRows) -> str:
     """Describe which path is shown; paths count from 1."""
     chosen, arm = b.block.example, arm_label(b.block.example.robot, b.block.example.payload)
     within = f"on {arm}, within the limits {quoted(chosen.limits)}"
@@ -234,7 +235,7 @@ def _which(b: LawRows) -> str:
 
 
 def _phase(
-    b: LawRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str, of: tuple[float, str]
+    b: BlockRows, run: Run, motions: pl.DataFrame, curve: pl.DataFrame, words: str, of: tuple[float, str]
 ) -> Board:
     scale, unit = of
     laws = motions["law"].unique(maintain_order=True).to_list()
@@ -267,7 +268,9 @@ def _phase(
     )  # fmt: skip
 
 
-def _constraints(b: LawRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str, of: tuple[float, str]) -> Board:
+def _constraints(
+    b: BlockRows, motions: pl.DataFrame, binding: pl.DataFrame, words: str, of: tuple[float, str]
+) -> Board:
     """Show the active constraints of every law along the line, and the ratio of the joints to their limits."""
     laws = motions["law"].unique(maintain_order=True).to_list()
     near = binding.filter(pl.col("ratio") >= ACTIVE)

@@ -17,7 +17,7 @@ from optik.types import Array
 from planners.limits import DERIVATIVES
 
 if TYPE_CHECKING:
-    from benchmarks.blocks.timing.laws.rows import LawRows
+    from benchmarks.blocks.base import BlockRows
     from benchmarks.report.run import Run
 
 TORQUE_NOTE = (
@@ -39,7 +39,7 @@ def _words(field: str) -> str:
     return field.replace("_", " ")
 
 
-def law_tables(b: LawRows) -> list[Table]:
+def law_tables(b: BlockRows) -> list[Table]:
     """Return a table for each kind of line on all arms, then for each arm."""
     whole, parts = [], []
     for kind in b.block.kinds:
@@ -64,7 +64,7 @@ def _or_infinite(column: str) -> Callable[[pl.DataFrame], Array]:
     return lambda own: or_infinite(own[column])
 
 
-def laws_table(b: LawRows, rows: pl.DataFrame, title: str, name: str) -> Table:
+def laws_table(b: BlockRows, rows: pl.DataFrame, title: str, name: str) -> Table:
     """Return every law and peer on some lines: unchanged, within 0.1 %, and after a uniform slow-down."""
     ms, fields, slowed = "ms", limited(rows), _or_infinite("kept_over_optimum")
     jerk, valid = "sampled_jerk", mean("holds", 100.0, among="solved")
@@ -115,7 +115,7 @@ def or_infinite(column: pl.Series) -> Array:
     return column.cast(pl.Float64).fill_null(float("inf")).to_numpy()
 
 
-def _note(b: LawRows, rows: pl.DataFrame) -> str:
+def _note(b: BlockRows, rows: pl.DataFrame) -> str:
     sentences = [
         "Each path counts once for each set of limits. Without a motion, T / T* is infinite. Ratios are exact and the largest "
         f"of all motions. Within 0.1 %: no value above {NEARLY:g} times its limit. Stretched to meet the limits: the same "
@@ -141,7 +141,7 @@ def _note(b: LawRows, rows: pl.DataFrame) -> str:
 # ---------------------------------------------------------------- violations, plans, settings
 
 
-def violations(b: LawRows) -> Table | None:
+def violations(b: BlockRows) -> Table | None:
     """Return limit violations of every law: how often, by how much, and the duration without violations."""
     good = b.rows.filter(pl.col("solved") & (pl.col("entry") != "reference"))
     order = {label: i for i, label in enumerate(b.block.labels)}
@@ -168,7 +168,7 @@ def violations(b: LawRows) -> Table | None:
     return table_of(f"timing-{slug(b.block.id)}-violations", title, columns, ordered)
 
 
-def plan_times(b: LawRows) -> Table | None:
+def plan_times(b: BlockRows) -> Table | None:
     """Return the computing times of the steps of a whole plan, by arm and kind of line."""
     steps = {"ms_follow": "follow", "ms_law": "law", "ms_certificate": "certificate", "ms_plan": "whole plan"}
     timed = b.rows.filter(pl.col("ms_plan").is_not_null())
@@ -187,7 +187,7 @@ def plan_times(b: LawRows) -> Table | None:
     return table_of(f"timing-{slug(b.block.id)}-plans", title, columns, groups)
 
 
-def compared(b: LawRows) -> Table:
+def compared(b: BlockRows) -> Table:
     """Return the enforced limits of each law and peer, its version and its settings."""
     columns = (
         LAW_COLUMN,

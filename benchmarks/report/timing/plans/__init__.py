@@ -98,17 +98,14 @@ def tables(run: Run) -> list[Table]:
     return [] if found is None else [law_table(found)]
 
 
-SECTIONS = (
-    Section("The line", "plans", summary, order=70, place="summary"),
-    Section("The line in space (Fig. 5 and 6)", "line", line_in_space, Path(__file__).with_name("arm.html.j2"), 70),
-    Section("Joint and tool motion", "motion", motion, order=80),
-    Section("Clearance", "clearance-line", space, order=75),
-    Section("Time laws", "laws", laws, order=90),
-)
-"""Sections, and a sentence after the key findings."""
-
 REPORT = KindReport(
-    SECTIONS,
+    (
+        Section("The line", "plans", summary, order=70, place="summary"),
+        Section("The line in space (Fig. 5 and 6)", "line", line_in_space, Path(__file__).with_name("arm.html.j2"), 70),
+        Section("Joint and tool motion", "motion", motion, order=80),
+        Section("Clearance", "clearance-line", space, order=75),
+        Section("Time laws", "laws", laws, order=90),
+    ),
     lambda blocks: ("inverse kinematics", "time laws along a straight line"),
     winners=winners,
     tables=tables,
