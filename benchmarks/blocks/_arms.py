@@ -1,4 +1,4 @@
-"""Arms with a payload, and scenes, as blocks of a suite name them: by a name, or by a file."""
+"""Arms with a payload and scenes, as suites name them by a name or a file, and the torques of motions at instants."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BeforeValidator
 
 from optik.arm.inertia import payload_masses
 from optik.arm.library import load
 from optik.arm.robot import Robot
+from optik.dynamics import torques_batch
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
 from optik.registry import short_name
 from optik.scene import Scene
+from optik.types import Array
+from planners.limits import DERIVATIVES, LOADED
+from planners.trajectory import Trajectory
 
 
 def arm_label(robot: str, payload: float | tuple[float, float] | None) -> str:
@@ -63,3 +68,20 @@ def scene_named(name: str, margin: float = 0.0) -> Scene:
     """Load a scene; a margin [m] replaces the scene's own."""
     scene = Scene.load(SCENES.get(name, name))
     return replace(scene, margin=margin) if margin else scene
+
+
+JOINT_LIMITS = (*DERIVATIVES, *LOADED)
+"""Limits on every joint: for each, reports show the largest ratio to it, with its joint and its time."""
+
+
+def torques_at(robot: Robot, motion: Trajectory, t: Array) -> tuple[Array, Array]:
+    """Return torques and their rates at instants."""
+    states = np.ascontiguousarray(np.stack([motion(t, order) for order in range(4)], axis=1))
+    found = []
+    for held in robot.loads:
+        out = np.empty((t.size, 2, robot.n))
+        torques_batch(robot.chain, held.bodies, held.viscous, states, out)
+        out[:, 0] += held.coulomb * np.sign(states[:, 1])
+        found.append(out)
+    stacked = np.stack(found)
+    return stacked[:, :, 0], stacked[:, :, 1]

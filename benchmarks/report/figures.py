@@ -180,6 +180,16 @@ def log_axis(title: str, **options: Any) -> Json:
     return data
 
 
+def ticked_axis(title: str, ticks: Sequence[float], **options: Any) -> Json:
+    """Return a logarithmic axis with these numbers on it."""
+    return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks], **options)
+
+
+def percent_axis(what: str) -> Json:
+    """Return an axis of percentages of something, with some margin at both ends."""
+    return axis(f"{what} [%]", range=[-2, 102])
+
+
 def _floor(axis: Mapping[str, Any]) -> float:
     """Return the least result of a logarithmic axis, by the unit in its title; 0 if it has none."""
     found = re.search(r"\[([^\[\]]+)\]$", (axis.get("title") or {}).get("text") or "")

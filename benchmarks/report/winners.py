@@ -80,7 +80,6 @@ class Place:
     """One entry of a question, as the page shows it."""
 
     label: str
-    colour: str
     value: str
     interval: str
 
@@ -89,10 +88,7 @@ class Place:
 class Won:
     """One question with its winner, as the page shows it."""
 
-    question: str
-    anchor: str
-    note: str
-    how: str
+    asked: Winner
     best: Place
     tied: tuple[str, ...]
     remark: str
@@ -106,22 +102,12 @@ def winners(run: Run) -> list[Winner]:
 
 def won(run: Run) -> list[Won]:
     """Return the winners as the first screen of the page shows them."""
-    return [_won(winner, run) for winner in winners(run)]
-
-
-def _won(winner: Winner, run: Run) -> Won:
-    places = [_place(winner, entry, run) for entry in winner.entries]
-    tied, second = _order(winner)
-    return Won(
-        winner.question,
-        winner.anchor,
-        winner.note,
-        winner.how,
-        places[0],
-        tied,
-        _remark(winner, tied),
-        places[second] if second is not None else None,
-    )
+    found = []
+    for winner in winners(run):
+        tied, second = _order(winner)
+        other = None if second is None else _place(winner, second)
+        found.append(Won(winner, _place(winner, 0), tied, _remark(winner, tied), other))
+    return found
 
 
 def _remark(winner: Winner, tied: tuple[str, ...]) -> str:
@@ -140,12 +126,11 @@ def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
     return tied, rest[0] if rest else None
 
 
-def _place(winner: Winner, entry: tuple[str, float, float, float], run: Run) -> Place:
-    label, middle, low, high = entry
+def _place(winner: Winner, rank: int) -> Place:
+    label, middle, low, high = winner.entries[rank]
     share = winner.unit == "%"
     value, interval = written("share" if share else "precise" if low == high else "number", middle, low, high)
-    unit = f" {winner.unit}" if winner.unit else ""
-    return Place(label, run.colour(label) if label in run.labels else "", f"{value}{unit}", interval)
+    return Place(label, f"{value} {winner.unit}".rstrip(), interval)
 
 
 def tied_words(labels: tuple[str, ...]) -> str:

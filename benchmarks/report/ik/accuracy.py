@@ -14,13 +14,13 @@ from benchmarks.report.figures import (
     INK_COLOUR,
     Json,
     add,
-    axis,
     entry,
     figure,
     iterations,
     level,
     line,
     log_axis,
+    percent_axis,
     shades,
 )
 from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
@@ -306,7 +306,7 @@ def _best_everywhere(strata: list[str], constants: dict[str, float], others: lis
 
 def _damping_board(b: BudgetRows, strata: list[str], constants: dict[str, float], table: Figures) -> Board:
     ordered = sorted(constants, key=lambda m: constants[m])
-    across, shares = log_axis("damping λ", dtick=1), axis("targets solved [%]", range=[-2, 102])
+    across, shares = log_axis("damping λ", dtick=1), percent_axis("targets solved")
     took, errors = log_axis("iterations", dtick=1), log_axis("error [mm]")
     plots = {
         "share": figure("damping-success", "Solved at 1e−6 m and rad", across, shares),

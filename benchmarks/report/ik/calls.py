@@ -10,11 +10,12 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import version_words
+from benchmarks.blocks.columns import values_of
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.ik.judgement import shared
 from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.boards import Board, Control
-from benchmarks.report.figures import Json, add, axis, figure, line, log_axis, steps_of, vary
+from benchmarks.report.figures import Json, add, add_steps, figure, line, log_axis, percent_axis, vary
 from benchmarks.report.ik.calls_tables import LABEL, block_tables
 from benchmarks.report.ik.default import has_same_problems
 from benchmarks.report.run import Run
@@ -47,7 +48,7 @@ PointsOf = Callable[[CallRows, str, pl.DataFrame], Json]
 
 def _plot(id: str, title: str, across: Json, height: int, blocks: list[CallRows], run: Run, points: PointsOf) -> Figure:
     """Return a plot of the percentage solved, with a line for each method of each block."""
-    plot = figure(id, title, across, axis("problems solved [%]", range=[-2, 102]), height)
+    plot = figure(id, title, across, percent_axis("problems solved"), height)
     for b in blocks:
         for label, part in b.by_method.items():
             look = run.look(label) | {"shape": "hv"}
@@ -61,25 +62,27 @@ def _board(id: str, blocks: list[CallRows], run: Run, plots: tuple[Figure, ...],
     return Board(id, plots, (Control.of_blocks(blocks),), caption)
 
 
-def _distribution(values: Array, count: int, hover: str) -> Json:
-    """Return the percentage of `count` problems at or below each value."""
-    if not len(values):
-        return {}
-    x, rates = steps_of(values, count)
-    return {"x": x, "y": rates, "digits": 6, "hover": hover}
+def _add_distributions(
+    plot: Figure, blocks: list[CallRows], run: Run, values: Callable[[pl.DataFrame], Array], hover: str
+) -> None:
+    """Draw the percentage of all problems at or below each value, for each method of each block."""
+    for b in blocks:
+        for label, part in b.by_method.items():
+            add_steps(plot, label, values(part), len(part), run.look(label), hover, {"block": [b.block.id]})
+
+
+def _solved_us(rows: pl.DataFrame) -> Array:
+    """Return the times of the calls that solved [µs]."""
+    return rows.filter("solved")["ns"].to_numpy() / 1e3
 
 
 def success_in_time(blocks: list[CallRows], run: Run) -> Board:
     """Return the percentage of all problems that each method has solved within a time."""
-
-    def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
-        us = part.filter("solved")["ns"].to_numpy() / 1e3
-        return _distribution(us, len(part), "%{y:.4~g} % solved within %{x:.3g} µs")
-
     across = log_axis("time budget of a call [µs]", dtick=1)
-    plot = _plot("success-time", "Success against time budget", across, 420, blocks, run, points)
+    plot = figure("success-time", "Success against time budget", across, percent_axis("problems solved"), 420)
+    _add_distributions(plot, blocks, run, _solved_us, "%{y:.4~g} % solved within %{x:.3g} µs")
     for b in blocks:
-        us = b.rows.filter("solved")["ns"].to_numpy() / 1e3
+        us = _solved_us(b.rows)
         if len(us):
             vary(plot, {"block": [b.block.id]}, {"xaxis": {"range": _widened(np.log10(us.min()), np.log10(us.max()))}})
     caption = (
@@ -137,13 +140,15 @@ def errors(blocks: list[CallRows], run: Run) -> Board:
     """Return distributions of the errors of answers inside the limits, of position and of rotation."""
 
     def plot(what: str, unit: str) -> Figure:
-        def points(b: CallRows, label: str, part: pl.DataFrame) -> Json:
-            values = np.maximum(part.filter("inside")[f"{what}_error"].to_numpy(), LEAST_ERROR)
-            return _distribution(values, len(part), f"%{{y:.4~g}} % within %{{x:.2g}} {unit}")
-
         title = f"Percentage of problems with at most this {what} error"
-        found = _plot(f"call-{what}", title, log_axis(f"{what} error [{unit}]", dtick=3), 360, blocks, run, points)
-        found.update_layout(yaxis=axis("problems [%]", range=[-2, 102]))
+        found = figure(
+            f"call-{what}", title, log_axis(f"{what} error [{unit}]", dtick=3), percent_axis("problems"), 360
+        )
+
+        def values(part: pl.DataFrame) -> Array:
+            return values_of(part, pl.col(f"{what}_error").filter("inside").clip(LEAST_ERROR))
+
+        _add_distributions(found, blocks, run, values, f"%{{y:.4~g}} % within %{{x:.2g}} {unit}")
         return found
 
     caption = f"Answers inside the limits, by optik's forward kinematics. The least error shown is {LEAST_ERROR:g}."

@@ -15,7 +15,7 @@ from benchmarks.blocks.columns import median, share
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.boards import Board
-from benchmarks.report.figures import Json, add, axis, figure, interval, line
+from benchmarks.report.figures import Json, add, axis, figure, interval, line, percent_axis
 from benchmarks.report.numbers import number, p_value, percent
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table, table_of
@@ -238,7 +238,7 @@ def budget_axis() -> Json:
 
 def success_plot(id: str, title: str, what: str) -> Figure:
     """Return an empty plot of success against the iteration budget."""
-    return figure(id, title, budget_axis(), axis(f"{what} solved [%]", range=[-2, 102]))
+    return figure(id, title, budget_axis(), percent_axis(f"{what} solved"))
 
 
 def add_success(

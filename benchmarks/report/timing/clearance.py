@@ -14,7 +14,7 @@ from benchmarks.blocks.timing.clearance import PER_SECOND, PROOF, says
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Section
 from benchmarks.report.boards import Board, Control
-from benchmarks.report.figures import add, add_steps, axis, figure, interval, line
+from benchmarks.report.figures import add, add_steps, axis, figure, interval, line, percent_axis, ticked_axis
 from benchmarks.report.numbers import number
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
@@ -92,16 +92,16 @@ def _table(b: BlockRows) -> Table:
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
     """Plot missed contacts against the time of a motion, and the distribution of times."""
-    ticks = {"type": "log", "tickvals": list(TIME_TICKS), "ticktext": [f"{x:g}" for x in TIME_TICKS]}
     each = [(int(rows["missed"].sum()), int(rows["contact"].sum())) for b in blocks for _, rows in _by_method(b)]
     most = max((percentage(*pair)[2] for pair in each if pair[1]), default=100.0)
     missed = figure(
-        "clearance-missed", "Missed contacts against the time of a motion", axis("median time of a motion [ms]", **ticks),
+        "clearance-missed", "Missed contacts against the time of a motion",
+        ticked_axis("median time of a motion [ms]", TIME_TICKS),
         axis("missed contacts [%]", range=[-0.04 * most, 1.05 * most]), 400,
     )  # fmt: skip
     times = figure(
-        "clearance-times", "Motions judged within this time", axis("time [ms]", **ticks),
-        axis("motions [%]", range=[-2, 102]), 400,
+        "clearance-times", "Motions judged within this time", ticked_axis("time [ms]", TIME_TICKS),
+        percent_axis("motions"), 400,
     )  # fmt: skip
     for b in blocks:
         for label, rows in _by_method(b):

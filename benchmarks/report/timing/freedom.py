@@ -27,6 +27,7 @@ from benchmarks.report.figures import (
     entry,
     figure,
     line,
+    percent_axis,
     vary,
 )
 from benchmarks.report.numbers import number
@@ -144,7 +145,7 @@ def _ratios(blocks: Sequence[BlockRows]) -> Board:
     low = min(b.rows["ratio"].drop_nulls().to_numpy().min(initial=1.0) for b in blocks)
     across = axis("duration after / before", range=[low - 0.02, 1.02])
     plot = figure("freedom-ratios", "Motions up to this ratio of durations", across,
-                  axis("motions [%]", range=[-2, 102]), 380)  # fmt: skip
+                  percent_axis("motions"), 380)  # fmt: skip
     for b in blocks:
         for k, (part, limits, rows) in enumerate(_groups(b)):
             label = f"{part.label}, {part.arm}" + (f", {limits}" if b.block.limits[1:] else "")

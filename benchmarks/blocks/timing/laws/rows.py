@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.blocks._arms import JOINT_LIMITS
 from benchmarks.blocks.columns import largest, mean, median, quantile
 from benchmarks.targets import Measure
 from optik import se3

@@ -11,8 +11,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from benchmarks.blocks._arms import torques_at
 from benchmarks.blocks._contest import timed, turns
-from benchmarks.blocks._torques import torques_at
 from benchmarks.blocks.base import Entry
 from benchmarks.blocks.timing.laws.motions import DrawnLine
 from benchmarks.blocks.timing.laws.rows import blank, facts_of

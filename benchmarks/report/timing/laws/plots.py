@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import arm_label
-from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.blocks._arms import JOINT_LIMITS, arm_label
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.report.boards import Board, Control
@@ -17,7 +16,6 @@ from benchmarks.report.figures import (
     ALARM_COLOUR,
     INK_COLOUR,
     MUTED_COLOUR,
-    Json,
     add,
     add_steps,
     axis,
@@ -26,6 +24,8 @@ from benchmarks.report.figures import (
     figure,
     line,
     log_axis,
+    percent_axis,
+    ticked_axis,
 )
 from benchmarks.report.numbers import quoted
 from benchmarks.report.run import Run
@@ -99,12 +99,12 @@ PATHS_WITHIN = "%{y:.3~g} % of the paths within %{x:.4g} "
 def durations(b: BlockRows, run: Run) -> Board:
     """Return the distribution of durations over T*: of the unchanged motions, and after time scaling to every limit."""
     plain = figure(
-        "timing-distribution", "Paths with a duration of at most this multiple of T*", _ticked("T / T*", RATIO_TICKS),
-        axis("paths [%]", range=[-2, 102]), 400,
+        "timing-distribution", "Paths with a duration of at most this multiple of T*", ticked_axis("T / T*", RATIO_TICKS),
+        percent_axis("paths"), 400,
     )  # fmt: skip
     kept = figure(
         "timing-profile", "After stretching to meet every limit: excess over T*",
-        _ticked("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), axis("paths [%]", range=[-2, 102]), 400,
+        ticked_axis("T / T* − 1 [%]", (0.01, 0.1, 1, 10, 100, 1000)), percent_axis("paths"), 400,
     )  # fmt: skip
     groups = [EVERY, *b.block.kinds] + (list(b.block.arms) if len(b.block.arms) > 1 else [])
     for group in groups:
@@ -136,16 +136,15 @@ def torques(b: BlockRows, run: Run) -> Board | None:
     plots = []
     groups = [EVERY, *b.block.arms] if len(b.block.arms) > 1 else [EVERY]
     for field in fields:
-        words = field.replace("_", " ")
+        words, ticks = field.replace("_", " "), RATIO_TICKS if field == "torque" else RATE_TICKS
         beyond = {
             "type": "line", "xref": "x", "yref": "paper", "x0": 1, "x1": 1, "y0": 0, "y1": 1,
             "line": {"color": ALARM_COLOUR, "width": 1, "dash": "dash"},
         }  # fmt: skip
         plot = figure(
             f"timing-{field.replace('_', '-')}", f"Motions whose {words} stays within this multiple of its limit",
-            _ticked(f"largest {words} / limit", RATIO_TICKS if field == "torque" else RATE_TICKS)
-            | {"range": _around(b.rows[field])},
-            axis("motions [%]", range=[-2, 102]), 400, shapes=[beyond],
+            ticked_axis(f"largest {words} / limit", ticks, range=_around(b.rows[field])), percent_axis("motions"), 400,
+            shapes=[beyond],
         )  # fmt: skip
         for group in groups:
             part = in_group(b.rows, "" if group == EVERY else group).filter("solved")
@@ -169,11 +168,6 @@ def _around(values: pl.Series) -> list[float]:
     return [float(np.log10(0.9 * min(drawn.min(), 1.0))), float(np.log10(1.2 * max(drawn.max(), 1.0)))]
 
 
-def _ticked(title: str, ticks: tuple[float, ...]) -> Json:
-    """Return a logarithmic axis with these tick values."""
-    return axis(title, type="log", tickvals=list(ticks), ticktext=[f"{x:g}" for x in ticks])
-
-
 def _path_words(robot: str, kind: str, index: int) -> str:
     """Name a path, counted from 1."""
     return f"{robot}, {kind.replace('_', '-')} path {index + 1}"
@@ -181,11 +175,11 @@ def _path_words(robot: str, kind: str, index: int) -> str:
 
 def against_singularity(b: BlockRows, run: Run) -> Board:
     """Plot durations and their ratio to T* over the smallest singular value on the path."""
-    across = _ticked("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
-    seconds = _ticked("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
+    across = ticked_axis("smallest singular value on the path", (0.02, 0.03, 0.05, 0.1, 0.2, 0.3))
+    seconds = ticked_axis("T [s]", (0.2, 0.3, 0.5, 1, 2, 3, 5, 10))
     plots = (
         figure("timing-sigma-duration", "Duration", across, seconds, 400),
-        figure("timing-sigma-ratio", "Duration / T*", across, _ticked("T / T*", RATIO_TICKS), 400),
+        figure("timing-sigma-ratio", "Duration / T*", across, ticked_axis("T / T*", RATIO_TICKS), 400),
     )
     for (label, limits), rows in b.rows.filter("solved").group_by("method", "limits", maintain_order=True):
         if str(label) not in b.entries:

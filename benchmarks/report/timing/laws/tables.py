@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from benchmarks.blocks._arms import JOINT_LIMITS
 from benchmarks.blocks._contest import version_words
-from benchmarks.blocks._torques import JOINT_LIMITS
 from benchmarks.blocks.columns import largest, mean, median, median_with_interval, quantile, share
 from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug

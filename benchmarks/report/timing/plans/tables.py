@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.blocks._torques import JOINT_LIMITS
+from benchmarks.blocks._arms import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
 from benchmarks.report.boards import Control
 from benchmarks.report.figures import noise_floor
