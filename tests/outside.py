@@ -1,7 +1,10 @@
-"""Plug-ins under the contract tests: the examples, and those that ``pytest --plugin GROUP=PATH`` names."""
+"""What is installed or not: plug-ins under the contract tests, those of ``--plugin GROUP=PATH`` too; hidden packages."""
 
+import sys
 from collections import defaultdict
 from pathlib import Path
+
+import pytest
 
 from optik.registry import names
 from tests.oracles import REPOSITORY
@@ -38,3 +41,11 @@ def give(option: str) -> None:
     if not Path(path).is_file():
         raise ValueError(f"--plugin {option}: no such file: {path}")
     GIVEN[group].append(str(Path(path).resolve()))
+
+
+def hide(patch: pytest.MonkeyPatch, *packages: str) -> None:
+    """Let packages be absent, whatever of them was imported before: a module that is loaded is found without its parent."""
+    for name in [name for name in sys.modules if name.partition(".")[0] in packages]:
+        patch.delitem(sys.modules, name)
+    for package in packages:
+        patch.setitem(sys.modules, package, None)  # what the import machinery says of a package that is not there

@@ -98,10 +98,3 @@ def optik_process(*arguments: str, **environment: str) -> subprocess.CompletedPr
     command = [sys.executable, "-m", "benchmarks.cli", *arguments]
     given = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "160"} | environment
     return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=REPOSITORY, env=given, check=False)
-
-
-def hide(patch: pytest.MonkeyPatch, package: str) -> None:
-    """Let a package be absent, whatever of it was imported before: a module that is loaded is found without its parent."""
-    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
-        patch.delitem(sys.modules, name)
-    patch.setitem(sys.modules, package, None)  # what the import machinery says of a package that is not there

@@ -43,7 +43,7 @@ from benchmarks.report.timing import plans
 from benchmarks.report.winners import Ranked, ranked, tied_words, winners_table, won
 from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
 from optik.errors import InvalidInput, MissingDependency
-from tests.benchmarks.conftest import hide
+from tests.outside import hide
 
 EVIL = "a|b <script>& 50 % _x_ $y$ #1 {z} ~^\\"
 COLUMNS = (

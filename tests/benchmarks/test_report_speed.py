@@ -21,8 +21,8 @@ from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM
-from tests.benchmarks.conftest import hide
 from tests.benchmarks.test_report import Page, draws_every_plot, page_of
+from tests.outside import hide
 
 SPEED: dict[str, Any] = {
     "title": "fast and sure",

@@ -36,7 +36,7 @@ from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy
 from tests import oracles
-from tests.benchmarks.conftest import hide
+from tests.outside import hide
 
 QUICK: dict[str, Any] = {
     "title": "a quick look",

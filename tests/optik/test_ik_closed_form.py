@@ -14,6 +14,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, MissingDependency
 from optik.ik.closed_form import ClosedForm
 from tests import oracles
+from tests.outside import hide
 from tests.robots import built
 
 PI = np.pi
@@ -351,13 +352,6 @@ def test_eaik_has_no_seven_joints():
 
 
 # ---------------------------------------------------------------- backends
-def hide(monkeypatch, *packages):
-    for package in packages:
-        for module in [m for m in sys.modules if m.partition(".")[0] == package]:
-            monkeypatch.delitem(sys.modules, module)
-        monkeypatch.setitem(sys.modules, package, None)  # what Python itself keeps for what must not be found
-
-
 def test_without_either_package_it_enumerates_and_says_so(monkeypatch):
     hide(monkeypatch, "ssik", "eaik")
     robot, arm = optik.load("paper6r"), oracles.table("paper6r")
