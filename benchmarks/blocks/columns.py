@@ -110,6 +110,16 @@ def median_with_interval(what: What) -> Of:
     return lambda rows: median_interval(values_of(rows, what))
 
 
+def median_with_range(what: What) -> Of:
+    """Return the computation of the median with the least and the largest value."""
+
+    def of(rows: pl.DataFrame) -> tuple[float, float, float]:
+        found = values_of(rows, what)
+        return float(np.median(found)), float(found.min()), float(found.max())
+
+    return of
+
+
 def count(what: Condition) -> Of:
     """Return the computation of the number of rows at which a condition is true."""
     return lambda rows: count_of(rows, what)

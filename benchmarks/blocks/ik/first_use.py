@@ -5,11 +5,11 @@ from __future__ import annotations
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from benchmarks.blocks._contest import fresh
 from benchmarks.blocks.base import Block, Compared, Kind, Tell
+from benchmarks.blocks.columns import median
 from benchmarks.settings import Count, RobotName, SolverName, key
 from benchmarks.targets import Measure, Target
 from optik.registry import short_name
@@ -28,15 +28,10 @@ print(json.dumps([imported - begin, solved - imported]))
 """Code of a fresh process: it prints the seconds of importing and of the first solve."""
 
 
-def _median(rows: pl.DataFrame) -> float:
-    """Return the median over processes."""
-    return float(np.median(rows["seconds"].to_numpy()))
-
-
 MEASURES = (
-    Measure("import_s", "s", _median, "import optik"),
-    Measure("first_solve_s", "s", _median, "first solve after import, cached code"),
-    Measure("compile_s", "s", _median, "first solve after import, with compilation"),
+    Measure("import_s", "s", median("seconds"), "import optik"),
+    Measure("first_solve_s", "s", median("seconds"), "first solve after import, cached code"),
+    Measure("compile_s", "s", median("seconds"), "first solve after import, with compilation"),
 )
 """Measures that a target of first use can name: medians over fresh processes."""
 

@@ -29,13 +29,14 @@ from benchmarks.report.figures import (
     shades,
     vary,
 )
+from benchmarks.report.ik.accuracy import chosen
 from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.space import axes_in_space
 from benchmarks.statistics import quantiles
 from optik.types import Array
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure, Scatter, Scatter3d
+    from plotly.graph_objects import Figure, Scatter
 
 PART_WORDS = {
     "laser": "laser: target − spot", "ik": "IK: its answer − target", "path": "path: planned − answer",
@@ -120,7 +121,8 @@ def _space_board(b: BlockRows, run: Run) -> Board:
         f"cell-space-{name}", "Planned and executed paths of the tool", height=560, scene=scene,
         margin=dict.fromkeys("lrtb", 0),
     )  # fmt: skip
-    add(plot, _spots(all_spots))
+    others = {"size": 2, "color": MUTED_COLOUR}
+    add(plot, line_3d(*all_spots.T, digits=5, mode="markers", name="other spots", marker=others, hover="another spot"))
     problems = _everywhere(rows, labels)
     for row in rows.iter_rows(named=True):
         when = shown_at(row["setting"], row["after"]) | {"spot": [str(row["problem"])]}
@@ -128,10 +130,13 @@ def _space_board(b: BlockRows, run: Run) -> Board:
             ("beam", "laser beam, measured", BEAM_COLOUR, 2), ("planned", "planned path", PLANNED_COLOUR, 7),
             ("tool", "executed path", INK_COLOUR, 3),
         ):  # fmt: skip
-            add(plot, _curve(_points(row[column]), words, drawn, width), when)
+            look = {"color": drawn, "width": width}
+            add(plot, line_3d(*_points(row[column]).T, digits=5, name=words, line=look, hover=words), when)
+    marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
     for (problem,), part in rows.group_by("problem", maintain_order=True):
-        spot = 1e3 * np.array(part.select("x", "y", "z").row(0))
-        add(plot, _spot(spot), {"spot": [str(problem)]})
+        spot = 1e3 * np.array(part.select("x", "y", "z").row(0))[:, None]
+        trace = line_3d(*spot, digits=5, mode="markers", name="true spot", marker=marker, hover="true spot")
+        add(plot, trace, {"spot": [str(problem)]})
     far = dict(rows.select("problem", "distance").iter_rows())
     spots = Control("spot", "Spot", tuple((str(p), f"{1e3 * far[p]:.0f} mm away") for p in problems), str(problems[-1]))
     methods = Control.of("method", "Method", labels, next(iter(settings_of([b], whole=True)), labels[0]))
@@ -140,20 +145,6 @@ def _space_board(b: BlockRows, run: Run) -> Board:
         "Base frame, equal scales; drag to turn. With a budget of iterations the planned path is a move in joint space to the "
         "answer, so it is not straight.",
     )  # fmt: skip
-
-
-def _spots(points: Array) -> Scatter3d:
-    marker = {"size": 2, "color": MUTED_COLOUR}
-    return line_3d(*points.T, digits=5, mode="markers", name="other spots", marker=marker, hover="another spot")
-
-
-def _curve(points: Array, words: str, colour: str, width: int) -> Scatter3d:
-    return line_3d(*points.T, digits=5, name=words, line={"color": colour, "width": width}, hover=words)
-
-
-def _spot(at: Array) -> Scatter3d:
-    marker = {"size": 6, "color": SPOT_COLOUR, "symbol": "diamond", "line": {"color": MUTED_COLOUR, "width": 1}}
-    return line_3d(*at[:, None], digits=5, mode="markers", name="true spot", marker=marker, hover="true spot")
 
 
 SPLIT_BINS = 8
@@ -271,9 +262,6 @@ FINE_SCALE, WHOLE_SCALE = "near", "all"
 NEAR_MM = 6.0
 """End of the fine scale: three times the paper's 2 mm [mm]."""
 
-MOST_BUDGETS = 5
-"""Budgets that one plot shows: more markers cannot be told apart."""
-
 
 def axes(run: Run) -> dict[str, Any] | None:
     """Show Fig. 10 to 13 of every block of spots."""
@@ -324,9 +312,7 @@ def _positions(b: BlockRows) -> Board:
 def _errors(b: BlockRows) -> Board:
     """Plot the error on each axis against the distance, for several budgets."""
     rows, name, labels = done(b), slug(b.block.id), settings_of([b], whole=False)
-    budgets = list(b.block.budgets)
-    if len(budgets) > MOST_BUDGETS:
-        budgets = [budgets[round(i * (len(budgets) - 1) / (MOST_BUDGETS - 1))] for i in range(MOST_BUDGETS)]
+    budgets = chosen(b.block.budgets)
     colours = dict(zip(budgets, shades(len(budgets)), strict=True))
     plots = []
     for a, printed in FIGURES.items():

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from benchmarks.blocks.ik.budgets import BudgetRows, success
+from benchmarks.blocks.columns import quantile, share
+from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     INK_COLOUR,
@@ -26,7 +27,7 @@ from benchmarks.report.figures import (
 from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
 from benchmarks.report.numbers import listed, number, percent
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Cell, Column, Table
+from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import binned, quantiles
 
 if TYPE_CHECKING:
@@ -166,13 +167,6 @@ def _add_budget_lines(plot: Figure, b: BudgetRows, part: pl.DataFrame, label: st
 Figures = dict[tuple[str, str], dict[str, float]]
 """Success, iterations and errors by stratum and method."""
 
-STRATUM_COLUMNS = (
-    ("iterations", "iterations of the solved, median", "", "", "count"),
-    ("median", "position error, median", "mm", "less", "number"),
-    ("p95", "position error, p95", "mm", "less", "number"),
-)
-"""Columns of a stratum that are shown on request: key, words, unit, better, show."""
-
 
 def damping(run: Run) -> dict[str, Any] | None:
     """Show success, iterations and error of each damping in each stratum, and the recommended dampings."""
@@ -190,14 +184,14 @@ def damping(run: Run) -> dict[str, Any] | None:
             ("one damping for all strata", _best_everywhere(strata, constants, others, table)),
         ],
         "boards": [_damping_board(b, strata, constants, table)] if len(constants) > 1 else [],
-        "tables": [_damping_table(b, strata, table)],
+        "tables": [_damping_table(b, strata)],
     }
 
 
 def damping_table(run: Run) -> Table | None:
     """Return each damping in each stratum."""
     b = _damping_block(run)
-    return None if b is None else _damping_table(b, _strata(b), _figures(b))
+    return None if b is None else _damping_table(b, _strata(b))
 
 
 def _damping_block(run: Run) -> BudgetRows | None:
@@ -230,29 +224,32 @@ def _figures(b: BudgetRows) -> Figures:
     return found
 
 
-def _damping_table(b: BudgetRows, strata: list[str], table: Figures) -> Table:
+def _damping_table(b: BudgetRows, strata: list[str]) -> Table:
     """Return the success rate in each stratum; iterations and errors on request."""
     columns = [Column("label", "Damping", show="text")]
-    columns += [
-        Column(f"share {g}", f"solved, {g} (n = {table[g, b.methods[0]]['count']:,})", "%", "more", "share")
-        for g in strata
-    ]
-    columns += [
-        Column(f"{key} {g}", f"{words}, {g}", unit, better, show, aside=True)
-        for g in strata
-        for key, words, unit, better, show in STRATUM_COLUMNS
-    ]
-    rows: list[dict[str, Cell]] = []
-    for m in b.methods:
-        row: dict[str, Cell] = {"label": m}
-        for g in strata:
-            f = table[g, m]
-            row |= {f"share {g}": (f["share"], f["low"], f["high"])} | {
-                f"{key} {g}": f[key] for key, *_ in STRATUM_COLUMNS
-            }
-        rows.append(row)
+    aside, mm = [], pl.col("position_error") * 1e3
+    for g in strata:
+        here, count = pl.col("group") == g, len(b.last.filter(pl.col("group") == g, pl.col("method") == b.methods[0]))
+        rate = share(succeeded(SUCCESS_LEVELS[-1]), among=here)
+        columns.append(Column(f"share {g}", f"solved, {g} (n = {count:,})", "%", "more", "share", of=rate))
+        took = quantile("iterations", 0.5, among=here & (pl.col("status") == "solved"))
+        aside += [
+            Column(f"iterations {g}", f"iterations of the solved, median, {g}", show="count", aside=True, of=took),
+            Column(
+                f"median {g}",
+                f"position error, median, {g}",
+                "mm",
+                "less",
+                aside=True,
+                of=quantile(mm, 0.5, among=here),
+            ),
+            Column(
+                f"p95 {g}", f"position error, p95, {g}", "mm", "less", aside=True, of=quantile(mm, 0.95, among=here)
+            ),
+        ]
+    groups = [({"label": m}, b.last.filter(pl.col("method") == m)) for m in b.methods]
     title = f"Damping by distance to a singularity, at most {b.budget} iterations, one attempt"
-    return Table("damping", title, tuple(columns), tuple(rows), "n: targets. Intervals are Wilson's, 95 %.")
+    return table_of("damping", title, [*columns, *aside], groups, "n: targets. Intervals are Wilson's, 95 %.")
 
 
 def choose(constants: dict[str, float], figures: dict[str, dict[str, Any]]) -> list[str]:

@@ -5,30 +5,46 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.columns import mean, median_with_range
 from benchmarks.blocks.ik.batch import extra_memory, solved_rate
 from benchmarks.report.base import KindReport, Section, Winner
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
-from benchmarks.report.tables import Column, Table
+from benchmarks.report.tables import Cell, Column, Table, table_of
 from benchmarks.statistics import percentage
 from optik.registry import short_name
+
+
+def _rate(part: pl.DataFrame) -> tuple[float, float, float]:
+    """Return the problems solved per second [million], with the range of the repeats."""
+    rates = 1e-6 * part["solved"].to_numpy() / part["seconds"].to_numpy()
+    return solved_rate(part), float(rates.min()), float(rates.max())
+
+
+def _extra(part: pl.DataFrame) -> float | None:
+    extra = extra_memory(part)
+    return None if np.isnan(extra) else extra
+
 
 BATCH_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("batch", "Batch", show="text"),
     Column("threads", "threads", show="count"),
-    Column("rate", "solved per second", "million", "more"),
-    Column("count", "problems", show="count"),
-    Column("solved", "solved", "%", "more", "share"),
-    Column("seconds", "median time", "s", "less"),
-    Column("extra", "peak extra memory", "MB", "less"),
-    Column("false_claims", "false success claims", "", "less", "count", aside=True),
+    Column("rate", "solved per second", "million", "more", of=_rate),
+    Column("count", "problems", show="count", of=lambda part: int(part["count"][0])),
+    Column("solved", "solved", "%", "more", "share",
+           of=lambda part: percentage(int(part["solved"].to_numpy().min()), int(part["count"][0]))),
+    Column("seconds", "median time", "s", "less", of=median_with_range("seconds")),
+    Column("extra", "peak extra memory", "MB", "less", of=_extra),
+    Column("false_claims", "false success claims", "", "less", "count", aside=True,
+           of=lambda part: int((part["claimed"] - part["solved"]).clip(lower_bound=0).to_numpy().max())),
     Column("robot", "arm", show="text", aside=True),
-    Column("repeats", "repeats", show="count", aside=True),
-    Column("iterations", "mean iterations", aside=True),
-)
+    Column("repeats", "repeats", show="count", aside=True, of=len),
+    Column("iterations", "mean iterations", aside=True, of=mean("iterations")),
+)  # fmt: skip
 """Columns of the table."""
 
 
@@ -39,32 +55,23 @@ def _batches(run: Run) -> dict[str, Any] | None:
 
 def _tables(run: Run) -> list[Table]:
     """Return one row for each batch and number of threads."""
-    rows = [row for b in run.of("batch") for row in _rows(b)]
+    groups = [group for b in run.of("batch") for group in _groups(b)]
     note = (
         "One call for all targets, in a separate process; medians and ranges over the repeats. The success rate is the lowest "
         "of the repeats, with Wilson's 95 % interval, by optik's forward kinematics inside the limits. Extra memory is the "
         "peak of the process during the call, without its memory before and without the answers."
     )
-    return [Table("speed-batches", "Batches", BATCH_COLUMNS, tuple(rows), note)] if rows else []
+    return [table_of("speed-batches", "Batches", BATCH_COLUMNS, groups, note)] if groups else []
 
 
-def _rows(b: BlockRows) -> list[dict[str, Any]]:
-    found = []
-    for (threads,), part in b.rows.group_by("threads", maintain_order=True):
-        count, solved, seconds = int(part["count"][0]), part["solved"].to_numpy(), part["seconds"].to_numpy()
-        rates, extra = 1e-6 * solved / seconds, extra_memory(part)
-        found.append(
-            {
-                "label": short_name(b.block.solver), "batch": b.block.title, "robot": short_name(b.block.robot),
-                "threads": threads, "count": count, "repeats": len(part), "solved": percentage(int(solved.min()), count),
-                "seconds": (float(np.median(seconds)), float(seconds.min()), float(seconds.max())),
-                "rate": (solved_rate(part), float(rates.min()), float(rates.max())),
-                "iterations": float(part["iterations"].to_numpy().mean()),
-                "extra": None if np.isnan(extra) else extra,
-                "false_claims": int((part["claimed"] - part["solved"]).clip(lower_bound=0).to_numpy().max()),
-            }
-        )  # fmt: skip
-    return found
+def _groups(b: BlockRows) -> list[tuple[dict[str, Cell], pl.DataFrame]]:
+    given: dict[str, Cell] = {
+        "label": short_name(b.block.solver), "batch": b.block.title, "robot": short_name(b.block.robot)
+    }  # fmt: skip
+    return [
+        (given | {"threads": int(str(threads))}, part)
+        for (threads,), part in b.rows.group_by("threads", maintain_order=True)
+    ]
 
 
 def _winners(run: Run) -> list[Winner]:
@@ -77,8 +84,9 @@ def _winners(run: Run) -> list[Winner]:
         if len({b.block.solver for b in blocks}) < 2:
             continue
         best: dict[str, tuple[float, float, float]] = {}
-        for row in (row for b in blocks for row in _rows(b)):
-            best[row["label"]] = max(row["rate"], best.get(row["label"], row["rate"]))
+        for given, part in (group for b in blocks for group in _groups(b)):
+            rate, label = _rate(part), str(given["label"])
+            best[label] = max(rate, best.get(label, rate))
         entries = tuple(sorted(((label, *rate) for label, rate in best.items()), key=lambda entry: -entry[1]))
         question = f"Most problems solved per second in a batch: {blocks[0].block.title}"
         note = "with each method's best number of threads; median and range of the repeats"
