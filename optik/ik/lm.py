@@ -205,6 +205,7 @@ class LM(IKSolver):
             target = self.robot.fk(q)
             size = 1.0 + np.abs(self.robot.fixed[:, :3, 3]).sum() + np.abs(self.robot.tool[:3, 3]).sum()
             size += np.abs(np.where(self.robot.prismatic, q, 0.0)).sum()
+            size *= 1.0 + 1e-3 * np.abs(np.where(self.robot.prismatic, 0.0, q)).max()  # rounding of large angles
             out, arm = np.empty(self.robot.n + 6), self._arm.copy()
             arm[AT_ITERATIONS], arm[AT_ATTEMPTS] = 0, 1
             self._kernel(arm, target, q, out)

@@ -688,3 +688,9 @@ def test_one_solver_in_eight_threads_answers_as_in_one(options):
     for a, b in zip(serial, threaded, strict=True):
         assert (a.q == b.q).all()
         assert a[1:6] == b[1:6]
+
+
+def test_an_arm_with_the_widest_limits_is_solved():
+    robot = optik.load("panda").with_limits(lower=np.full(7, -1e5), upper=np.full(7, 1e5))
+    q = np.array([0.1, -0.7, 0.2, -2.0, 0.1, 1.5, 0.3])
+    assert make_solver(robot, "lm").solve(robot.fk(q), q + 0.1)
