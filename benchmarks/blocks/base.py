@@ -1,20 +1,107 @@
-"""The interface of a block of a suite: its settings, its entries, the parts of its work, and its rows."""
+"""The interface of blocks: settings, targets, parts of work and rows of a kind of block, found by its name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Self
 
+import numpy as np
 import polars as pl
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from benchmarks.blocks.columns import Column
 from benchmarks.records import JOURNAL, Journal, RunFolder, rows_file
-from benchmarks.settings import LISTED, Settings, check_different, key, read
-from benchmarks.targets import Measure, Outcome, Target, measure_named
+from benchmarks.settings import LISTED, Flag, Settings, check_different, key, numbered, read
 from optik.errors import InvalidInput, UnknownName
+
+
+def measure_named(measures: Sequence[Column], name: str, where: str) -> Column:
+    """Find a measure by its name."""
+    found = next((measure for measure in measures if measure.key == name), None)
+    if found is None:
+        raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.key for measure in measures)}")
+    return found
+
+
+class Target(Settings):
+    """A bound on a measure of a block."""
+
+    measure: str = key("Measure of the block; the end of its name is the unit.")
+    method: str = key("Label of the entry that the bound applies to; by default the first.", "")
+    to: str = key("Label of the entry whose value is the denominator of a ratio.", "")
+    group: str = key("Part of the problems: a kind of motions, a robot, or the label of limits; by default all.", "")
+    at_most: Annotated[float | None, numbered("a number")] = key("Largest value; give one of the two bounds.", None)
+    at_least: Annotated[float | None, numbered("a number")] = key("Least value; give one of the two bounds.", None)
+    goal: Flag = key("Whether a missed bound is no failure.", False)
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Target:
+        if (self.at_most is None) == (self.at_least is None):
+            others = sorted(self.model_fields_set - {"measure"})
+            raise InvalidInput("", f"{self.measure} with {others}", "either at_most or at_least")
+        return self
+
+    def fitted(
+        self, where: str, measures: tuple[Column, ...], labels: tuple[str, ...], groups: tuple[str, ...]
+    ) -> Target:
+        """Check a target against its block and return it; without a named entry it applies to the first."""
+        at = f"{where}: targets"
+        measure = measure_named(measures, self.measure, at)
+        method = self.method or (labels[0] if labels and "method" not in self.model_fields_set else "")
+        if (self.to != "") != measure.relative:
+            relative = ", ".join(m.key for m in measures if m.relative) or "no measure of this block"
+            came = f"{measure.key} with `to` = {self.to!r}" if self.to else f"{measure.key} without `to`"
+            raise InvalidInput(at, came, f"`to` for {relative}, and only there")
+        for name in (method, self.to):
+            if name and name not in labels:
+                raise InvalidInput(at, repr(name), f"a label of the block: {', '.join(labels) or 'it has none'}")
+        if self.group and self.group not in groups:
+            raise InvalidInput(at, f"group {self.group!r}", f"one of {', '.join(groups) or 'none: it has no groups'}")
+        return self.model_copy(update={"method": method})
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One target of a block, with its id and title, and its outcome."""
+
+    block: str
+    where: str
+    target: Target
+    measure: Column
+    value: float  # NaN where there is none
+    note: str  # how many rows the value is computed from, or why there is none
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the bound is met; None if nothing was measured."""
+        if np.isnan(self.value):
+            return None
+        if self.target.at_most is not None:
+            return self.value <= self.target.at_most
+        assert self.target.at_least is not None
+        return self.value >= self.target.at_least
+
+    @property
+    def asked(self) -> str:
+        """The bound: ≤ 8 or ≥ 99.99."""
+        bound = self.target.at_most if self.target.at_most is not None else self.target.at_least
+        return f"{'≤' if self.target.at_most is not None else '≥'} {bound:g}"
+
+    @property
+    def what(self) -> str:
+        """The measure in words, with the entry and the group of problems that the target names."""
+        of = f"{self.target.method}: " if self.target.method else ""
+        group = f", {self.target.group.replace('_', '-')}" if self.target.group else ""
+        return f"{of}{self.measure.words}{' ' + self.target.to if self.target.to else ''}{group}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value and of the bound."""
+        return self.measure.unit
+
 
 Tell = Callable[[str], None]
 """Called with a description of the next work, for the progress bar."""
@@ -32,7 +119,7 @@ class Block(Settings):
 
     noun: ClassVar[str] = "block"
     """Name of the block in errors, before its id."""
-    measures: ClassVar[tuple[Measure, ...]] = ()
+    measures: ClassVar[tuple[Column, ...]] = ()
     """Measures that its targets can name."""
 
     id: str = key("Names the block's files.")
@@ -295,8 +382,7 @@ class Kind:
         chosen, note = self.judged_rows(rows.filter(pl.col("method").is_in(wanted)) if wanted else rows, target)
         if chosen.is_empty():
             return float("nan"), note
-        value = measure.compute(chosen, *wanted) if measure.relative else measure.values(chosen)[0]
-        return float(value), note
+        return measure.value(chosen, *(wanted if measure.relative else ())), note
 
     def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
         """Return the rows of the entries of a target on which it is judged, and their number in words."""

@@ -27,7 +27,7 @@ What = Condition | Callable[[pl.DataFrame], Array]
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table: the key of its values in the rows, its heading, the look of its values, and their computation."""
+    """A quantity, as a column of a table or a measure that a target names: key, heading, look, and computation."""
 
     key: str
     words: str
@@ -44,13 +44,21 @@ class Column:
     among: str = ""
     """Key of what a row must have (neither None nor empty) to be the best in this column; any row may where this is empty.
     A motion that breaks a limit must not be called the shortest."""
-    of: Of | None = None
-    """From the rows of a group to its value; None where the value is given."""
+    of: Callable[..., Any] | None = None
+    """From the rows of a group to its value; None where the value is given. If `relative`, it also takes two labels."""
+    relative: bool = False
+    """Whether the value compares an entry with a second one, the ``to`` of a target."""
 
     @property
     def is_text(self) -> bool:
         """Whether its values are words, which stand at the left."""
         return self.show in ("text", "verdict")
+
+    def value(self, rows: pl.DataFrame, *labels: str) -> float:
+        """Return the computed value as a number, without its interval; NaN if there is none."""
+        found = None if self.of is None else self.of(rows, *labels)
+        first = found[0] if isinstance(found, tuple) else found
+        return float("nan") if first is None else float(first)
 
     @property
     def head(self) -> str:

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from benchmarks.blocks.base import BlockRows, load_kind
+from benchmarks.blocks.base import BlockRows, Outcome, load_kind
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import MANIFEST, RunFolder
 from benchmarks.report.base import load_report
 from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
 from benchmarks.report.tables import Table
 from benchmarks.suite import Suite, suite_of
-from benchmarks.targets import Outcome
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput

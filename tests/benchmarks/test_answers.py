@@ -139,16 +139,16 @@ def test_an_answer_is_that_of_a_single_call_judged_by_its_own_pose(done: RunFold
 def test_the_summary_is_what_numpy_computes(done: RunFolder) -> None:
     kind, block = next(suite().pairs())
     found = kind.rows(done, block)
-    measures = {m.name: m for m in kind.block.measures}
+    measures = {m.key: m for m in kind.block.measures}
     for label, count in (("dls <weak>", 2500), ("lm", 1200)):
         rows, row = table(done).filter(pl.col("method") == label), found.filter(pl.col("method") == label)
         e = np.maximum(rows["position_error"].to_numpy(), rows["rotation_error"].to_numpy())
         for name, tolerance in (("1e−3", 1e-3), ("1e−6", 1e-6), ("1e−9", 1e-9)):
             good = int(((e <= tolerance) & rows["inside"].to_numpy()).sum())
             low, high = wilson(good, count)
-            assert measures[f"success at {name}"].values(row) == (100 * good / count, 100 * low, 100 * high)
+            assert measures[f"success at {name}"].of(row) == (100 * good / count, 100 * low, 100 * high)
         wanted = 1e3 * np.quantile(rows["position_error"].to_numpy().astype(float), (0.5, 0.95, 0.99))
-        assert measures["position error"].values(row) == (pytest.approx(wanted[0], rel=1e-5),)
+        assert measures["position error"].value(row) == pytest.approx(wanted[0], rel=1e-5)
         found_here = [1e3 * row[f"position {name}"][0] for name in ("median", "p95", "p99")]
         np.testing.assert_allclose(found_here, wanted, rtol=1e-5)
     spread = distribution(done.scan(done.part_names("answers", "arm"))).filter(pl.col("method") == "lm")

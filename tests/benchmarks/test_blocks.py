@@ -23,7 +23,7 @@ def test_every_kind_keeps_the_contract(name: str) -> None:
     assert kind.name == name
     assert kind.title
     assert type(pickle.loads(pickle.dumps(kind))) is type(kind)
-    assert len({measure.name for measure in kind.block.measures}) == len(kind.block.measures)
+    assert len({measure.key for measure in kind.block.measures}) == len(kind.block.measures)
     sections = load_report(kind).sections
     assert sections
     for section in sections:

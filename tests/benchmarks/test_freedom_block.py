@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing.freedom import (
     ALONG_INITIAL,
     CHOSEN,
@@ -26,7 +26,6 @@ from benchmarks.report.run import Run
 from benchmarks.report.timing.freedom import REPORT
 from benchmarks.run.session import run_suite
 from benchmarks.suite import load_suite
-from benchmarks.targets import Target
 from optik.errors import InvalidInput
 
 LIMITS = {"label": "own", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}

@@ -10,13 +10,12 @@ import pytest
 
 import optik
 from benchmarks.blocks._arms import SCENES, scene_named
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.blocks.timing.laws.motions import draw_motion
 from benchmarks.blocks.timing.laws.settings import LawBlock
 from benchmarks.blocks.timing.laws.timers import line_rows
 from benchmarks.blocks.timing.nearest import nearest_points, placed
-from benchmarks.targets import Target
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
 from planners import MotionLimits

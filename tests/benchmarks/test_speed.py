@@ -15,7 +15,7 @@ import pytest
 
 import optik
 from benchmarks.blocks._contest import ProcessFailed, fresh, timed
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.base import Outcome, Target, load_kind, measure_named
 from benchmarks.blocks.ik import first_use
 from benchmarks.blocks.ik.calls import MEASURES, CallRows, median_ratio
 from benchmarks.blocks.ik.judgement import judged, shared, wrapped
@@ -31,7 +31,6 @@ from benchmarks.report.ik.calls_tables import success_and_time
 from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
-from benchmarks.targets import Outcome, Target, measure_named
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
 from optik.se3 import from_xyz_rpy

@@ -17,7 +17,7 @@ import polars as pl
 import pytest
 from scipy.optimize import linprog
 
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion
 from benchmarks.blocks.timing.laws.rows import SCHEMA, blank
 from benchmarks.blocks.timing.laws.timers import line_rows, maximum_velocity
@@ -31,7 +31,6 @@ from benchmarks.report.run import Run
 from benchmarks.report.timing.laws import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
-from benchmarks.targets import Target
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks._entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.blocks.base import Block, Entry
-from benchmarks.blocks.columns import largest, mean, median, quantile
+from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from benchmarks.settings import (
     LISTED,
     Budgets,
@@ -30,7 +30,6 @@ from benchmarks.settings import (
     one_of,
 )
 from benchmarks.statistics import percentage
-from benchmarks.targets import Measure
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -101,36 +100,36 @@ def _iso(what: type, field: str) -> Callable[[pl.DataFrame], float]:
 
 
 OF_EXECUTIONS = (
-    Measure("executed", "%", mean(pl.col("status") == "executed", 100.0), "executed to the end"),
-    Measure("tracking_mm", "mm", largest("tracking_m", 1e3), "largest tracking error of the tool"),
-    Measure("tracking_mrad", "mrad", largest("tracking_rad", 1e3), "largest tracking error of a joint"),
-    Measure("torque_ratio", "", largest("torque_ratio"), "largest torque / certificate's bound", show="exact"),
-    Measure("median_energy_j", "J", median("energy"), "median energy"),
-    Measure("median_duration_s", "s", median("duration"), "median duration"),
+    Column("executed", "executed to the end", "%", of=mean(pl.col("status") == "executed", 100.0)),
+    Column("tracking_mm", "largest tracking error of the tool", "mm", of=largest("tracking_m", 1e3)),
+    Column("tracking_mrad", "largest tracking error of a joint", "mrad", of=largest("tracking_rad", 1e3)),
+    Column("torque_ratio", "largest torque / certificate's bound", show="exact", of=largest("torque_ratio")),
+    Column("median_energy_j", "median energy", "J", of=median("energy")),
+    Column("median_duration_s", "median duration", "s", of=median("duration")),
 )  # fmt: skip
 """Measures of every executed motion."""
 
 OF_SPOTS = (
-    Measure("within_2mm", "%", share_within, "within 2 mm on each axis", show="share"),
-    Measure("median_error_mm", "mm", median("position_error", 1e3), "median position error"),
-    Measure("p95_error_mm", "mm", quantile("position_error", 0.95, 1e3), "95th percentile of the position error"),
-    Measure("worst_servo_mm", "mm", largest("servo_error", 1e3), "largest servo error at the end"),
-    Measure("worst_split_m", "m", largest("split_rest"), "largest |total − sum of its parts|"),
+    Column("within_2mm", "within 2 mm on each axis", "%", show="share", of=share_within),
+    Column("median_error_mm", "median position error", "mm", of=median("position_error", 1e3)),
+    Column("p95_error_mm", "95th percentile of the position error", "mm", of=quantile("position_error", 0.95, 1e3)),
+    Column("worst_servo_mm", "largest servo error at the end", "mm", of=largest("servo_error", 1e3)),
+    Column("worst_split_m", "largest |total − sum of its parts|", "m", of=largest("split_rest")),
 )
 """Additional measures of spots."""
 
 OF_ISO = (
-    Measure("ap_mm", "mm", _iso(PoseFigures, "accuracy"), "AP, largest of the five poses (simulated)"),
-    Measure("rp_mm", "mm", _iso(PoseFigures, "repeatability"), "RP, largest of the five poses (simulated)"),
-    Measure("at_mm", "mm", _iso(PathFigures, "accuracy"), "AT (simulated)"),
-    Measure("rt_mm", "mm", _iso(PathFigures, "repeatability"), "RT (simulated)"),
+    Column("ap_mm", "AP, largest of the five poses (simulated)", "mm", of=_iso(PoseFigures, "accuracy")),
+    Column("rp_mm", "RP, largest of the five poses (simulated)", "mm", of=_iso(PoseFigures, "repeatability")),
+    Column("at_mm", "AT (simulated)", "mm", of=_iso(PathFigures, "accuracy")),
+    Column("rt_mm", "RT (simulated)", "mm", of=_iso(PathFigures, "repeatability")),
 )
 """Additional measures of cycles of ISO 9283."""
 
 MEASURES = {"spots": (*OF_SPOTS, *OF_EXECUTIONS), "iso": (*OF_ISO, *OF_EXECUTIONS), "laws": OF_EXECUTIONS}
 """Measures that a target of a block can name, by the type of motion."""
 
-ALL_MEASURES: tuple[Measure, ...] = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
+ALL_MEASURES: tuple[Column, ...] = (*OF_SPOTS, *OF_ISO, *OF_EXECUTIONS)
 """All measures, each once."""
 
 

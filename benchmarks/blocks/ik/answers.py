@@ -13,14 +13,13 @@ from pydantic import model_validator
 
 from benchmarks.blocks._contest import reseed, trial_seed
 from benchmarks.blocks._entries import Method, ProblemBlock, record_hash
-from benchmarks.blocks.base import Compared, Entry, Kind, Part, Work, chunks
-from benchmarks.blocks.columns import Of, largest, mean
+from benchmarks.blocks.base import Compared, Entry, Kind, Part, Target, Work, chunks
+from benchmarks.blocks.columns import Column, Of, largest, mean
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import Count, Entries, key
 from benchmarks.statistics import percentage
-from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -66,12 +65,17 @@ def solved_a_second(row: pl.DataFrame) -> float:
 
 
 MEASURES = (
-    *(Measure(f"success at {level_words(at)}", "%", success_within(at), show="share") for at in JUDGED_AT),
-    Measure("position error", "mm", largest("position median", 1e3)),
-    Measure("rotation error", "rad", largest("rotation median")),
-    Measure("mean iterations", "", mean("iterations")),
-    Measure("solved_per_second", "1/s", solved_a_second, "solved per second and core"),
-    Measure("crashed", "", largest("crashed"), show="count"),
+    *(
+        Column(
+            f"success at {level_words(at)}", f"success at {level_words(at)}", "%", show="share", of=success_within(at)
+        )
+        for at in JUDGED_AT
+    ),
+    Column("position error", "position error", "mm", of=largest("position median", 1e3)),
+    Column("rotation error", "rotation error", "rad", of=largest("rotation median")),
+    Column("mean iterations", "mean iterations", of=mean("iterations")),
+    Column("solved_per_second", "solved per second and core", "1/s", of=solved_a_second),
+    Column("crashed", "crashed", show="count", of=largest("crashed")),
 )
 """Measures that a target of recorded answers can name."""
 

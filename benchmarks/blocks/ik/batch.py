@@ -18,11 +18,11 @@ import polars as pl
 
 from benchmarks.blocks._contest import fresh
 from benchmarks.blocks._entries import ProblemBlock, check_set
-from benchmarks.blocks.base import Compared, Kind, Tell
+from benchmarks.blocks.base import Compared, Kind, Target, Tell
+from benchmarks.blocks.columns import Column
 from benchmarks.blocks.ik.judgement import judge_configurations
 from benchmarks.problems.base import SETS
 from benchmarks.settings import LISTED, Count, Options, SolverName, key
-from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.ik import make_solver
@@ -50,12 +50,10 @@ def extra_memory(rows: pl.DataFrame) -> float:
 
 
 MEASURES = (
-    Measure(
-        "success", "%", lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min(), "solved",
-        show="exact",
-    ),
-    Measure("million_per_second", "million", solved_rate, "solved per second"),
-    Measure("extra_memory_mb", "MB", extra_memory, "memory beyond inputs and outputs"),
+    Column("success", "solved", "%", show="exact",
+           of=lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min()),
+    Column("million_per_second", "solved per second", "million", of=solved_rate),
+    Column("extra_memory_mb", "memory beyond inputs and outputs", "MB", of=extra_memory),
 )  # fmt: skip
 """Measures that a target of a batch can name, on the rows with its largest number of threads."""
 

@@ -14,13 +14,13 @@ from pydantic import AfterValidator
 
 from benchmarks.blocks._contest import clock_cost
 from benchmarks.blocks._entries import IKPeer, Method, ProblemBlock, check_set, need_problems, store_problems
-from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Tell, chunks
+from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Target, Tell, chunks
+from benchmarks.blocks.columns import Column
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
 from benchmarks.blocks.ik.rounds import Caller, Rounds, build_ours, callers_of, timed_part
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean
-from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 
 CALL_PART = 2000
@@ -61,22 +61,26 @@ def _us(statistic: Callable[[Any], Any]) -> Callable[[pl.DataFrame], float]:
 
 
 MEASURES = (
-    Measure("success", "%", lambda rows: 100.0 * int(rows["solved"].sum()) / len(rows), "solved", show="exact"),
+    Column("success", "solved", "%", show="exact", of=lambda rows: 100.0 * int(rows["solved"].sum()) / len(rows)),
     *(
-        Measure(
-            f"success_{level_name(at)}", "%", _solved_at(at), f"solved within {level_name(at)} m and rad", show="exact"
+        Column(
+            f"success_{level_name(at)}",
+            f"solved within {level_name(at)} m and rad",
+            "%",
+            show="exact",
+            of=_solved_at(at),
         )
         for at in JUDGED_AT
     ),
-    Measure("median_us", "µs", _us(np.median), "median time of a call"),
-    Measure("mean_us", "µs", _us(np.mean), "mean time of a call"),
-    Measure("p90_us", "µs", _us(lambda us: np.quantile(us, 0.90)), "90th percentile of a call"),
-    Measure("p99_us", "µs", _us(lambda us: np.quantile(us, 0.99)), "99th percentile of a call"),
-    Measure(
-        "sgm_us", "µs", _us(lambda us: shifted_geometric_mean(us, SHIFT_US)), "shifted geometric mean time of a call"
+    Column("median_us", "median time of a call", "µs", of=_us(np.median)),
+    Column("mean_us", "mean time of a call", "µs", of=_us(np.mean)),
+    Column("p90_us", "90th percentile of a call", "µs", of=_us(lambda us: np.quantile(us, 0.90))),
+    Column("p99_us", "99th percentile of a call", "µs", of=_us(lambda us: np.quantile(us, 0.99))),
+    Column(
+        "sgm_us", "shifted geometric mean time of a call", "µs", of=_us(lambda us: shifted_geometric_mean(us, SHIFT_US))
     ),
-    Measure("max_us", "µs", _us(np.max), "longest call"),
-    Measure("median_ratio", "", median_ratio, "median time of all calls, as a ratio to", relative=True),
+    Column("max_us", "longest call", "µs", of=_us(np.max)),
+    Column("median_ratio", "median time of all calls, as a ratio to", of=median_ratio, relative=True),
 )
 """Measures that a target of single calls can name."""
 

@@ -8,10 +8,9 @@ from typing import Any
 import polars as pl
 
 from benchmarks.blocks._contest import fresh
-from benchmarks.blocks.base import Block, Compared, Kind, Tell
-from benchmarks.blocks.columns import median
+from benchmarks.blocks.base import Block, Compared, Kind, Target, Tell
+from benchmarks.blocks.columns import Column, median
 from benchmarks.settings import Count, RobotName, SolverName, key
-from benchmarks.targets import Measure, Target
 from optik.registry import short_name
 
 FIRST_USE_CODE = """
@@ -29,9 +28,9 @@ print(json.dumps([imported - begin, solved - imported]))
 
 
 MEASURES = (
-    Measure("import_s", "s", median("seconds"), "import optik"),
-    Measure("first_solve_s", "s", median("seconds"), "first solve after import, cached code"),
-    Measure("compile_s", "s", median("seconds"), "first solve after import, with compilation"),
+    Column("import_s", "import optik", "s", of=median("seconds")),
+    Column("first_solve_s", "first solve after import, cached code", "s", of=median("seconds")),
+    Column("compile_s", "first solve after import, with compilation", "s", of=median("seconds")),
 )
 """Measures that a target of first use can name: medians over fresh processes."""
 

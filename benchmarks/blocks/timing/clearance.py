@@ -12,10 +12,9 @@ from pydantic import BeforeValidator
 
 from benchmarks.blocks._arms import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
-from benchmarks.blocks.columns import count, mean, median, quantile
+from benchmarks.blocks.columns import Column, count, mean, median, quantile
 from benchmarks.peers._models import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
-from benchmarks.targets import Measure
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -38,13 +37,13 @@ PER_SECOND = pl.col("ms") / pl.col("duration")
 """Time of a judgement per second of motion [ms/s]."""
 
 MEASURES = (
-    Measure("free", "%", mean(says("free"), 100.0), "judged free"),
-    Measure("undecided", "%", mean(says("undecided"), 100.0), "undecided"),
-    Measure("missed", "", count("missed"), "missed contacts", show="count"),
-    Measure("false_contacts", "", count("false_contact"), "false contacts", show="count"),
-    Measure("median_ms", "ms", quantile("ms", 0.5), "median time of a motion"),
-    Measure("p99_ms", "ms", quantile("ms", 0.99), "99th percentile of the time"),
-    Measure("median_ms_per_s", "ms/s", median(PER_SECOND), "median time per second of motion"),
+    Column("free", "judged free", "%", of=mean(says("free"), 100.0)),
+    Column("undecided", "undecided", "%", of=mean(says("undecided"), 100.0)),
+    Column("missed", "missed contacts", show="count", of=count("missed")),
+    Column("false_contacts", "false contacts", show="count", of=count("false_contact")),
+    Column("median_ms", "median time of a motion", "ms", of=quantile("ms", 0.5)),
+    Column("p99_ms", "99th percentile of the time", "ms", of=quantile("ms", 0.99)),
+    Column("median_ms_per_s", "median time per second of motion", "ms/s", of=median(PER_SECOND)),
 )
 """Measures that a target of such a block can name."""
 

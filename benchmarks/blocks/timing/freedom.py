@@ -14,8 +14,8 @@ import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks._arms import Payload, arm_label
-from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
-from benchmarks.blocks.columns import largest, mean, quantile
+from benchmarks.blocks.base import Block, Compared, Entry, Kind, Target, Tell
+from benchmarks.blocks.columns import Column, largest, mean, quantile
 from benchmarks.blocks.timing.laws.motions import draw_motion_of
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.blocks.timing.laws.settings import LimitSet
@@ -34,7 +34,6 @@ from benchmarks.settings import (
     numbered,
     one_of,
 )  # fmt: skip
-from benchmarks.targets import Measure, Target
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
@@ -66,11 +65,11 @@ SHOWN_INSTANTS = 251
 
 
 MEASURES = (
-    Measure("solved", "%", mean("solved", 100.0), "motions found"),
-    Measure("certified", "%", mean("certified", 100.0), "certificate valid"),
-    Measure("median_ratio", "", quantile("ratio", 0.5), "median duration after / before"),
-    Measure("worst_ratio", "", largest("ratio"), "largest duration after / before", show="exact"),
-    Measure("median_ms", "ms", quantile("ms", 0.5), "median time of a plan"),
+    Column("solved", "motions found", "%", of=mean("solved", 100.0)),
+    Column("certified", "certificate valid", "%", of=mean("certified", 100.0)),
+    Column("median_ratio", "median duration after / before", of=quantile("ratio", 0.5)),
+    Column("worst_ratio", "largest duration after / before", show="exact", of=largest("ratio")),
+    Column("median_ms", "median time of a plan", "ms", of=quantile("ms", 0.5)),
 )
 """Measures that a target of such a block can name."""
 

@@ -61,7 +61,7 @@ def findings(run: Run) -> Sequence[str]:
 
 
 def _iso_sentence(b: BlockRows) -> str:
-    found = {m.name: m.compute(b.rows.filter(b.rows["method"] == NOISY)) for m in MEASURES["iso"][:4]}
+    found = {m.key: m.value(b.rows.filter(b.rows["method"] == NOISY)) for m in MEASURES["iso"][:4]}
     poses = [f for f in figures_of(b.rows.filter(b.rows["method"] == NOISY)) if isinstance(f, PoseFigures)]
     if not poses:
         return ""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.blocks.base import measure_named
 from benchmarks.blocks.columns import median_with_range
 from benchmarks.blocks.ik.first_use import MEASURES
 from benchmarks.report.base import KindReport, Section
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
-from benchmarks.targets import measure_named
 
 FIRST_USE_COLUMNS = (
     Column("label", "Step", show="text"),
@@ -28,7 +28,7 @@ def _first_use(run: Run) -> dict[str, Any] | None:
 def _tables(run: Run) -> list[Table]:
     """Return the seconds by measure: the median of all processes with their range."""
     groups = [
-        ({"label": measure_named(MEASURES, str(measure), "measure").title}, part)
+        ({"label": measure_named(MEASURES, str(measure), "measure").words}, part)
         for b in run.of("first_use")
         for (measure,), part in b.rows.group_by("method", maintain_order=True)
     ]

@@ -14,7 +14,7 @@ import polars as pl
 
 from benchmarks.blocks._contest import clock_cost, facts_on
 from benchmarks.blocks._entries import about_file, check_same
-from benchmarks.blocks.base import Compared, Kind, Tell, chunks
+from benchmarks.blocks.base import Compared, Kind, Target, Tell, chunks
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion, motion_in_file, stands_of
 from benchmarks.blocks.timing.laws.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.laws.rows import SCHEMA, in_group, with_optimum
@@ -25,7 +25,6 @@ from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import naming
-from benchmarks.targets import Target
 from optik.registry import load_method
 from planners.plan import make_law
 

@@ -10,8 +10,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks._arms import JOINT_LIMITS
-from benchmarks.blocks.columns import largest, mean, median, quantile
-from benchmarks.targets import Measure
+from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
@@ -170,42 +169,34 @@ def _paired(column: str, statistic: Callable[[Any], Any]) -> Callable[..., float
 
 
 MEASURES = (
-    Measure("solved", "%", mean("solved", 100.0), "lines with a motion"),
-    Measure("kept", "%", mean("keeps_all", 100.0), "motions within every limit, exactly"),
-    Measure("nearly", "%", mean("nearly", 100.0), "motions that exceed no limit by more than 0.1 %"),
-    Measure("holds", "%", mean("holds", 100.0), "motions with a valid certificate"),
-    Measure("worst_ratio", "", largest(pl.max_horizontal(JOINT_LIMITS)), "largest peak / limit, exact", show="exact"),
-    Measure("worst_velocity", "", largest("velocity"), "largest velocity / limit, exact", show="exact"),
-    Measure("worst_acceleration", "", largest("acceleration"), "largest acceleration / limit, exact", show="exact"),
-    Measure("worst_jerk", "", largest("jerk"), "largest jerk / limit, exact", show="exact"),
-    Measure("worst_torque", "", largest("torque"), "largest torque / limit, proved bound", show="exact"),
-    Measure("worst_torque_rate", "", largest("torque_rate"), "largest torque rate / limit, proved bound", show="exact"),
-    Measure("over_torque", "%", mean("over_torque", 100.0), "motions over a torque limit"),
-    Measure("median_optimum", "", median("over_optimum"), "median T / T*", show="exact"),
-    Measure("worst_optimum", "", largest("over_optimum"), "largest T / T*", show="exact"),
-    Measure("median_kept", "", median("kept_over_optimum"), "median T / T*, stretched to the limits", show="exact"),
-    Measure("worst_kept", "", largest("kept_over_optimum"), "largest T / T*, stretched to the limits", show="exact"),
-    Measure("median_ms", "ms", median("ms_law"), "median time of the law"),
-    Measure("p95_ms", "ms", quantile("ms_law", 0.95), "95th percentile of the law's time"),
-    Measure("plan_ms", "ms", median("ms_plan"), "median time of a whole plan"),
-    Measure("median_ms_ratio", "", _paired("ms_law", np.median), "median time of the law, as a ratio to", relative=True),
-    Measure(
-        "median_duration_ratio", "", _paired("slowed_duration", np.median),
-        "median duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
-    ),
-    Measure(
-        "worst_duration_ratio", "", _paired("slowed_duration", np.max),
-        "largest duration, both stretched to meet the limits, as a ratio to", show="exact", relative=True,
-    ),
-    Measure("deviation_um", "µm", largest("distance", 1e6), "largest certified distance from the line"),
-    Measure(
-        "truth_over_bound", "", _deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND)),
-        "largest deviation by dense sampling / certified one",
-    ),
-    Measure(
-        "bound_over_truth", "", _deviations(lambda true, bound: bound / np.maximum(true, NANO)),
-        "largest certified deviation / max(dense sampling, 1 nm or nrad)",
-    ),
+    Column("solved", "lines with a motion", "%", of=mean("solved", 100.0)),
+    Column("kept", "motions within every limit, exactly", "%", of=mean("keeps_all", 100.0)),
+    Column("nearly", "motions that exceed no limit by more than 0.1 %", "%", of=mean("nearly", 100.0)),
+    Column("holds", "motions with a valid certificate", "%", of=mean("holds", 100.0)),
+    Column("worst_ratio", "largest peak / limit, exact", show="exact", of=largest(pl.max_horizontal(JOINT_LIMITS))),
+    Column("worst_velocity", "largest velocity / limit, exact", show="exact", of=largest("velocity")),
+    Column("worst_acceleration", "largest acceleration / limit, exact", show="exact", of=largest("acceleration")),
+    Column("worst_jerk", "largest jerk / limit, exact", show="exact", of=largest("jerk")),
+    Column("worst_torque", "largest torque / limit, proved bound", show="exact", of=largest("torque")),
+    Column("worst_torque_rate", "largest torque rate / limit, proved bound", show="exact", of=largest("torque_rate")),
+    Column("over_torque", "motions over a torque limit", "%", of=mean("over_torque", 100.0)),
+    Column("median_optimum", "median T / T*", show="exact", of=median("over_optimum")),
+    Column("worst_optimum", "largest T / T*", show="exact", of=largest("over_optimum")),
+    Column("median_kept", "median T / T*, stretched to the limits", show="exact", of=median("kept_over_optimum")),
+    Column("worst_kept", "largest T / T*, stretched to the limits", show="exact", of=largest("kept_over_optimum")),
+    Column("median_ms", "median time of the law", "ms", of=median("ms_law")),
+    Column("p95_ms", "95th percentile of the law's time", "ms", of=quantile("ms_law", 0.95)),
+    Column("plan_ms", "median time of a whole plan", "ms", of=median("ms_plan")),
+    Column("median_ms_ratio", "median time of the law, as a ratio to", of=_paired("ms_law", np.median), relative=True),
+    Column("median_duration_ratio", "median duration, both stretched to meet the limits, as a ratio to",
+           show="exact", of=_paired("slowed_duration", np.median), relative=True),
+    Column("worst_duration_ratio", "largest duration, both stretched to meet the limits, as a ratio to",
+           show="exact", of=_paired("slowed_duration", np.max), relative=True),
+    Column("deviation_um", "largest certified distance from the line", "µm", of=largest("distance", 1e6)),
+    Column("truth_over_bound", "largest deviation by dense sampling / certified one",
+           of=_deviations(lambda true, bound: true / np.maximum(bound, LEAST_BOUND))),
+    Column("bound_over_truth", "largest certified deviation / max(dense sampling, 1 nm or nrad)",
+           of=_deviations(lambda true, bound: bound / np.maximum(true, NANO))),
 )  # fmt: skip
 """Measures that a target of timed lines can name; ``solved`` is computed on all rows of a law, with a motion or without."""
 

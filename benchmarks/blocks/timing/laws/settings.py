@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from benchmarks.blocks._arms import Payload, arm_label, arm_with
 from benchmarks.blocks._entries import Law, LawPeer
-from benchmarks.blocks.base import Block, Entry
+from benchmarks.blocks.base import Block, Entry, Target
 from benchmarks.blocks.timing.laws.rows import MEASURES
 from benchmarks.settings import (
     LISTED,
@@ -27,7 +27,6 @@ from benchmarks.settings import (
     key,
     one_of,
 )
-from benchmarks.targets import Target
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.plugins.usage import resolve_data_file
