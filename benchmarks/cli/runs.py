@@ -313,8 +313,8 @@ class CompareCommand(JsonCommand):
     def run(self) -> None:
         """Print the comparison."""
         from benchmarks.records import RunFolder
+        from benchmarks.report.base import Run
         from benchmarks.report.compare import as_data, compare_runs
-        from benchmarks.report.run import Run
 
         found = compare_runs(Run(RunFolder(self.first)), Run(RunFolder(self.second)))
         worse = len(found.worse_than(self.threshold))

@@ -13,8 +13,8 @@ import polars as pl
 
 from benchmarks.blocks.base import Block, Compared, Kind
 from benchmarks.records import slug
+from benchmarks.report.base import Run
 from benchmarks.report.numbers import quoted
-from benchmarks.report.run import Run
 from benchmarks.statistics import holm, mcnemar, ratio_interval, signed_rank, wilson
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code

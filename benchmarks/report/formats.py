@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.records import RunFolder, slug
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board
 from benchmarks.report.figures import DASHES, SYMBOLS, Json
-from benchmarks.report.run import Run
 from benchmarks.report.sections import asked_table, built, failure_table
 from benchmarks.report.tables import Table, csv_of, markdown_of, marked, tex_of
 from benchmarks.report.winners import overview, winners_table

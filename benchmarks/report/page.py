@@ -10,11 +10,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from benchmarks.records import RunFolder
-from benchmarks.report.base import Section
+from benchmarks.report.base import Run, Section
 from benchmarks.report.boards import packed, squeeze, strict
 from benchmarks.report.figures import THEME, template, variable
 from benchmarks.report.numbers import number, percent
-from benchmarks.report.run import Run
 from benchmarks.report.sections import built
 from benchmarks.report.tables import shown_rows
 from benchmarks.report.winners import overview

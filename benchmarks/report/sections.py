@@ -11,9 +11,8 @@ from typing import Any
 from benchmarks.blocks.base import Kind
 from benchmarks.experiments.base import FAILS, HOLDS, PAPER_TITLE, PARTLY, Finding
 from benchmarks.records import slug
-from benchmarks.report.base import Section, load_report
+from benchmarks.report.base import Run, Section, load_report
 from benchmarks.report.numbers import listed
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
 from optik.registry import short_name
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.experiments.base import PARTLY
-from benchmarks.report.base import Winner, load_report
+from benchmarks.report.base import Run, Winner, load_report
 from benchmarks.report.numbers import listed, quoted
-from benchmarks.report.run import Run
 from benchmarks.report.sections import failure_words
 from benchmarks.report.tables import Cell, Column, Table, written
 from benchmarks.statistics import mcnemar, not_told_apart, percentage

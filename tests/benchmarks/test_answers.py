@@ -17,8 +17,7 @@ from benchmarks.blocks.base import Entry, Part, load_kind
 from benchmarks.blocks.ik.answers import AnswersWork, distribution, solved_by_all, summary
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
-from benchmarks.report.base import load_report
-from benchmarks.report.run import Run
+from benchmarks.report.base import Run, load_report
 from benchmarks.run import run_suite
 from benchmarks.statistics import mcnemar_p, wilson
 from benchmarks.suite import Suite, load_suite, suite_of

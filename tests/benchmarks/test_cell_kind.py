@@ -22,9 +22,8 @@ from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.executed import executed_claims, needed_budgets
 from benchmarks.records import RunFolder
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Run, load_report
 from benchmarks.report.page import write_report
-from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName

@@ -22,7 +22,7 @@ from benchmarks.blocks.timing.freedom import (
 )
 from benchmarks.peers import casadi_simultaneous
 from benchmarks.records import RunFolder
-from benchmarks.report.run import Run
+from benchmarks.report.base import Run
 from benchmarks.report.timing.freedom import REPORT
 from benchmarks.run.session import run_suite
 from benchmarks.suite import load_suite

@@ -17,10 +17,9 @@ from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.records import RunFolder
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Run, load_report
 from benchmarks.report.ik.calls import block_winners, by_sigma, profile_costs
 from benchmarks.report.ik.calls_tables import block_tables
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Table, shown_rows
 from benchmarks.run import run_suite
 from benchmarks.statistics import wilson

@@ -15,8 +15,7 @@ from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE
 from benchmarks.experiments.claims import judge
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
-from benchmarks.report.base import Winner, load_report
-from benchmarks.report.run import Run
+from benchmarks.report.base import Run, Winner, load_report
 from benchmarks.report.tables import Table
 from benchmarks.run import run_suite
 from benchmarks.suite import load_suite, suite_of

@@ -19,11 +19,10 @@ import pytest
 from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Run, load_report
 from benchmarks.report.boards import strict
 from benchmarks.report.figures import figure
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.timing.plans import limitations
 from benchmarks.report.timing.plans.motion import add_friction
 from benchmarks.report.timing.plans.tables import (

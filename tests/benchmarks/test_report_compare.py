@@ -17,8 +17,8 @@ from benchmarks.blocks.base import Compared, load_kind
 from benchmarks.blocks.ik.answers import compared_answers
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
+from benchmarks.report.base import Run
 from benchmarks.report.compare import Difference, _difference, compare_runs
-from benchmarks.report.run import Run
 from optik.errors import InvalidInput
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]

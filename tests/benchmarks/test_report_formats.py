@@ -19,14 +19,13 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
-from benchmarks.report.base import Winner
+from benchmarks.report.base import Run, Winner
 from benchmarks.report.boards import Board, Control, packed
 from benchmarks.report.figures import add, band, entry, figure, heatmap, lean, line, log_axis, steps_of, variable
 from benchmarks.report.formats import draw
 from benchmarks.report.ik import budgets
 from benchmarks.report.numbers import listed
 from benchmarks.report.page import render
-from benchmarks.report.run import Run
 from benchmarks.report.tables import (
     Column,
     ShownCell,

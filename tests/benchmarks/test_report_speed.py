@@ -14,10 +14,9 @@ from benchmarks.blocks._contest import version_words
 from benchmarks.blocks._entries import check_set
 from benchmarks.blocks.base import load_kind
 from benchmarks.records import RunFolder
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Run, load_report
 from benchmarks.report.ik.accuracy import choose
 from benchmarks.report.ik.calls_tables import conspicuous
-from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM

@@ -13,9 +13,9 @@ import pytest
 
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
+from benchmarks.report.base import Run
 from benchmarks.report.compare import compare_runs
 from benchmarks.report.formats import write_csv, write_tex
-from benchmarks.report.run import Run
 from optik.errors import OptikError
 from tests.oracles import REPOSITORY
 

@@ -26,9 +26,9 @@ from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
+from benchmarks.report.base import Run
 from benchmarks.report.ik.calls import winners
 from benchmarks.report.ik.calls_tables import success_and_time
-from benchmarks.report.run import Run
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
 from optik.errors import InvalidInput

@@ -25,9 +25,8 @@ from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import RunFolder
-from benchmarks.report.base import load_report
+from benchmarks.report.base import Run, load_report
 from benchmarks.report.numbers import ratio
-from benchmarks.report.run import Run
 from benchmarks.report.timing.laws import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of

@@ -24,7 +24,7 @@ from benchmarks.blocks.cell.settings import (
 )
 from benchmarks.experiments.executed import executed_claims
 from benchmarks.records import slug
-from benchmarks.report.base import QUESTION, KindReport, Section
+from benchmarks.report.base import QUESTION, KindReport, Run, Section
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.cell.spots import axes, space, split
 from benchmarks.report.cell.tables import (
@@ -38,7 +38,6 @@ from benchmarks.report.cell.tables import (
 )
 from benchmarks.report.figures import add, axis, figure, line
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.sections import claims_of
 from planners.cell.iso9283 import POSE_FRACTION, SIMULATED, PoseFigures, describe_cube
 

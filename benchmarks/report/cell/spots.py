@@ -11,6 +11,7 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.cell.settings import AXES, WITHIN_M
 from benchmarks.records import slug
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
 from benchmarks.report.figures import (
@@ -30,7 +31,6 @@ from benchmarks.report.figures import (
     vary,
 )
 from benchmarks.report.ik.accuracy import chosen
-from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.space import axes_in_space
 from benchmarks.statistics import quantiles
 from optik.types import Array

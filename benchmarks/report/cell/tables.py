@@ -23,7 +23,7 @@ from benchmarks.blocks.cell.settings import (
 )
 from benchmarks.blocks.columns import Of, count, largest, median
 from benchmarks.records import slug
-from benchmarks.report.run import Run
+from benchmarks.report.base import Run
 from benchmarks.report.tables import Cell, Column, Group, Table, table_of
 from benchmarks.statistics import quantiles
 from optik.types import Array

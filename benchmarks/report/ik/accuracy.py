@@ -10,6 +10,7 @@ import polars as pl
 
 from benchmarks.blocks.columns import quantile, share
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     INK_COLOUR,
@@ -26,7 +27,6 @@ from benchmarks.report.figures import (
 )
 from benchmarks.report.ik.default import COMPARED_PROBLEMS, budget_axis, compared_rows, comparisons
 from benchmarks.report.numbers import listed, number, percent
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import binned, quantiles
 

@@ -12,10 +12,9 @@ from benchmarks.blocks.columns import largest, mean
 from benchmarks.blocks.ik.answers import solved_a_second, solved_by_all, success_within
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name
 from benchmarks.records import slug
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, axis, figure, line, log_axis
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.report.winners import most_solved, ranked
 from optik.registry import short_name

@@ -10,9 +10,8 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.columns import mean, median_with_range
 from benchmarks.blocks.ik.batch import extra_memory, solved_rate
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.ik.calls import SPEED
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table, table_of
 from benchmarks.statistics import percentage
 from optik.registry import short_name

@@ -11,7 +11,7 @@ from benchmarks.blocks.columns import quantile, share
 from benchmarks.blocks.ik.budgets import PER_RADIAN, SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words
 from benchmarks.experiments.base import COUNTERPARTS, PAPER_TITLE, UNTESTED
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, axis, bars, colour, figure, lean, vary
 from benchmarks.report.ik.accuracy import DAMPING_BLOCK, accuracy, damping, damping_table
@@ -28,7 +28,6 @@ from benchmarks.report.ik.default import (
 )
 from benchmarks.report.ik.maps import maps, picture, sheets_of
 from benchmarks.report.numbers import listed, percent
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.winners import most_solved
 from optik.registry import short_name

@@ -13,12 +13,11 @@ from benchmarks.blocks._contest import version_words
 from benchmarks.blocks.columns import values_of
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import Json, add, add_steps, figure, line, log_axis, percent_axis, vary
 from benchmarks.report.ik.calls_tables import LABEL, block_tables
 from benchmarks.report.ik.default import has_same_problems
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table
 from benchmarks.report.winners import most_solved, ranked
 from benchmarks.statistics import median_interval, not_longer, percentage, performance_profile

@@ -14,10 +14,10 @@ from benchmarks.blocks._entries import ProblemBlock
 from benchmarks.blocks.columns import median, share
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board
 from benchmarks.report.figures import Json, add, axis, figure, interval, line, percent_axis
 from benchmarks.report.numbers import number, p_value, percent
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Cell, Column, Table, table_of
 from benchmarks.report.winners import Ranked, ranked
 from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar

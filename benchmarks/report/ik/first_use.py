@@ -7,9 +7,8 @@ from typing import Any
 from benchmarks.blocks.base import measure_named
 from benchmarks.blocks.columns import median_with_range
 from benchmarks.blocks.ik.first_use import MEASURES
-from benchmarks.report.base import KindReport, Section
+from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.ik.calls import SPEED
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
 
 FIRST_USE_COLUMNS = (

@@ -12,6 +12,7 @@ import polars as pl
 
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded
 from benchmarks.problems.base import start_of
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -32,7 +33,6 @@ from benchmarks.report.figures import (
 )
 from benchmarks.report.ik.accuracy import chosen
 from benchmarks.report.ik.default import Pair, comparisons, pairs
-from benchmarks.report.run import Run
 from optik.arm.robot import Robot
 from optik.types import Array
 

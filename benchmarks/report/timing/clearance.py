@@ -12,11 +12,10 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.columns import count, median, quantile, share
 from benchmarks.blocks.timing.clearance import PER_SECOND, PROOF, says
 from benchmarks.records import slug
-from benchmarks.report.base import KindReport, Section
+from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import add, add_steps, axis, figure, interval, line, percent_axis, ticked_axis
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import percentage
 

@@ -15,7 +15,7 @@ from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.columns import Of, quantile, share
 from benchmarks.blocks.timing.freedom import ALONG_INITIAL, CHOSEN, FreeSet
 from benchmarks.records import slug
-from benchmarks.report.base import KindReport, Section
+from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import Board, Control, squeeze
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -31,7 +31,6 @@ from benchmarks.report.figures import (
     vary,
 )
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.timing.plans.space import read_track
 from benchmarks.statistics import quantiles

@@ -12,9 +12,8 @@ import polars as pl
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.blocks.timing.laws.settings import LINE_KINDS, LawBlock, LimitSet
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.numbers import listed, number, percent, quoted
-from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.plots import against_singularity, durations, example_boards, torques
 from benchmarks.report.timing.laws.tables import all_tables, compared, law_tables, or_infinite, plan_times, violations
 from benchmarks.report.winners import ranked

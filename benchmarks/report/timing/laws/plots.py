@@ -11,6 +11,7 @@ import polars as pl
 from benchmarks.blocks._arms import JOINT_LIMITS, arm_label
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.laws.rows import in_group
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -28,7 +29,6 @@ from benchmarks.report.figures import (
     ticked_axis,
 )
 from benchmarks.report.numbers import quoted
-from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.tables import limited
 from optik.registry import short_name
 from planners.limits import ALL_LIMITS, LOADED

@@ -18,7 +18,7 @@ from planners.limits import DERIVATIVES
 
 if TYPE_CHECKING:
     from benchmarks.blocks.base import BlockRows
-    from benchmarks.report.run import Run
+    from benchmarks.report.base import Run
 
 TORQUE_NOTE = (
     "Torques are those of this model of the arm: bounds proved for every instant, with Coulomb friction. The torque rate is "

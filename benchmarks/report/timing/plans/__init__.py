@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blocks._arms import JOINT_LIMITS
-from benchmarks.report.base import KindReport, Section, Winner
+from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.numbers import listed, number
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Table
 from benchmarks.report.timing.plans.motion import motion
 from benchmarks.report.timing.plans.space import line_in_space, space

@@ -10,6 +10,7 @@ import polars as pl
 from scipy.ndimage import binary_dilation, label
 
 from benchmarks.blocks.timing.plans import LinePlans
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
 from benchmarks.report.figures import (
     NOISE,
@@ -27,7 +28,6 @@ from benchmarks.report.figures import (
     vary,
 )
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.timing.laws.plots import ACTIVE, active_plot
 from benchmarks.report.timing.plans.tables import law_control, line_plans, worst
 from optik.arm.robot import Robot

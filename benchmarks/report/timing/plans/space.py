@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, squeeze
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -26,7 +27,6 @@ from benchmarks.report.figures import (
     line_3d,
 )
 from benchmarks.report.numbers import number
-from benchmarks.report.run import Run
 from benchmarks.report.timing.plans.tables import law_control, line_plans
 from optik.arm.robot import Robot
 from optik.types import Array

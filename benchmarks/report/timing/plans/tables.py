@@ -8,11 +8,11 @@ from typing import Any
 
 from benchmarks.blocks._arms import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
+from benchmarks.report.base import Run
 from benchmarks.report.boards import Control
 from benchmarks.report.figures import noise_floor
 from benchmarks.report.numbers import number
 from benchmarks.report.numbers import ratio as ratio_of
-from benchmarks.report.run import Run
 from benchmarks.report.tables import Column, Table
 from optik.arm.limits import LIMIT_TOLERANCE
 from planners.limits import DERIVATIVES, LOADED
