@@ -108,7 +108,7 @@ Tell = Callable[[str], None]
 
 KINDS = {
     **{name: f"benchmarks.blocks.ik.{name}" for name in ("budgets", "answers", "calls", "batch", "first_use")},
-    **{name: f"benchmarks.blocks.timing.{name}" for name in ("plans", "laws", "freedom", "clearance")},
+    **{name: f"benchmarks.blocks.timing.{name}" for name in ("plans", "laws", "freedom", "motion", "clearance")},
     "cell": "benchmarks.blocks.cell",
 }
 """Every kind of block with its module."""

@@ -15,17 +15,12 @@ from time import process_time
 import numpy as np
 
 import optik
+from benchmarks.blocks.timing.motion import ROUNDED, time_rounded
 from optik import Robot, Scene
-from optik.errors import MissingDependency, NoSolution, OptikError
-from optik.ik import get_solver
-from optik.ik.base import Tolerance
+from optik.errors import MissingDependency, OptikError
 from optik.scene.contact import find_contact
 from optik.types import Array
-from planners import JointLine, MotionLimits, Plan, PointToPoint, Trajectory, find_path, make_law, plan
-from planners.fit import fit
-from planners.following.follow import DEFAULT_TOLERANCE, follow
-from planners.plan import PlanRequest
-from planners.search._around import round_corners
+from planners import JointLine, MotionLimits, Plan, Trajectory, find_path, plan
 from tests.figures.figure import Row, Value, main
 from tests.figures.search import KINDS, NUMBERS, arm, problem
 from tests.planners.contacts import COAL_ERROR, Oracle, instants
@@ -34,8 +29,6 @@ MODELS = ("panda_hand", "panda", "ur5")
 """Arms of `tests.figures.search`: our capsules, and VAMP's spheres."""
 RATE, FINE_RATE, WITHIN, REPEATED = 2000.0, 20_000.0, 0.01, 20
 """Rates of sampling [Hz], all over and around the least distance; distances examined [m]; problems for each repeated one."""
-CORNERS = {"own": ("rrt_connect", "optimal"), "OMPL": ("ompl", "optimal"), "OMPL, toppra": ("ompl", "toppra")}
-"""Polylines with rounded corners: the search and the law. TOPP-RA does not limit the jerk."""
 
 
 @cache
@@ -68,24 +61,12 @@ def round_and_time(
     robot: Robot, limits: MotionLimits, scene: Scene, ends: tuple[Array, Array], method: str
 ) -> Plan | None:
     """The motion of a law along a search's polyline with rounded corners; None without the search's package or a path."""
-    search, law = CORNERS[method]
+    search, law = ROUNDED[method]
     try:
         found = find_path(robot, *ends, scene=scene, search=search)
     except MissingDependency:
         return None
-    if not found:
-        return None
-    if law == "toppra":
-        limits = MotionLimits(limits.velocity, limits.acceleration)
-    path, made = round_corners(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
-    joints = follow(get_solver(robot, "lm"), path).joint_path
-    assert joints is not None
-    try:
-        motion = fit(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
-    except NoSolution:
-        return None
-    request = PlanRequest(robot, path, limits, "lm", made, Tolerance.of(DEFAULT_TOLERANCE), 1000.0, scene=scene)
-    return request.certify_motion(joints, motion.trajectory, 1.0, motion)
+    return time_rounded(robot, limits, scene, ends, found, law) if found else None
 
 
 def sample(robot: Robot, limits: MotionLimits, scene: Scene, motion: Trajectory) -> Row:
@@ -131,7 +112,7 @@ def measure_free(robot: Robot, limits: MotionLimits, scene: Scene, ends: tuple[A
     if found:
         moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(found.vertices)]
         row |= {"stops": sum(one.trajectory.duration for one in moves), "edges": len(moves)}
-    for method in CORNERS:
+    for method in ROUNDED:
         other = round_and_time(robot, limits, scene, ends, method)
         if other is not None:
             row[method] = other.trajectory.duration if other else None
@@ -178,13 +159,13 @@ def judge_model(name: str, rows: list[Row]) -> list[Value]:
             np.median(bent) <= 0.75,
         ),
     ]
-    for method in CORNERS:
+    for method in ROUNDED:
         over = np.array([row["T"] / row[method] for row in solved if row.get(method)])
         if over.size:
             most, shown = np.mean(over <= 1.0 + 1e-6), method == "OMPL, toppra"
             words = f"median {np.median(over):.3f}, {100 * most:.0f} % of {over.size}"
             asked = "shown" if shown else "≤ 1 on 95 %"
-            values.append(Value(f"{name}: over {method}, corners rounded", asked, words, shown or bool(most >= 0.95)))
+            values.append(Value(f"{name}: over {method}", asked, words, shown or bool(most >= 0.95)))
     wrong = sum(not row["proved"] or row["coal"] < -COAL_ERROR for row in solved)
     over_limits = sum(row["ratio"] > 1.0 + 1e-8 or not row["inside"] for row in solved)
     equal = [row["equal"] for row in solved if "equal" in row]

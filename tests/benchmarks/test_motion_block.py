@@ -1,0 +1,174 @@
+"""Blocks of motion problems: rows against the certificate and coal, targets, settings, missing files and the report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import optik
+from benchmarks.blocks.base import Target, load_kind
+from benchmarks.blocks.timing import motion
+from benchmarks.blocks.timing.motion import MOTION_TYPES, OF_OMPL, OURS, ROUNDED, MotionBlock
+from benchmarks.problems._motionbench import MotionProblem, write_problems
+from benchmarks.records import RunFolder
+from benchmarks.report.base import Run
+from benchmarks.report.timing.motion import REPORT, unsolved_of
+from benchmarks.run.session import run_suite
+from benchmarks.suite import Suite, load_suite
+from optik import Scene
+from optik.errors import InvalidInput, MissingDependency
+from planners import JointLine, MotionLimits, find_path, plan
+
+pytest.importorskip("yaml")
+SUITE = """
+seed = 26
+[[motion]]
+id = "table"
+robot = "panda_hand"
+count = {count}
+{more}
+limits = {{ velocity = "robot", acceleration = "robot", jerk = "robot" }}
+"""
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Suite:
+    """A suite with three generated problems in a file."""
+    folder = tmp_path_factory.mktemp("motion")
+    write_problems(folder / "three.tar.bz2", optik.load("panda_hand"), seed=26, count=3)
+    (folder / "s.toml").write_text(SUITE.format(count=3, more='problems = "three.tar.bz2"'))
+    return load_suite(str(folder / "s.toml"))
+
+
+@pytest.fixture(scope="module")
+def run(suite: Suite, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("motion") / "run"
+    run_suite(suite, folder)
+    return Run(RunFolder(folder))
+
+
+def test_every_method_has_a_row_for_every_problem_and_durations_are_those_of_proved_motions(run: Run) -> None:
+    rows = run.of("motion")[0].rows
+    assert set(MOTION_TYPES) <= set(rows.columns)
+    labels = [OURS, *(label for label in ROUNDED if label in rows["method"].to_list())]
+    assert rows["method"].to_list() == labels * 3 and len(labels) >= 2
+    assert rows["number"].to_list() == [n for n in (1, 1, 2) for _ in labels]
+    ours = rows.filter(pl.col("method") == OURS)
+    assert ours["solved"].all() and not ours["contact"].any() and not ours["exceeded"].any()
+    assert (rows["duration"].is_not_null() == rows["solved"]).all()
+    bent = ours.filter(pl.col("edges") > 1)
+    assert (
+        len(bent) and (bent["over_stops"] == bent["duration"] / bent["stops"]).all() and (bent["over_stops"] < 1).all()
+    )
+    if OF_OMPL in labels:
+        theirs = rows.filter(pl.col("method") == OF_OMPL)["duration"]
+        assert (ours["not_longer"] == (ours["duration"] <= theirs * (1.0 + 1e-6))).drop_nulls().all()
+
+
+def test_a_file_gives_the_problems_that_the_block_generates_from_the_seed(suite: Suite) -> None:
+    block, robot = suite.of("motion")[0], optik.load("panda_hand")
+    given = block.read_problems(robot, 0)  # the seed of a file does not count
+    made = block.model_copy(update={"problems": ""}).read_problems(robot, 26)
+    assert [each[:2] for each in given] == [("table_boxes", 1), ("table_cylinders", 1), ("table_boxes", 2)]
+    assert [each[:2] for each in given] == [each[:2] for each in made]
+    for (_kind, _number, one), (_k, _n, other) in zip(given, made, strict=True):
+        assert np.array_equal(one.start, other.start) and one.scene == other.scene
+
+
+def test_targets_leave_out_problems_whose_ends_are_not_free(run: Run) -> None:
+    kind, rows = load_kind("motion"), run.of("motion")[0].rows
+    spoiled = rows.with_columns(touched=pl.col("problem") == 0, solved=pl.col("solved") & (pl.col("problem") != 1))
+    assert kind.judge(spoiled, Target(measure="solved", at_least=95)) == (50.0, "2 problems")
+    assert kind.judge(rows, Target(measure="solved", at_least=95)) == (100.0, "3 problems")
+
+
+def test_an_end_in_contact_is_told_and_no_method_is_run() -> None:
+    robot = optik.load("panda_hand")
+    start = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    goal = start + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    at = robot.fk(goal)[:3, 3]
+    problem = MotionProblem(Scene(spheres=[(at, 0.05)]), start, goal)
+    assert "the goal is in contact" in motion.find_touching_end(robot, problem)
+    assert "the start is in contact" in motion.find_touching_end(robot, MotionProblem(problem.scene, goal, start))
+    beyond = start + np.array([9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert "outside the joint limits" in motion.find_touching_end(robot, MotionProblem(Scene(), start, beyond))
+    assert not motion.find_touching_end(robot, MotionProblem(Scene(), start, goal))
+
+
+def test_a_motion_in_contact_or_over_a_limit_is_counted_and_has_no_duration() -> None:
+    robot = optik.load("panda_hand")
+    start = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    goal = start + np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    middle, limits = robot.fk(start + 0.5 * (goal - start))[:3, 3], MotionLimits(2.0, 10.0, 100.0)
+    straight = find_path(robot, start, goal, scene=Scene(), paths=1)
+    made = motion.time_rounded(robot, limits, Scene(spheres=[(middle, 0.05)]), (start, goal), straight, "optimal")
+    row = motion._judge(made, 1.0)
+    assert row["contact"] and not row["exceeded"] and not row["solved"] and row["duration"] is None
+    fast = plan(robot, JointLine(robot, start, goal), start, limits=limits, timing="quintic", scene=Scene())
+    row = motion._judge(fast, 1.0)
+    assert row["exceeded"] and not row["contact"] and not row["solved"] and row["duration"] is None
+    assert motion._judge(None, 1.0)["status"] == "timing_infeasible"
+
+
+def test_a_peer_without_its_package_has_no_rows(suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    block, robot = suite.of("motion")[0], optik.load("panda_hand")
+    problem = block.read_problems(robot, 0)[0][2]
+    find = motion.find_path
+
+    def without(*given: object, search: str, **more: object) -> object:
+        if search == "ompl":
+            raise MissingDependency("ompl", "search 'ompl'", "ompl")
+        return find(*given, search=search, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(motion, "find_path", without)
+    labels = [label for label, _ in motion.solve(block, robot, block.limits.of(robot), problem)]
+    assert labels == [OURS, "own, rounded"]
+
+
+def test_the_report_has_the_methods_the_unsolved_problems_and_the_plots(run: Run) -> None:
+    (table,) = REPORT.tables(run)
+    assert table.rows[0]["label"] == OURS and table.rows[0]["n"] == 3 and table.rows[0]["solved"][0] == 100.0
+    shown = REPORT.sections[0].build(run)
+    assert shown is not None and [board.id for board in shown["boards"]] == ["motion-board"]
+    assert {trace.name for trace in shown["boards"][0].figures[0].data} >= {OURS}
+    assert "3 of 3 motions" in REPORT.findings(run)[0]
+
+
+def test_problems_without_a_proved_motion_are_listed_with_their_reason(run: Run) -> None:
+    b = run.of("motion")[0]
+    failed = b.rows.with_columns(solved=pl.col("problem") != 1, reason=pl.lit("too narrow"))
+    table = unsolved_of(replace(b, rows=failed))
+    assert [(row["problem"], row["reason"]) for row in table.rows] == [("table_cylinders 1", "too narrow")]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ('problems = "none.tar.bz2"', "github.com/KavrakiLab/vamp"),
+        ('peers = ["OMPL"]', "OMPL, rounded"),
+        ("count = 0", "count"),
+        ('robot = "kr6"', "shapes"),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(more: str, said: str, tmp_path: Path) -> None:
+    given = {
+        "id": "table",
+        "robot": "panda_hand",
+        "count": 2,
+        "limits": {"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0},
+    }
+    key, value = more.split(" = ")
+    given[key] = eval(value)  # the literal above
+    with pytest.raises(InvalidInput) as caught:
+        load_kind("motion").prepare(MotionBlock.read(given), 1)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_the_shipped_suites_are_read_without_the_files_and_have_the_peer_that_targets_compare() -> None:
+    for name in ("motionbench", "motionbench-quick"):
+        (block,) = load_suite(name).of("motion")
+        assert OF_OMPL in block.labels
