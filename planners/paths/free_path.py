@@ -32,10 +32,16 @@ MOST_GUESSES = 20
 
 
 class NullSpace(NamedTuple):
-    """Null-space coordinates: rows (r, n) with rows · q(s) equal to the spline of coefficients (C, r)."""
+    """Null-space coordinates: rows (r, n) with rows · q(s) equal to the spline of coefficients (C, r); those at first."""
 
     rows: Array
     coefficients: Array
+    initial: Array
+
+    @property
+    def change(self) -> Array:
+        """Coefficients (C, r) of the distance from the initial joint path, which the bounds of an elbow limit."""
+        return self.coefficients - self.initial
 
 
 class CoordinateRange(NamedTuple):
@@ -48,7 +54,8 @@ class CoordinateRange(NamedTuple):
     allowed : tuple of float
         Least and greatest allowed value; of a ``round`` freedom [0, greatest norm].
     reached : tuple of float
-        Proved bounds: the least and the greatest coefficient of the spline; of a ``round`` freedom of their norms.
+        Proved bounds: the least and the greatest coefficient of the spline; of a ``round`` freedom of their norms, of an elbow
+        of their distances from the initial joint path.
     """
 
     name: str
@@ -188,10 +195,15 @@ class FreePath(Path):
 
     @cached_property
     def ranges(self) -> tuple[CoordinateRange, ...]:
-        """Range of each coordinate of the tool: a spline lies in the convex hull of its coefficients."""
+        """Range of each coordinate: a spline lies in the convex hull of its coefficients."""
         found, column = [], 0
         for kind in self.kinds:
             low, high = self.bounds[kind.name]
+            if not kind.screws:  # of an elbow: the distance from the initial joint path
+                change = np.zeros((1, 1)) if self.null_space is None else self.null_space.change
+                ends = [(float(x.min()), float(x.max())) for x in change.T]
+                found += [CoordinateRange(kind.name, kind.unit, (low, high), each) for each in ends]
+                continue
             c = self.coefficients[:, column : column + len(kind.screws)]
             column += len(kind.screws)
             if kind.round:
@@ -205,11 +217,11 @@ class FreePath(Path):
     @property
     def most_deviation(self) -> tuple[float, float]:
         """Proved bounds on the tool's distance from the given path: position [m] and rotation [rad]."""
-        sizes = [np.linalg.norm(np.reshape(k.screws, (-1, 2, 3)), axis=2) for k in self.kinds]
-        sizes = [
-            size.max(axis=0, keepdims=True) if k.round else size for size, k in zip(sizes, self.kinds, strict=True)
-        ]
-        most = np.array([max(np.abs(one.reached)) for one in self.ranges]) @ np.concatenate(sizes)
+        most = np.zeros(2)
+        for one in self.ranges:
+            screws = freedom_of(one.name).screws  # of several coordinates on a round range, else of one
+            if screws:
+                most += max(np.abs(one.reached)) * np.linalg.norm(np.reshape(screws, (-1, 2, 3)), axis=2).max(axis=0)
         return float(most[0]), float(most[1])
 
     def _evaluate(self, x: Array, order: int) -> Array:
@@ -254,7 +266,7 @@ class FreePath(Path):
             "bounds": {name: numbers_to_list(np.array(pair)) for name, pair in self.bounds.items()},
             "count": self.spline.count, "hold_start": self.hold_start, "starts": self.starts,
             "coefficients": self.coefficients.tolist(),
-            "null_space": None if null is None else [null.rows.tolist(), null.coefficients.tolist()],
+            "null_space": None if null is None else [x.tolist() for x in null],
         }  # fmt: skip
 
     @classmethod
@@ -280,13 +292,12 @@ def _read_null_space(data: Any, count: int) -> NullSpace | None:
     """Return the null-space coordinates from plain data."""
     if data is None:
         return None
-    if not isinstance(data, list) or len(data) != 2 or not all(isinstance(x, list) and x for x in data):
-        raise InvalidInput("null_space", repr(data)[:60], "None, or rows and coefficients")
-    rows, coefficients = data
+    if not isinstance(data, list) or len(data) != 3 or not all(isinstance(x, list) and x for x in data):
+        raise InvalidInput("null_space", repr(data)[:60], "None, or rows, coefficients and initial coefficients")
+    rows, *coefficients = data
     n = len(rows[0]) if isinstance(rows[0], list) else 0
-    return NullSpace(
-        read_numbers(rows, (len(rows), n), "null_space"), read_numbers(coefficients, (count, len(rows)), "null_space")
-    )  # fmt: skip
+    pair = (read_numbers(x, (count, len(rows)), "null_space") for x in coefficients)
+    return NullSpace(read_numbers(rows, (len(rows), n), "null_space"), *pair)
 
 
 def _product(a: Array, b: Array) -> Array:

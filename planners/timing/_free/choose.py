@@ -227,7 +227,7 @@ class Choice:
     def path_of(self, p: Array) -> FreePath | PointToPoint:
         """Return the path with the coefficients of a solution."""
         p, d = self.bounds.clip(p), self.tool_count  # the iteration may end outside by its last residual
-        null = NullSpace(self.rows, p[:, d:]) if len(self.rows) else None
+        null = NullSpace(self.rows, p[:, d:], self.p[:, d:]) if len(self.rows) else None
         return self.path.with_coefficients(p[:, :d], null)
 
 
