@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing.freedom import (
     ALONG_INITIAL,
     CHOSEN,
+    DRAKE,
     FREEDOM_TYPES,
     SIMULTANEOUS,
     FreedomBlock,
@@ -21,6 +23,7 @@ from benchmarks.blocks.timing.freedom import (
     solve_by_peer,
 )
 from benchmarks.peers import casadi_simultaneous
+from benchmarks.peers.ik.drake import METHOD as PEER
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
 from benchmarks.report.timing.freedom import REPORT
@@ -132,14 +135,32 @@ def test_the_peer_turns_the_tool_as_we_do_and_takes_no_via_points(monkeypatch: p
     problem = draw(block.sets[0], block.limits, 2026, 1)
     limits = block.limits[0].of(problem[0])
     ours = solve(block.sets[0], limits, problem)[0]
-    row = solve_by_peer(limits, problem, ours)
+    row = solve_by_peer(SIMULTANEOUS, limits, problem, ours)
     assert row["status"] == "solved" and row["certified"] and row["steps"] > 1 and row["ms"] > 0.0
     assert row["gain"] == 1.0 - row["duration"] / ours["fixed_duration"]
     assert row["duration"] == pytest.approx(ours["duration"], rel=0.01)
     assert row["duration"] < 0.99 * ours["fixed_duration"]
     cycle = draw(block.sets[2], block.limits, 1, 0)
-    row = solve_by_peer(block.limits[0].of(cycle[0]), cycle, {"stop_duration": 9.0})
+    row = solve_by_peer(SIMULTANEOUS, block.limits[0].of(cycle[0]), cycle, {"stop_duration": 9.0})
     assert "via points" in row["outcome"] and row["stop_duration"] == 9.0 and "duration" not in row
+
+
+@pytest.mark.skipif(bool(PEER.missing()), reason="Drake has no environment here")
+def test_drake_moves_between_two_configurations_only_and_its_motion_is_certified() -> None:
+    own = {"label": "own", "velocity": 2.0, "acceleration": 10.0, "jerk": 100.0, "torque": "robot"}
+    moves = FreedomBlock.read({"id": "f", "sets": [{"robot": "panda", "kind": "joints", "count": 1}], "limits": [own]})
+    problem = draw(moves.sets[0], moves.limits, 2026, 0)
+    limits = moves.limits[0].of(problem[0])
+    ours = solve(moves.sets[0], limits, problem)[0]
+    row = solve_by_peer(DRAKE, limits, problem, ours)
+    assert row["certified"] and row["own_duration"] <= row["duration"] * (1.0 + 1e-6)
+    assert 1.0 <= row["duration"] / ours["duration"] <= 1.1
+    line = problem[2]
+    said = [
+        solve_by_peer(DRAKE, limits, (*problem[:3], line), ours)["outcome"],
+        solve_by_peer(DRAKE, replace(limits, torque_rate=1e3), problem, ours)["outcome"],
+    ]
+    assert "only moves between two configurations" in said[0] and said[1].endswith("torque, torque_rate")
 
 
 def test_problems_depend_only_on_the_seed_and_their_number() -> None:

@@ -41,18 +41,19 @@ from optik.types import Array
 from planners.certificate.certification import certify
 from planners.fit import fit_to_limits
 from planners.freedom import freedoms
-from planners.limits import DERIVATIVES, MotionLimits
+from planners.limits import MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint, ViaPoint
 from planners.plan import Plan, plan
+from planners.trajectory import Trajectory
 
 ALONG_INITIAL, CHOSEN = "initial path", "path and time"
 """Labels of both motions: the paths of a set without and with freedoms."""
-SIMULTANEOUS = "casadi_simultaneous"
-"""Name of the peer that chooses path and time."""
+SIMULTANEOUS, DRAKE = "casadi_simultaneous", "drake"
+"""Names of the peers that choose path and time."""
 
 VIA_TOLERANCE = (5e-3, 0.09)
 """Largest distance [m] and angle [rad] of the tool from a via pose of a cycle."""
@@ -78,6 +79,7 @@ FREEDOM_TYPES = {
     "status": pl.String, "outcome": pl.String, "certified": pl.Boolean, "fixed_duration": pl.Float64,
     "stop_duration": pl.Float64, "duration": pl.Float64, "gain": pl.Float64, "starts": pl.Int64, "steps": pl.Int64,
     "gradient": pl.Float64, "distance": pl.Float64, "ms_fixed": pl.Float64, "ms": pl.Float64,
+    "own_duration": pl.Float64,
 }  # fmt: skip
 """Columns of the rows."""
 
@@ -147,8 +149,8 @@ class FreedomBlock(Block):
 
     sets: Annotated[tuple[FreeSet, ...], LISTED, AfterValidator(_different)] = key("Sets of motions.")
     limits: Annotated[tuple[LimitSet, ...], LISTED, AfterValidator(check_labels)] = key("Limits of the motions.")
-    peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS)], ...], LISTED] = key(
-        "Other solvers of path and time together: `casadi_simultaneous`.", ()
+    peers: Annotated[tuple[Annotated[str, one_of(SIMULTANEOUS, DRAKE)], ...], LISTED] = key(
+        "Other solvers of path and time together: `casadi_simultaneous`, `drake` (only `joints`).", ()
     )
 
     @property
@@ -230,27 +232,48 @@ def solve(
 
 
 def solve_by_peer(
-    limits: MotionLimits, problem: tuple[Robot, Array, Path, Path], ours: dict[str, Any]
+    name: str, limits: MotionLimits, problem: tuple[Robot, Array, Path, Path], ours: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return the row of the peer beside ours: its motion along its path, slowed uniformly until it respects the limits."""
-    from benchmarks.peers.casadi_simultaneous import motion_of, solve_as_peer  # CasADi is imported only here
-
+    """Return the row of a peer beside ours: its motion, slowed uniformly until it respects all limits."""
     arm, q, _given, path = problem
-    assert isinstance(path, FreePath | PointToPoint)
-    row = {name: ours.get(name) for name in ("fixed_duration", "stop_duration", "ms_fixed")} | {"certified": False}
-    begin = time.perf_counter()
+    row = {key: ours.get(key) for key in ("fixed_duration", "stop_duration", "ms_fixed")} | {"certified": False}
+    enforced = tuple(each for each in limits.names if limits.value(each) is not None)
     try:
-        choice, found = solve_as_peer(arm, path, q, limits)
-        row |= {"ms": 1e3 * (time.perf_counter() - begin), "starts": 1, "steps": found.iterations}
-        chosen, raw = motion_of(choice, found, limits)
-        motion = fit_to_limits(arm, raw, limits, DERIVATIVES, chosen)
+        about, chosen, raw = _PEERS[name](arm, path, q, limits)
+        motion = fit_to_limits(arm, raw, limits, enforced, chosen)
     except NoSolution as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
-    proof = certify(arm, chosen, motion, limits, law=SIMULTANEOUS, enforced=DERIVATIVES)
+    proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)
     status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED
-    row |= {"status": str(status), "outcome": "chosen", "duration": motion.duration, "certified": bool(proof.is_valid)}
+    row |= about | {"status": str(status), "outcome": "chosen", "certified": bool(proof.is_valid)}
+    row |= {"duration": motion.duration, "own_duration": raw.duration}
     fixed = row["fixed_duration"]
     return row if fixed is None else row | {"gain": 1.0 - motion.duration / fixed}
+
+
+def _by_casadi(
+    arm: Robot, path: Path, q: Array, limits: MotionLimits
+) -> tuple[dict[str, Any], Path | None, Trajectory]:
+    from benchmarks.peers.casadi_simultaneous import motion_of, solve_as_peer  # CasADi is imported only here
+
+    assert isinstance(path, FreePath | PointToPoint)
+    begin = time.perf_counter()
+    choice, found = solve_as_peer(arm, path, q, limits)
+    ms = 1e3 * (time.perf_counter() - begin)
+    return {"ms": ms, "starts": 1, "steps": found.iterations}, *motion_of(choice, found, limits)
+
+
+def _by_drake(
+    arm: Robot, path: Path, _q: Array, limits: MotionLimits
+) -> tuple[dict[str, Any], Path | None, Trajectory]:
+    from benchmarks.peers.drake_moves import solve_by_drake
+
+    motion, ms = solve_by_drake(arm, path, limits)
+    return {"ms": ms, "starts": 1}, None, motion  # its spline in t is no path with a parameter s
+
+
+_PEERS = {SIMULTANEOUS: _by_casadi, DRAKE: _by_drake}
+"""What each peer says of its solution, the path for the certificate, and the motion."""
 
 
 # ---------------------------------------------------------------- examples
@@ -333,7 +356,7 @@ class _Freedom(Kind):
                 about["problem"] = first + index
                 rows.append(row | about | {"method": CHOSEN})
                 for peer in block.peers:
-                    rows.append(solve_by_peer(limits.of(problem[0]), problem, row) | about | {"method": peer})
+                    rows.append(solve_by_peer(peer, limits.of(problem[0]), problem, row) | about | {"method": peer})
                 if not shown and all(plans) and found.freedom is not None and found.freedom.gain > 0.0:
                     shown = True
                     motions = pl.concat([_motion([found], CHOSEN), _motion(plans, ALONG_INITIAL)])
