@@ -23,6 +23,8 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
 """Types of `shape_msgs/SolidPrimitive` that are read, by number."""
 DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 """Number of dimensions of each type: edges; radius; height and radius."""
+OPERATIONS = (None, 0, "add")
+"""Operations of an object that add it to the scene, words in small letters."""
 OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"), ("meshes", "mesh_poses"))
 """Keys of the parts of an object, and of their poses."""
 Part = tuple[str, str, Any]
@@ -43,11 +45,15 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
         raise InvalidInput(
             "world.octomap", "an octomap with data", "none, because it is not read: its cells as objects"
         )
+    _check_links(scene)
     frames = _Frames(scene, state)
     parts: list[Part] = []
     for i, one in enumerate(_rows(world, "collision_objects", "world")):
         where = f"collision_objects[{i}]"
         name = read_word(_mapping(one, where).get("id"), f"{where}.id")
+        operation = one.get("operation")
+        if (operation.lower() if isinstance(operation, str) else operation) not in OPERATIONS:
+            raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0): a file is the whole scene")
         T = frames.find(one, where) @ (np.eye(4) if one.get("pose") is None else _pose(one["pose"], f"{where}.pose"))
         parts += _read_object(one, name, T, where)
     order = ("boxes", "spheres", "planes", "cylinders", "meshes")
@@ -58,6 +64,16 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
     allowed = _read_allowed(scene.get("allowed_collision_matrix") or {}, set(ids))
     allow = [(link, name) for link, one in allowed for name, of in zip(names, ids, strict=True) if of == one]
     return {**objects, "names": names, "allow": allow}
+
+
+def _check_links(scene: dict[str, Any]) -> None:
+    """Refuse links that are larger or smaller than the arm's."""
+    for key, value, usual in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
+        for i, row in enumerate(_rows(scene, key, "scene")):
+            found = check_number(_mapping(row, f"{key}[{i}]").get(value, usual), f"{key}[{i}].{value}", "a number")
+            if found != usual:
+                expected = f"{usual:g}, because links keep their size: margin= of Scene is for all of them"
+                raise InvalidInput(f"{key}[{i}].{value}", found, expected)
 
 
 def make_unique(names: list[str]) -> tuple[str, ...]:

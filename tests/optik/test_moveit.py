@@ -91,6 +91,13 @@ def test_objects_frames_and_allowed_pairs_are_read(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_objects_that_are_added_and_links_of_their_own_size_change_nothing(tmp_path: Path) -> None:
+    more = "link_padding: [{link_name: hand, padding: 0}]\nlink_scale: [{link_name: hand, scale: 1.0}]\n"
+    for word in ("add", "ADD", "0"):
+        text = more + SCENE.replace("    - id:", f"    - operation: {word}\n      id:")
+        assert load(tmp_path, text) == load(tmp_path, SCENE)
+
+
 def test_an_empty_octomap_is_no_obstacle(tmp_path: Path) -> None:
     text = SCENE.replace("world:\n", "world:\n  octomap: {octomap: {resolution: 0.0, data: []}}\n")
     assert text != SCENE
@@ -117,6 +124,10 @@ BAD = [
     ("world: {collision_objects: 3}", "a list"),
     ("world: {octomap: {octomap: {resolution: 0.05, data: [1, 2]}}}", "world.octomap: expected none"),
     ("world: {octomap: 3}", "world.octomap: expected a mapping"),
+    ("world: {collision_objects: [{id: a, operation: REMOVE}]}", "operation: expected ADD"),
+    ("world: {collision_objects: [{id: a, operation: 1}]}", "operation: expected ADD"),
+    ("world: {}\nlink_padding: [{link_name: hand, padding: 0.01}]", "padding: expected 0"),
+    ("world: {}\nlink_scale: [{link_name: hand, scale: 1.1}]", "scale: expected 1"),
     ("world: {collision_objects: [{id: 3}]}", "a string"),
     (SCENE.replace("type: cylinder", "type: cone"), "box, sphere, cylinder"),
     (SCENE.replace("type: 2", "type: 4"), "box, sphere, cylinder"),
