@@ -5,7 +5,7 @@ from typing import Any
 CONTROL_POINTS = 32
 """Number of control points of the spline. On two moves 64 gave motions 1 % shorter, in five to ten times the computing time."""
 SPLINE_ORDER = 6
-"""Order of the spline: quintics. On three moves cubics (4), with constant jerk in spans of equal duration, gave 1 % longer motions."""
+"""Order of the spline: quintics. On three moves cubics (4), with constant jerk in equal spans, gave 1 % longer motions."""
 EFFORT_TIMES = 128
 """Number of equal intervals at whose ends torques are limited. With 64, one move of three was slowed by 8 % to be certified."""
 
