@@ -20,6 +20,7 @@ from optik.errors import (
     UnknownName,
     Unsupported,
 )
+from tests.mutants.listed import LISTED
 from tests.oracles import REPOSITORY
 
 
@@ -234,3 +235,8 @@ def test_every_kind_of_error_is_in_the_list_above():
 
     ours = {k for k in kinds(OptikError) if k.__module__ == "optik.errors"} - {OptikError}
     assert {type(e) for e in ERRORS} == ours
+
+
+def test_every_listed_mutant_matches_the_source_once():
+    for file, old, _new in LISTED:
+        assert (REPOSITORY / file).read_text().count(old) == 1, (file, old)

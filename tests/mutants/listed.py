@@ -65,7 +65,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
     "planners/certificate/_clearance.py": (EDGES, *CONTACT),
     "planners/certificate/clearance.py": (EDGES, *CONTACT),
-    "optik/scene/contact.py": (EDGES, *CONTACT),
+    "optik/scene/contact.py": (EDGES, *CONTACT, "tests/optik/test_scene.py"),
     "optik/distance.py": (EDGES, *CONTACT[::-1]),
     "planners/certificate/checks.py": (EDGES, *CERTIFICATE[1:]),
     "planners/certificate/path_error.py": CERTIFICATE,
@@ -222,6 +222,14 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/timing/_free/choose.py", "        if self.held:\n            free[0] = False\n", ""),
     ("planners/timing/_free/solve.py", "/ radius, 1.0)[:, None]", "/ radius, 0.0)[:, None]"),
     ("planners/timing/_free/clearances.py", "base = link[i] if kind == SELF else 0", "base = 0"),
+    ("planners/timing/_free/clearances.py", "(moved[k, i] if kind == SELF else 0.0)", "0.0"),
+    ("planners/timing/_free/clearances.py", "known[k, p] = room + way", "known[k, p] = room + 2.0 * way"),
+    ("optik/scene/contact.py", "if bound > 0.0 and bound - DISTANCE", "if bound - DISTANCE"),
+    (
+        "planners/timing/_free/choose.py",
+        "path.counts_itself and path.spline.count > most",
+        "path.spline.count > 10 * most",
+    ),
     (
         "planners/timing/_free/clearances.py",
         "(np.maximum(x, 0.0) + ROOM_BEND) ** 2",

@@ -14,7 +14,7 @@ from optik import se3
 from optik.arm.shapes.enclosure import box_triangles
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.scene import files
-from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, find_contact, find_nearest
+from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, find_contact, find_nearest, find_nearest_pairs
 from tests.oracles.shapes import distances
 
 T = se3.from_xyz_rpy((0.4, 0.0, -0.025), (0.0, 0.0, 30.0))
@@ -292,3 +292,17 @@ def test_an_attached_object_in_contact_is_named_unless_it_is_allowed():
         scene.attach(robot, "cup", Q, allow="table")
     with pytest.raises(InvalidInput, match="the plane"):
         SCENE.attach(robot, "plane1", Q)
+
+
+def test_the_deepest_of_several_objects_counts_where_the_arm_is_inside_all() -> None:
+    robot, rng, inside = optik.load("panda"), np.random.default_rng(12), 0
+    for _ in range(20):
+        poses = np.tile(np.eye(4), (4, 1, 1))
+        poses[:, :3, 3] = rng.uniform([-0.4, -0.4, 0.0], [0.4, 0.4, 0.8], (4, 3))
+        boxes = [(T, tuple(rng.uniform(0.5, 2.5, 3))) for T in poses]
+        q = robot.limits.sample(rng, 50)
+        found = find_nearest_pairs(robot, optik.Scene(boxes=boxes), q)[0]
+        alone = [find_nearest_pairs(robot, optik.Scene(boxes=[one]), q)[0] for one in boxes]
+        np.testing.assert_array_equal(found, np.min(alone, axis=0))
+        inside += int((found < -0.3).sum())
+    assert inside > 200

@@ -85,6 +85,20 @@ def test_near_pairs_are_those_below_the_bound_from_step_to_step() -> None:
     assert seen > 500
 
 
+def test_near_pairs_of_the_arm_are_found_where_the_elbow_moves_and_the_hand_rests() -> None:
+    robot, rng = panda(), np.random.default_rng(6)
+    near = robot.limits.sample(rng, 20_000)
+    near = near[find_nearest_pairs(robot, Scene(), near)[0] < 0.03]
+    null = np.linalg.svd(robot.jacobian(near))[2][:, -1]
+    pairs, (_capsules, _objects, bodies) = NearPairs(robot, Scene(), len(near)), bodies_of(robot, Scene())
+    slots = np.tile(np.arange(len(bodies)), (len(near), 1))
+    room = np.empty(slots.shape)
+    for q in (robot.limits.clip(near + 0.4 * null), near, robot.limits.clip(near - 0.4 * null)):
+        pair_rooms(robot.chain, bodies_of(robot, Scene()), q, 0.0, slots, room, np.empty((0, 0, 0)))
+        k, pair, _rooms = pairs.find(q, 0.03)
+        np.testing.assert_array_equal(np.argwhere(room < 0.03), np.column_stack([k, pair]))
+
+
 @pytest.mark.parametrize("kind", ["joints", "elbow"])
 def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind: str) -> None:
     robot, rng, h = panda(), np.random.default_rng(4), 1e-6
