@@ -76,7 +76,7 @@ def path_from(robot: Robot, q: Array, kind: str, rng: np.random.Generator) -> Pa
         try:
             return Polyline(poses, **blends)
         except InvalidInput as error:  # arms of few joints often have but one way to turn, and come back on it
-            assert "returns" in error.got
+            assert "reversal" in error.got
             return Polyline(poses[:2], **blends)
     flat = robot.n < 6
     axis = np.array([0.0, 0.0, 1.0]) if robot.n == 4 else rng.normal(size=3)

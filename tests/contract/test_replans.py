@@ -86,7 +86,11 @@ def wrong_with(running: Plan, t: float, again: Plan, stop: bool) -> list[str]:
         words.append(f"ends at a speed of {speed}")
     last = oracles.fk(again.robot, after.ends(0)[1][-1:])
     place = again.path.nearest(last) if stop else np.array([again.path.end])
-    if max(oracles.off_by(last, again.path.pose(place)))[0] > 1e-8:
+    # A stop ends anywhere on the path, and the motion leaves the path by at most what its certificate proves.
+    proved = again.certificate.path_error if stop else None
+    allowed = (1e-8, 1e-8) if proved is None else (max(1e-8, proved.distance), max(1e-8, proved.angle))
+    off = oracles.off_by(last, again.path.pose(place))
+    if off[0][0] > allowed[0] or off[1][0] > allowed[1]:
         words.append("ends off the path, or not at its end")
     if again.trajectory.duration > running.trajectory.end - t + 1e-9:
         words.append(f"takes {again.trajectory.duration} s, and {running.trajectory.end - t} s were left")
