@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -32,7 +33,15 @@ from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
 from planners.result import Plan, PlanSeconds
-from planners.search._around import DEFAULT_SEARCH, MOST_WAYS, SearchReport, check_avoidable, find_first_path
+from planners.search._around import (
+    DEFAULT_SEARCH,
+    DENSITY,
+    ENOUGH_GAIN,
+    MOST_WAYS,
+    SearchReport,
+    check_avoidable,
+    find_first_paths,
+)
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
 from planners.timing._free.avoid import choose_around
@@ -271,7 +280,9 @@ class _Planner:
         allowed = self.request.tolerance.scale(PATH_FRACTION)
         return follow(self.solver, path, q, branch=branch, samples=self.samples, tolerance=allowed, scene=scene)
 
-    def _time(self, path: Path, followed: FollowResult, duration: float | None) -> tuple[Plan, Optimum | None]:
+    def _time(
+        self, path: Path, followed: FollowResult, duration: float | None, density: float = 1.0
+    ) -> tuple[Plan, Optimum | None]:
         """Return the plan of a joint path that is timed and certified, or its failure; and the optimum if the law has one."""
         request = self.request if path is self.request.path else replace(self.request, path=path)
         if followed.failure is not None:
@@ -282,7 +293,7 @@ class _Planner:
         try:
             check_statics(joints, request.limits, enforced)
             if isinstance(law, Optimal):
-                raw, optimum = law.run_with_optimum(joints, request.limits)
+                raw, optimum = law.run_with_optimum(joints, request.limits, density)
             else:
                 raw = law.run_with_analysis(joints, request.limits)
             factor = stretch_factor(raw, request.limits, enforced)
@@ -327,29 +338,30 @@ class _Planner:
                 return request._fail(PlanStatus.CONTACT, followed.joint_path, blocked)
 
         def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan:
-            return self._time(chosen, self._follow(chosen, q, "start", None), None)[0]
+            return self._time(chosen, self._follow(chosen, q, "start", None), None, DENSITY)[0]
 
-        for way in range(MOST_WAYS):
-            if isinstance(path, PointToPoint):
-                first = find_first_path(path, scene, search, way)
+        given = find_first_paths(path, scene, search) if isinstance(path, PointToPoint) else [None]
+        for tried, first in enumerate(itertools.islice(given, MOST_WAYS), 1):
+            if first is not None:
                 samples += first.samples
                 if isinstance(first.found, PlanFailure):
                     plans = plans or [request._fail(PlanStatus(first.found.status), None, first.found)]
                     break
                 followed, path = self._follow(first.found, None, None, None), first.found
-            fixed, optimum = self._time(path, followed, None)
-            found = fixed
+            fixed, optimum = self._time(path, followed, None, DENSITY)
+            found, enough = fixed, bool(fixed)
             if optimum is not None:
                 choice = choice_for(path, fixed.joint_path, optimum, held=starts_there)
                 found, result, spent = choose_around(choice, scene, fixed, plan_along)
                 found, rounds = replace(found, freedom=result), rounds + spent
+                enough = bool(found) and found.trajectory.duration < (1.0 - ENOUGH_GAIN) * fixed.trajectory.duration
             elif fixed.has_motion:
                 found = replace(fixed, freedom=report_fixed(path, fixed))
             plans.append(found)
-            if any(plans) or isinstance(path, FreePath):
+            if enough:
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
-        made = SearchReport(str(search), samples, rounds, way + 1)
+        made = SearchReport(str(search), samples, rounds, tried)
         return replace(self._finish(best, duration), freedom=best.freedom, search=made)
 
     def _finish(self, found: Plan, duration: float | None) -> Plan:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,12 @@ HALVED_AROUND = 2
 DEFAULT_SEARCH = "rrt_connect"
 """Name of the search of a plan that avoids obstacles."""
 MOST_WAYS = 3
-"""Most initial paths around the obstacles that a plan tries, from searches with different seeds."""
+"""Most initial paths around the obstacles that a plan tries."""
+ENOUGH_GAIN = 0.01
+"""Fraction by which the motion chosen around obstacles is shorter than that along its initial path, below which another initial
+path is tried: where little is gained, the obstacles hold the path on a long way around."""
+DENSITY = 2.0
+"""Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
 
 
 VIA_ADVICE = "another via point, or its configuration in place of its pose; or a smaller margin"
@@ -94,8 +100,8 @@ def check_avoidable(
     return PointToPoint(robot, q_start, path)
 
 
-def find_first_path(path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search, seed: int) -> FirstPath:
-    """Find a first path from the start of a path through its via points to its goal."""
+def find_first_paths(path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search) -> Iterator[FirstPath]:
+    """Yield first paths from the start of a path through its via points to its goal: of one search, then of others."""
     if any(point.is_pose for point in path.points):
         path = PointToPoint(
             path.robot, path.coefficients[0], *path.points,
@@ -103,20 +109,28 @@ def find_first_path(path: PointToPoint, scene: Scene, search: str | os.PathLike[
         )  # fmt: skip
     points = [path.coefficients[0], *(via.q for via in path.vias), path.coefficients[-1]]
     at = [0.0, *(via.s for via in path.vias)]
-    legs, samples = [], 0
     for i, via in enumerate(path.vias):
         near = find_contact(path.robot, scene, via.q)
         if near.room <= 0.0:
             reason = f"point {i} is in collision: {near.pair[0]} and {near.pair[1]} at its configuration"
-            return FirstPath(PlanFailure(FollowStatus.CONTACT, via.s, None, reason, VIA_ADVICE), 0)
-    for s, (a, b) in zip(at, itertools.pairwise(points), strict=True):
-        found = find_path(path.robot, a, b, scene=scene, search=search, seed=seed)
-        samples += found.samples
-        if not found:
-            status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
-            return FirstPath(PlanFailure(status, s, None, found.reason, found.advice), samples)
-        legs.append(found.vertices)
-    return FirstPath(round_corners(path, legs, scene), samples)
+            yield FirstPath(PlanFailure(FollowStatus.CONTACT, via.s, None, reason, VIA_ADVICE), 0)
+            return
+    for seed in itertools.count():
+        legs, samples = [], 0
+        for s, (a, b) in zip(at, itertools.pairwise(points), strict=True):
+            found = find_path(path.robot, a, b, scene=scene, search=search, seed=seed)
+            samples += found.samples
+            if not found:
+                status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
+                yield FirstPath(PlanFailure(status, s, None, found.reason, found.advice), samples)
+                return
+            legs.append(found.paths)
+        for way in itertools.zip_longest(*legs):
+            chosen = [legs[i][-1] if leg is None else leg for i, leg in enumerate(way)]
+            yield FirstPath(round_corners(path, chosen, scene), samples)
+            samples = 0
+        if all(len(leg[0]) == 2 for leg in legs):
+            return  # straight, which no other search shortens
 
 
 def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:

@@ -97,7 +97,9 @@ class Optimal(AnalysingLaw):
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         return self.run_with_optimum(joint_path, limits)[0]
 
-    def run_with_optimum(self, joint_path: JointPath, limits: MotionLimits) -> tuple[MotionAnalysis, Optimum]:
+    def run_with_optimum(
+        self, joint_path: JointPath, limits: MotionLimits, density: float = 1.0
+    ) -> tuple[MotionAnalysis, Optimum]:
         """Return the motion with its analysis, and the optimum with its multipliers.
 
         Parameters
@@ -106,6 +108,8 @@ class Optimal(AnalysingLaw):
             q(s).
         limits : MotionLimits
             Limits of the motion.
+        density : float
+            Number of intervals over the default.
 
         Returns
         -------
@@ -120,7 +124,7 @@ class Optimal(AnalysingLaw):
         self.need(limits, joint_path.robot)
         enforced = self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
-        for problem, weight in _problems(joint_path, inside, self.intervals):
+        for problem, weight in _problems(joint_path, inside, self.intervals, density):
             loaded = problem.rows.loaded
             found = _solve(problem, SLOWDOWN_LOADED if loaded else SLOWDOWN_LEFT, weight)
             if found is None:
@@ -186,10 +190,13 @@ def _unloaded(limits: MotionLimits) -> bool:
     return limits.torque is None and limits.torque_rate is None
 
 
-def _problems(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Iterator[tuple[Programme, float]]:
+def _problems(
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, density: float
+) -> Iterator[tuple[Programme, float]]:  # fmt: skip
     """Yield programmes with initial guesses and barrier weights, the most promising first."""
+    density = density if intervals is None else 1.0
     for weight, more in START_ATTEMPTS:
-        yield _refine(start(joint_path, limits, intervals, more)), weight
+        yield _refine(start(joint_path, limits, intervals, density * more)), weight
     for weight in GENTLE:
         yield quintic_programme(joint_path, limits, intervals), weight
 

@@ -1,6 +1,7 @@
 """Ways around obstacles: rooms and their derivatives against differences, motions against coal, what is refused."""
 
 import pathlib
+import sys
 from functools import cache
 from typing import Any
 
@@ -239,6 +240,18 @@ def test_files_and_the_viewer_have_the_first_way(tmp_path: pathlib.Path) -> None
     assert describe_show(show)[0]["before"] is not None
     straight = plan(robot, GOAL, REST, limits=LIMITS)
     assert describe_show(show_motion(straight))[0]["before"] is None
+
+
+def test_another_initial_path_is_tried_where_the_first_cannot_be_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(48)
+    scene, robot = drawn(rng), panda()
+    q = rng.uniform(robot.limits.lower, robot.limits.upper, (2, 7))
+    found = plan(robot, q[1], q[0], limits=LIMITS, scene=scene, avoid=True)
+    monkeypatch.setattr(sys.modules["planners.plan"], "ENOUGH_GAIN", -1.0)
+    first = plan(robot, q[1], q[0], limits=LIMITS, scene=scene, avoid=True)
+    assert first.search is not None and first.search.paths == 1
+    assert found.search is not None and found.search.paths > 1
+    assert found and found.trajectory.duration < 0.9 * first.trajectory.duration
 
 
 def test_the_same_scene_gives_the_same_motion() -> None:

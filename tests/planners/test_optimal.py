@@ -65,6 +65,17 @@ def test_more_intervals_are_as_good_or_better(line: int) -> None:
     assert durations[2] <= 1.002 * durations[3]
 
 
+def test_a_density_multiplies_the_intervals_unless_their_number_is_given() -> None:
+    joint_path = random_joint_paths(1)[0]
+    counts = [
+        law.run_with_optimum(joint_path, LIMITS, density)[1].programme.s.size
+        for law in (Optimal(), Optimal(intervals=100))
+        for density in (1.0, 2.0)
+    ]
+    assert 1.6 < counts[1] / counts[0] < 2.2
+    assert counts[2] == counts[3]
+
+
 @given(
     line=st.integers(0, 3),
     velocity=st.floats(-2.0, 2.0),
