@@ -328,7 +328,7 @@ class _Planner:
         self, path: FreePath | PointToPoint, followed: FollowResult, starts_there: bool, duration: float | None
     ) -> Plan:
         """Return the fastest collision-free plan from the initial paths that are searched, of this duration if one is given."""
-        request, samples, rounds = self.request, 0, 0
+        request, samples, rounds, tried = self.request, 0, 0, 0
         plans: list[Plan] = []
         scene, search = request.scene, DEFAULT_SEARCH if isinstance(request.avoid, bool) else request.avoid
         assert scene is not None
@@ -341,7 +341,8 @@ class _Planner:
             return self._time(chosen, self._follow(chosen, q, "start", None), None, DENSITY)[0]
 
         given = find_first_paths(path, scene, search) if isinstance(path, PointToPoint) else [None]
-        for tried, first in enumerate(itertools.islice(given, MOST_WAYS), 1):
+        for first in itertools.islice(given, MOST_WAYS):
+            tried += 1
             if first is not None:
                 samples += first.samples
                 if isinstance(first.found, PlanFailure):
