@@ -22,6 +22,7 @@ from optik.distance import (
 )
 from optik.errors import InvalidInput
 from optik.kinematics import Chain, Triple
+from optik.scene.cloud import count_parts, segment_cloud
 from optik.scene.mesh import segment_mesh
 from optik.types import Array, Indices
 
@@ -29,8 +30,9 @@ if TYPE_CHECKING:
     from optik.arm.robot import Robot
     from optik.scene import Scene
 
-BOX, ROUND, PLANE, SELF, CYLINDER, MESH = 0, 1, 2, 3, 4, 5
-"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane, a capsule of the arm, a cylinder, or a mesh."""
+BOX, ROUND, PLANE, SELF, CYLINDER, MESH, CLOUD = 0, 1, 2, 3, 4, 5, 6
+"""Kinds of the second body of a pair: a box, a sphere or capsule, a plane, a capsule of the arm, a cylinder, a mesh, or a
+part of a cloud, numbered after the meshes."""
 Objects = tuple[Array, Array, Array, Array, Array, Array, Array]
 """A scene as kernels take it, `optik.Scene.arrays`: box_pose (b, 4, 4), box_half (b, 3), capsule_a, capsule_b (c, 3),
 capsule_radius (c,), planes (p, 6), and `pack_solids` [m, 1]."""
@@ -60,8 +62,12 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))] + [(i, CYLINDER) for i in range(len(scene.cylinders))]
     kinds += [(i, MESH) for i in range(len(scene.meshes))]
-    met = np.argwhere(examined & (link > 0)[:, None]).tolist()
-    names = [(shapes.names[k], scene.names[j]) for k, j in met]
+    parts = [count_parts(len(points)) for points, _ in scene.clouds]
+    kinds += [(len(scene.meshes) + i, CLOUD) for i in range(sum(parts))]
+    counts = np.array([1] * (len(scene.names) - len(parts)) + parts, np.int64)
+    column = np.repeat(np.arange(len(counts)), counts)
+    met = np.argwhere(examined[:, column] & (link > 0)[:, None]).tolist()
+    names = [(shapes.names[k], scene.names[column[j]]) for k, j in met]
     names += [(shapes.names[k], shapes.names[i]) for k, i, _ in own]
     left = {(shapes.names[k], "scene"): STILL for k in np.flatnonzero(link == 0) if scene.names}
     left |= {(shapes.names[k], scene.names[j]): ALLOWED for k, j in np.argwhere(~examined).tolist() if link[k]}
@@ -148,10 +154,12 @@ def length_between(a: Triple, b: Triple) -> float:
 
 @compiled
 def _solid_distance(a: Triple, b: Triple, solids: Array, i: int, kind: int) -> NearestPoint:
-    """Return the distance of a segment to a cylinder or a mesh."""
+    """Return the distance of a segment to a cylinder, a mesh or a part of a cloud."""
     if kind == CYLINDER:
         row = solids[i]
         return segment_cylinder(a, b, row[:16].reshape((4, 4)), row[16:])
+    if kind == CLOUD:
+        return segment_cloud(a, b, solids, i)
     head = solids[solids.shape[0] - 1 - i]
     corners, faces = solids[int(head[0]) : int(head[1])], solids[int(head[2]) : int(head[3])]
     return segment_mesh(a, b, corners, faces, solids[int(head[4]) : int(head[5])])
@@ -178,7 +186,7 @@ def find_nearest(pair: tuple[int, int, int], scene: Objects, places: Array) -> N
 
 @compiled
 def _bound_solid(middle: Triple, solids: Array, i: int, kind: int) -> float:
-    """Return a lower bound on the distance of a point from a cylinder or a mesh."""
+    """Return a lower bound on the distance of a point from a cylinder, a mesh or a part of a cloud."""
     if kind == CYLINDER:
         x, y, z = middle[0] - solids[i, 3], middle[1] - solids[i, 7], middle[2] - solids[i, 11]
         u = solids[i, 0] * x + solids[i, 4] * y + solids[i, 8] * z
@@ -187,6 +195,11 @@ def _bound_solid(middle: Triple, solids: Array, i: int, kind: int) -> float:
         out = max(sqrt(u * u + v * v) - solids[i, 16], 0.0)
         return sqrt(out * out + w * w)
     last = solids.shape[0] - 1 - i
+    if kind == CLOUD:
+        x = max(solids[last, 2] - middle[0], middle[0] - solids[last, 5], 0.0)
+        y = max(solids[last, 3] - middle[1], middle[1] - solids[last, 6], 0.0)
+        z = max(solids[last, 4] - middle[2], middle[2] - solids[last, 7], 0.0)
+        return sqrt(x * x + y * y + z * z) - float(solids[last, 8])
     return length_between(middle, (solids[last, 6], solids[last, 7], solids[last, 8])) - float(solids[last, 9])
 
 

@@ -32,6 +32,10 @@ A TOML file contains optional tables of objects, in the frame of the arm's base:
 
     [[meshes]]                                # the convex hull of its corners
     corners_mm = [[500.0, 0.0, 0.0], [600.0, 0.0, 0.0], [500.0, 100.0, 0.0], [500.0, 0.0, 80.0]]
+
+    [[clouds]]                                # balls around points
+    points_mm = [[500.0, 0.0, 400.0], [500.0, 10.0, 400.0]]
+    radius_mm = 10.0
 """
 
 from __future__ import annotations
@@ -55,7 +59,7 @@ from optik.scene.mesh import is_convex
 from optik.scene.moveit import make_unique, scene_from_moveit
 from optik.types import Array
 
-OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders", "meshes")
+OBJECT_KINDS = ("boxes", "spheres", "capsules", "planes", "cylinders", "meshes", "clouds")
 """Kinds of objects, in the order of their names."""
 MOST_SCENE_BYTES = 64 * 2**20
 """Largest file that is read [bytes]: 600 bytes for each object of the largest scene."""
@@ -66,11 +70,12 @@ ROW_KEYS = {
     "planes": (("point_mm", "normal"), ("name",)),
     "cylinders": (("a_mm", "b_mm", "radius_mm"), ("name",)),
     "meshes": (("corners_mm",), ("name",)),
+    "clouds": (("points_mm", "radius_mm"), ("name",)),
 }
 """Required and optional keys of a row of each kind."""
 SCENE_KEYS = (*OBJECT_KINDS, "allow", "names", "excess", "margin")
 """Keys of a scene in JSON: the fields of `Scene`."""
-LATER_KINDS = ("cylinders", "meshes")
+LATER_KINDS = ("cylinders", "meshes", "clouds")
 """Kinds of objects that a scene in JSON may lack: files of scenes without them stay the same."""
 
 
@@ -125,10 +130,15 @@ def _object(kind: str, row: Mapping[str, Any], where: str) -> tuple[Any, ...] | 
         return se3.from_xyz_rpy(lengths("xyz_mm"), turn), lengths("edges_mm")
     if kind == "planes":
         return lengths("point_mm"), read_vector(row["normal"], f"{where}.normal")
-    if kind == "meshes":
-        rows = read_list(row["corners_mm"], f"{where}.corners_mm", "a list of points")
-        return np.array([read_vector(point, f"{where}.corners_mm[{i}]") for i, point in enumerate(rows)]) / 1000.0
+    if kind in ("meshes", "clouds"):
+        key = "corners_mm" if kind == "meshes" else "points_mm"
+        rows = read_list(row[key], f"{where}.{key}", "a list of points")
+        points = np.array([read_vector(point, f"{where}.{key}[{i}]") for i, point in enumerate(rows)]) / 1000.0
+        if kind == "meshes":
+            return points
     radius = check_number(row["radius_mm"], f"{where}.radius_mm", "a length above 0", above=0.0) / 1000.0
+    if kind == "clouds":
+        return points, radius
     return (*(lengths(key) for key in (("centre_mm",) if kind == "spheres" else ("a_mm", "b_mm"))), radius)
 
 

@@ -110,11 +110,12 @@ def find_hull(corners: Array, where: str = "mesh") -> Hull:
     return Hull(points, np.unique(faces, axis=0), np.array(edges).reshape(-1, 12), corners[hull.simplices])
 
 
-def pack_solids(cylinders: list[Array], meshes: tuple[Array, ...]) -> Array:
-    """Return cylinders and meshes as the rows of one array: kernels count the references of every array that they take.
+def pack_solids(cylinders: list[Array], meshes: tuple[Array, ...], parts: list[tuple[Array, Array]]) -> Array:
+    """Return cylinders, meshes and parts of clouds as the rows of one array: kernels count references of each array.
 
     First a row for each cylinder: its pose, radius and half length. Last a row for each mesh, the first one last: the ranges of
-    its rows of corners, faces and edges, and centre and radius of the ball around it.
+    its rows of corners, faces and edges, and centre and radius of the ball around it. Before the meshes a row for each part of
+    a cloud: the range of its rows, and what `pack_cloud` returns beside them.
     """
     rows, heads = [*cylinders], []
     for hull in map(find_hull, meshes):
@@ -125,6 +126,9 @@ def pack_solids(cylinders: list[Array], meshes: tuple[Array, ...]) -> Array:
         low, high = hull.corners.min(axis=0), hull.corners.max(axis=0)
         radius = np.linalg.norm(hull.corners - 0.5 * (low + high), axis=1).max()
         heads.append(np.concatenate([ranges, 0.5 * (low + high), [radius]]))
+    for leaves, head in parts:
+        heads.append(np.concatenate([[len(rows), len(rows) + len(leaves)], head]))
+        rows += list(leaves)
     out = np.zeros((len(rows) + len(heads), SOLID_WIDTH))
     for row, values in zip(out, [*rows, *reversed(heads)], strict=True):
         row[: len(values)] = values

@@ -19,6 +19,7 @@ from optik.arm.shapes.enclosure import Capsule, complete_frame, enclose_cylinder
 from optik.check import check_number, check_words, format_value
 from optik.content import content
 from optik.errors import InvalidInput, UnknownName
+from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.scene.mesh import check_mesh, find_hull, pack_solids
 from optik.types import Array, Flags
@@ -57,11 +58,13 @@ class Scene:
         Centres of both flat ends (3,) and radius [m].
     meshes : sequence of (k, 3) or (k, 3, 3) arrays
         Corners of convex solids [m], whose convex hull is the object; or triangles of convex meshes.
+    clouds : sequence of (points, radius)
+        Points (k, 3), such as those of a depth camera, and the radius of the ball around each of them [m].
     allow : sequence of (link, object)
         Pairs that are not checked: the name of a link ("base" or the joint that moves it) or of its capsules, and the name
         of an object, such as the base and the table. Every name of a link must exist in the arm.
     names : sequence of str, optional
-        One for each object, in the order boxes, spheres, capsules, planes, cylinders, meshes; by default box1, …, sphere1, ….
+        One for each object, in the order boxes, spheres, capsules, planes, cylinders, meshes, clouds; by default box1, ….
     excess : scalar or (objects,) array, optional
         Largest distance of each object's surface from the enclosed body, such as a mesh [m]; 0 by default.
     margin : float
@@ -80,13 +83,15 @@ class Scene:
     planes: tuple[tuple[Array, Array], ...] = ()
     cylinders: tuple[tuple[Array, Array, float], ...] = ()
     meshes: tuple[Array, ...] = ()
+    clouds: tuple[tuple[Array, float], ...] = ()
     allow: tuple[tuple[str, str], ...] = ()
     names: tuple[str, ...] = ()
     excess: Array = 0.0  # type: ignore[assignment]
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        for kind, check in zip(OBJECT_KINDS, (_box, _sphere, _capsule, _plane, _cylinder, _mesh), strict=True):
+        checks = (_box, _sphere, _capsule, _plane, _cylinder, _mesh, _cloud)
+        for kind, check in zip(OBJECT_KINDS, checks, strict=True):
             given = getattr(self, kind)
             if isinstance(given, str) or not isinstance(given, Iterable):
                 raise InvalidInput(f"scene.{kind}", format_value(given), f"a list of {kind}")
@@ -195,7 +200,7 @@ class Scene:
         robot : Robot
             An arm with shapes.
         name : str
-            Name of the object, and of its capsules on the arm. Boxes, cylinders and meshes are enclosed by capsules.
+            Name of the object, and of its capsules on the arm. Capsules enclose boxes, cylinders, meshes and clouds.
         q : (n,) array
             The configuration at which the gripper closes [rad, m].
         allow : iterable of str
@@ -237,6 +242,10 @@ class Scene:
         if kind == "cylinders":
             a, b, radius = one
             return [enclose_cylinder(radius, float(np.linalg.norm(b - a))).transform(_pose_along(a, b))]
+        if kind == "clouds":
+            points, radius = one
+            low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
+            one = se3.pose(p=0.5 * (low + high)), high - low
         return enclose_objects([one], name, np.eye(4))
 
     # ------------------------------------------------------------ data
@@ -285,7 +294,8 @@ class Scene:
             np.append(_pose_along(a, b), (radius, 0.5 * float(np.linalg.norm(b - a))))
             for a, b, radius in self.cylinders
         ]
-        return (*arrays, pack_solids(cylinders, self.meshes))  # type: ignore[return-value]
+        parts = [part for points, radius in self.clouds for part in pack_cloud(points, radius)]
+        return (*arrays, pack_solids(cylinders, self.meshes, parts))  # type: ignore[return-value]
 
     def pair_mask(self, robot: Robot) -> Flags:
         """Return which capsules of an arm are checked against which objects: all but the pairs in ``allow``.
@@ -374,6 +384,12 @@ def _mesh(value: Any, where: str) -> Array:
     return check_mesh(value, where, LARGEST_OBJECT)
 
 
+def _cloud(value: Any, where: str) -> tuple[Array, float]:
+    points, radius = _check_parts(value, where, 2, "(points, radius)")
+    thick = check_length(radius, f"{where}: radius", LARGEST_OBJECT)
+    return freeze(check_points(points, f"{where}: points", LARGEST_OBJECT), where), thick
+
+
 def _plane(value: Any, where: str) -> tuple[Array, Array]:
     """Check a plane; return its point and unit normal."""
     point, normal = _check_parts(value, where, 2, "(point, normal)")
@@ -388,7 +404,7 @@ def _plane(value: Any, where: str) -> tuple[Array, Array]:
 
 
 def _check_names(value: Any, counts: Sequence[int]) -> tuple[str, ...]:
-    words = ("box", "sphere", "capsule", "plane", "cylinder", "mesh")
+    words = ("box", "sphere", "capsule", "plane", "cylinder", "mesh", "cloud")
     default = [f"{word}{i + 1}" for word, count in zip(words, counts, strict=True) for i in range(count)]
     names = check_words(value, "scene.names") or tuple(default)
     if len(names) != len(default) or len(set(names)) != len(names):

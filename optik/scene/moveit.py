@@ -43,7 +43,7 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
     octomap = _mapping(world.get("octomap") or {}, "world.octomap")
     if _mapping(octomap.get("octomap") or {}, "world.octomap.octomap").get("data"):
         raise InvalidInput(
-            "world.octomap", "an octomap with data", "none, because it is not read: its cells as objects"
+            "world.octomap", "an octomap with data", "none, because it is not read: its cells as clouds= of Scene"
         )
     _check_links(scene)
     frames = _Frames(scene, state)

@@ -11,6 +11,7 @@ from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain
 from optik.scene.contact import (
+    CLOUD,
     ROUND,
     SELF,
     Bodies,
@@ -168,7 +169,7 @@ def _judge(
     if distance < least[0]:
         least[0], least[1] = distance, interval[0]
     bound = near[0] - shift
-    if interval[2] and near[0] > 0.0:
+    if interval[2] and near[0] > 0.0 and kind != CLOUD:  # a cloud is not convex: no plane separates it
         bound = max(bound, _plane_distance(near, moved, k, base, interval[1]))
     return bound - thick
 

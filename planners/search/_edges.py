@@ -15,8 +15,10 @@ from optik.compiled import compiled, inlined
 from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain, Triple
 from optik.scene import Scene
+from optik.scene.cloud import count_parts
 from optik.scene.contact import (
     BOX,
+    CLOUD,
     CYLINDER,
     MESH,
     PLANE,
@@ -74,7 +76,11 @@ def _enclose(scene: Scene) -> Iterator[tuple[int, list[tuple[Array, Array, Array
         [(T[[3, 7, 11]], T[:12].reshape(3, 4)[:, :3].T, T[[16, 16, 17]]) for T in solids[: len(scene.cylinders)]],
     )
     corners = [(mesh.min(axis=0), mesh.max(axis=0)) for mesh in scene.meshes]
-    yield MESH, [(0.5 * (low + high), np.eye(3), 0.5 * (high - low)) for low, high in corners]
+    last = len(corners) + sum(count_parts(len(points)) for points, _ in scene.clouds)
+    corners += [(head[2:5] - head[8], head[5:8] + head[8]) for head in solids[::-1][len(corners) : last]]
+    enclosing = [(0.5 * (low + high), np.eye(3), 0.5 * (high - low)) for low, high in corners]
+    yield MESH, enclosing
+    yield CLOUD, enclosing
     half = 0.5 * np.linalg.norm(b - a, axis=1)
     turn = [_frame_along(d / (2.0 * h) if h > 0.0 else np.eye(3)[2]) for d, h in zip(b - a, half, strict=True)]
     yield ROUND, [(0.5 * (a[i] + b[i]), turn[i], np.array([0.0, 0.0, half[i]])) for i in range(len(a))]
@@ -148,12 +154,13 @@ def find_blocked(body: Body, q: Array, work: Work) -> int:
 
 @inlined
 def _free_half(
-    near: NearestPoint, gap: float, moved: EndMotion, k: int, base: int, h: float, slack: bool
+    near: NearestPoint, gap: float, moved: EndMotion, k: int, base: int, h: float, slack: bool, cloud: bool
 ) -> tuple[float, float]:  # fmt: skip
     """Return the half length ≤ h of the interval in which a pair stays apart, and the speed of its nearest point outwards.
 
     The motions of the ends are those of an interval of half length h. The bounds are those of `planners.certificate.clearance`.
     gap: distance less the radii. slack: the motion may deviate, so that its displacement does not vanish with the interval.
+    cloud: no plane separates the other body, which is not convex.
     """
     places, velocity, away, bent = moved
     distance, share, w = near  # the distance is above 0, because the gap is
@@ -161,6 +168,8 @@ def _free_half(
     if gap > rate or slack:
         return (h if gap > rate else 0.0), 0.0
     free = h * gap / rate
+    if cloud:
+        return free, 0.0
     n0, n1, n2 = w[0] / distance, w[1] / distance, w[2] / distance
     a, b = places[k, 0], places[k, 1]
     along = n0 * (b[0] - a[0]) + n1 * (b[1] - a[1]) + n2 * (b[2] - a[2])
@@ -243,7 +252,7 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             gap = near[0] - thick[p]
             if gap <= 0.0:
                 return int(p)
-            free, speed = _free_half(near, gap, moved, k, base, h, slack)
+            free, speed = _free_half(near, gap, moved, k, base, h, slack, kind == CLOUD)
             if free < h:
                 open_[top, left] = p
                 left += 1

@@ -60,10 +60,12 @@ LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/
 
 FREEDOM = ("tests/planners/test_freedom.py", "tests/contract/test_paths.py")
 """Tests of paths with freedoms."""
-SEARCH = ("tests/planners/test_search.py",)
+CLOUDS = "tests/planners/test_clouds.py"
+"""Tests of point clouds."""
+SEARCH = ("tests/planners/test_search.py", CLOUDS)
 TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/certificate.py": CERTIFICATE,
-    "planners/certificate/_clearance.py": (EDGES, *CONTACT),
+    "planners/certificate/_clearance.py": (EDGES, *CONTACT, CLOUDS),
     "planners/certificate/clearance.py": (EDGES, *CONTACT),
     "optik/scene/contact.py": (EDGES, *CONTACT, "tests/optik/test_scene.py"),
     "optik/distance.py": (EDGES, *CONTACT[::-1]),
@@ -121,6 +123,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "optik/arm/shapes/enclosure.py": ("tests/optik/test_meshes.py",),
     "optik/scene/model.py": (EDGES, "tests/optik/test_scene.py"),
     "optik/scene/files.py": ("tests/optik/test_scene.py",),
+    "optik/scene/cloud.py": (CLOUDS,),
     "optik/scene/mesh.py": (CONTACT[1], "tests/optik/test_scene.py"),
     "optik/scene/moveit.py": ("tests/optik/test_moveit.py",),
     "planners/timing/_optimal/programme.py": LAWS,
@@ -212,6 +215,10 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/_edges.py", "> thick[p] + shift", "> thick[p]"),
     ("planners/search/_edges.py", "T[[16, 16, 17]]", "T[[16, 16, 16]]"),
     ("planners/search/_edges.py", "np.eye(3), 0.5 * (high - low)", "np.eye(3), 0.1 * (high - low)"),
+    ("planners/search/_edges.py", "slack, kind == CLOUD)", "slack, False)"),
+    ("planners/certificate/_clearance.py", " and kind != CLOUD", ""),
+    ("optik/scene/cloud.py", "far = reach + solids[row, 3]", "far = reach"),
+    ("optik/scene/contact.py", "- float(solids[last, 8])", "+ float(solids[last, 8])"),
     ("planners/search/_corners.py", "- low * half,", "- middle * half,"),
     ("planners/search/_trees.py", "m > i and find_unproved(body, p, q, exact, work) < 0", "m > i"),
     ("planners/search/_trees.py", "find_unproved(body, path[i], path[m], exact, work) < 0", "True"),

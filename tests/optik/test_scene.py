@@ -14,7 +14,7 @@ from optik import se3
 from optik.arm.shapes.enclosure import box_triangles
 from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
 from optik.scene import files
-from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, find_contact, find_nearest, find_nearest_pairs
+from optik.scene.contact import BOX, CLOUD, CYLINDER, MESH, ROUND, find_contact, find_nearest, find_nearest_pairs
 from tests.oracles.shapes import distances
 
 T = se3.from_xyz_rpy((0.4, 0.0, -0.025), (0.0, 0.0, 30.0))
@@ -25,6 +25,7 @@ SCENE = optik.Scene(
     planes=[((0.0, 0.0, -0.7), (0.0, 0.0, 2.0))],
     cylinders=[((0.6, -0.3, 0.0), (0.6, -0.3, 0.12), 0.04)],
     meshes=[[(0.5, 0.0, 0.0), (0.6, 0.0, 0.0), (0.5, 0.1, 0.0), (0.5, 0.0, 0.08)]],
+    clouds=[([(0.5, 0.0, 0.4), (0.5, 0.01, 0.4)], 0.01)],
     allow=[("base", "box1")],
     margin=0.01,
 )
@@ -42,8 +43,9 @@ def test_kernels_take_half_edges_spheres_as_capsules_and_unit_normals():
     cylinder = solids[0, :16].reshape(4, 4)
     np.testing.assert_allclose(cylinder[:3, 2:], [[0.0, 0.6], [0.0, -0.3], [1.0, 0.06]], rtol=0, atol=1e-16)
     np.testing.assert_allclose(solids[0, 16:], [0.04, 0.06], rtol=0, atol=1e-16)
-    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1", "mesh1")
-    assert solids.shape == (1 + 4 + 4 + 6 + 1, 18)
+    assert SCENE.names == ("box1", "sphere1", "capsule1", "plane1", "cylinder1", "mesh1", "cloud1")
+    assert solids.shape == (1 + 4 + 4 + 6 + 4 + 1 + 1, 18)
+    assert solids[-2, :9].tolist() == [15, 19, 0.5, 0.0, 0.4, 0.5, 0.01, 0.4, 0.01]
     assert solids[-1, :6].tolist() == [1, 5, 5, 9, 9, 15]
     empty = optik.Scene().arrays
     assert [x.shape for x in empty] == [(0, 4, 4), (0, 3), (0, 3), (0, 3), (0,), (0, 6), (0, 18)]
@@ -62,7 +64,7 @@ def test_a_scene_is_equal_by_content_through_pickle_json_and_toml(tmp_path):
     (tmp_path / "cell.toml").write_text(EXAMPLE, encoding="utf-8")
     (tmp_path / "cell.json").write_text(json.dumps(SCENE.to_dict()), encoding="utf-8")
     read = optik.Scene.load(tmp_path / "cell.toml")
-    assert read.names == ("table", "sphere1", "capsule1", "floor", "cylinder1", "mesh1")
+    assert read.names == ("table", "sphere1", "capsule1", "floor", "cylinder1", "mesh1", "cloud1")
     assert (read.allow, read.margin) == ((("base", "table"),), 0.01)
     for mine, theirs in zip(read.arrays, SCENE.arrays, strict=True):
         assert np.abs(mine - theirs).max() <= 1e-15
@@ -115,6 +117,14 @@ BAD = [
     (dict(meshes=[np.vstack([CUBE, 0.999 * CUBE])]), "not convex: corners lie 0.0"),
     (dict(meshes=["corners"]), "corners"),
     (dict(meshes=[np.random.default_rng(0).normal(size=(5000, 3))]), "at most 4096"),
+    (dict(clouds=[(np.zeros((0, 3)), 0.1)]), r"clouds\[0\]: points: expected 1 to 1000000 points \(k, 3\)"),
+    (dict(clouds=[(np.zeros(3), 0.1)]), "shape \\(3,\\)"),
+    (dict(clouds=[(np.zeros((1_000_001, 3)), 0.1)]), "shape \\(1000001, 3\\)"),
+    (dict(clouds=[([(0, 0, 0), (0, np.nan, 0)], 0.1)]), "point 1: .*nan"),
+    (dict(clouds=[([(0, 0, 0), (0, 200, 0)], 0.1)]), "millimetres"),
+    (dict(clouds=[([(0, 0, 0)], 0.0)]), "radius: expected a length above 0"),
+    (dict(clouds=[([(0, 0, 0)], np.inf)]), "radius: expected a length above 0"),
+    (dict(clouds=[np.zeros((3, 3))]), "\\(points, radius\\)"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))]), "not all 0"),
     (dict(planes=[((0.0, 0.0, 0.0), (0.0, 0.0, np.inf))]), "direction"),
     (dict(spheres=SCENE.spheres * 2, names=("a", "a")), "different names"),
@@ -258,7 +268,7 @@ def test_an_attached_object_moves_with_the_tool_and_its_capsules_contain_it(name
 
 
 def kind_of(scene):
-    return (BOX, ROUND, ROUND, 2, CYLINDER, MESH)[
+    return (BOX, ROUND, ROUND, 2, CYLINDER, MESH, CLOUD)[
         [bool(getattr(scene, kind)) for kind in files.OBJECT_KINDS].index(True)
     ]
 

@@ -284,7 +284,12 @@ class _Clearance(Kind):
     )
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:
-        scene_named(block.scene).pair_mask(load(block.robot))
+        scene = scene_named(block.scene)
+        if scene.clouds:
+            raise InvalidInput(
+                "scene", f"{block.scene}: {len(scene.clouds)} clouds", "no clouds, which coal does not sample"
+            )
+        scene.pair_mask(load(block.robot))
 
     def measure(self, block: ClearanceBlock, seed: int, tell: Tell) -> pl.DataFrame:
         """Judge every motion of a block by every method."""

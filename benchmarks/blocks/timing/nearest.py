@@ -12,6 +12,7 @@ from optik.scene import Scene
 from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, SELF, find_nearest, find_pairs, rooms_batch
 from optik.scene.mesh import find_hull
 from optik.types import Array, Indices
+from planners.cell.view._data import find_near_points
 from planners.certificate.clearance import Clearance
 from planners.plan import Plan
 
@@ -56,11 +57,13 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     arm, (_, pairs) = placed(robot, q), _rooms(robot, scene, q[None], own=proof.scene is None)
     one, other, kind = pairs[0].tolist()
     box_pose, box_half, a, b, radius, *_ = scene.arrays
+    points = nearest_points(arm, scene, one, other, kind)
+    clouds = [(p.tolist(), p.tolist(), r, False) for q, r in scene.clouds for p in find_near_points(points[1][None], q)]
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
         "found": closest.found, "margin": proof.margin, "pair": list(closest.pair), "words": _words(proof),
         "marks": [(kind.time, kind.found) for kind in (proof.scene, proof.own) if kind is not None],
-        "points": [p.tolist() for p in nearest_points(arm, scene, one, other, kind)],
+        "points": [p.tolist() for p in points],
         "arm": [
             (p.tolist(), r.tolist(), float(size), i == one or (kind == SELF and i == other))
             for i, (p, r, size) in enumerate(zip(*arm, strict=True))
@@ -72,7 +75,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
         "rounds": [
             (a[i].tolist(), b[i].tolist(), float(radius[i]), kind == ROUND and i == other)
             for i in range(len(radius))
-        ],
+        ] + clouds,
         "cylinders": [
             (c.tolist(), d.tolist(), r, kind == CYLINDER and i == other) for i, (c, d, r) in enumerate(scene.cylinders)
         ],

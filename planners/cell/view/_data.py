@@ -12,7 +12,7 @@ from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.dynamics import joint_torques
 from optik.scene import Scene
-from optik.scene.contact import BOX, CYLINDER, MESH, PLANE, ROUND, SELF, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CLOUD, CYLINDER, MESH, PLANE, ROUND, SELF, find_pairs, rooms_batch
 from optik.scene.mesh import find_hull
 from optik.types import Array, Indices
 from planners.cell.view.show import Show, Track, thin
@@ -36,6 +36,7 @@ PLOTS = {
 PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
 """Quantities with a limit of the motion, and the name of that limit."""
 SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own", CYLINDER: "cylinders", MESH: "meshes"}
+SHAPE_KINDS[CLOUD] = "clouds"
 """Kinds of the second shape of a pair, as the scripts name them."""
 
 Facts = tuple[tuple[str, str], ...]
@@ -110,7 +111,9 @@ def find_up(robot: Robot) -> Array:
 
 def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], dict[str, Any], Facts]:
     """Return the indices of the drawn objects of each kind but planes, the objects, and a row of facts if some are left out."""
-    ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules)
+    points = [(p, p, r) for cloud, r in scene.clouds for p in find_near_points(path, cloud)]
+    far = sum(len(cloud) for cloud, _ in scene.clouds) - len(points)
+    ends = [(c, c, r) for c, r in scene.spheres] + list(scene.capsules) + points
     rows = {
         "boxes": [np.append(T, edges) for T, edges in scene.boxes],
         "rounds": [np.concatenate((a, b, [r])) for a, b, r in ends],
@@ -123,10 +126,10 @@ def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], di
     balls += [(row[6:9], row[9]) for row in scene.arrays[6][::-1][: len(scene.meshes)]]
     facts: Facts = ()
     chosen = np.arange(len(balls))
-    if len(balls) > MOST_OBJECTS_DRAWN:
+    if len(balls) + far > MOST_OBJECTS_DRAWN:
         distances = [_distance(path, middle) - radius for middle, radius in balls]
         chosen = np.sort(np.argsort(distances)[:MOST_OBJECTS_DRAWN])
-        facts = (("Drawn scene", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {len(balls)}"),)
+        facts = (("Drawn scene", f"the {MOST_OBJECTS_DRAWN} objects nearest to the path, of {len(balls) + far}"),)
     drawn, first = {}, 0
     for name in ("boxes", "rounds", "cylinders", "meshes"):  # in the order of `balls`
         last = first + len(rows.get(name, hulls))
@@ -141,6 +144,14 @@ def _describe_scene(path: Array, scene: Scene) -> tuple[dict[str, list[int]], di
         {"faces": _numbers(h.triangles), "edges": _numbers(h.edges[:, [0, 1, 2, 9, 10, 11]])} for h in chosen_hulls
     ]
     return drawn, objects, facts
+
+
+def find_near_points(path: Array, points: Array) -> Array:
+    """Return the points of a cloud that may be drawn, the nearest to the path."""
+    distance = np.full(len(points), np.inf)
+    for p in path:
+        distance = np.fmin(distance, np.linalg.norm(points - p, axis=1))
+    return points[np.sort(np.argsort(distance, kind="stable")[:MOST_OBJECTS_DRAWN])]
 
 
 def _distance(path: Array, point: Array) -> float:
