@@ -23,6 +23,8 @@ MOST_CLOUD_POINTS = 1_000_000
 """Most points of a cloud: as JSON they fill a file of a scene."""
 PART_POINTS = 1024
 """Most points of a part: the distance of a part finds them in a list of its leaves, the parts are pairs of their own."""
+LEAST_PARTS, LEAST_POINTS = 8, 128
+"""Parts into which a cloud is divided at least, unless they have fewer points than this."""
 LEAF_ROWS = 4
 """Rows of a leaf among the solids: centre and radius of the ball around its points, and a row for each coordinate."""
 SHORTEST_SQUARE = 1e-300
@@ -30,7 +32,7 @@ SHORTEST_SQUARE = 1e-300
 
 
 def check_points(value: Any, where: str, largest: float) -> Array:
-    """Check the points (k, 3) of a cloud [m], and return a copy."""
+    """Check the points (k, 3) of a cloud [m], and return them."""
     expected = f"1 to {MOST_CLOUD_POINTS} points (k, 3)"
     points = real_array(value, where, expected)
     if points.ndim != 2 or points.shape[1] != 3 or not 0 < len(points) <= MOST_CLOUD_POINTS:
@@ -42,18 +44,20 @@ def check_points(value: Any, where: str, largest: float) -> Array:
     return points
 
 
-def count_parts(points: int, most: int = PART_POINTS) -> int:
+def count_parts(points: int) -> int:
     """Return the number of parts of a cloud with so many points."""
-    count = 1
-    while count * most < points:
-        count *= 2
-    return count
+    return _count_halves(points, max(LEAST_POINTS, min(PART_POINTS, -(-points // LEAST_PARTS))))
 
 
-def _divide(points: Array, most: int) -> list[Array]:
-    """Divide points into halves at the median of their widest coordinate until no part has more than so many."""
+def _count_halves(points: int, most: int) -> int:
+    """Return the power of two that divides points into groups of at most so many."""
+    return 1 << (-(-points // most) - 1).bit_length()
+
+
+def _divide(points: Array, count: int) -> list[Array]:
+    """Divide points into halves at the median of their widest coordinate, until there are so many parts."""
     parts = [points]
-    for _ in range(count_parts(len(points), most).bit_length() - 1):
+    while len(parts) < count:
         ordered = [part[np.argsort(part[:, np.ptp(part, axis=0).argmax()], kind="stable")] for part in parts]
         parts = [half for part in ordered for half in np.array_split(part, 2)]
     return parts
@@ -62,8 +66,8 @@ def _divide(points: Array, most: int) -> list[Array]:
 def pack_cloud(points: Array, radius: float) -> list[tuple[Array, Array]]:
     """Return for each part the rows of its leaves, and its low and high corners (points only) and radius."""
     packed = []
-    for part in _divide(points, PART_POINTS):
-        leaves = _divide(part, SOLID_WIDTH)
+    for part in _divide(points, count_parts(len(points))):
+        leaves = _divide(part, _count_halves(len(part), SOLID_WIDTH))
         rows = np.zeros((len(leaves), LEAF_ROWS, SOLID_WIDTH))
         for row, leaf in zip(rows, leaves, strict=True):
             row[0, :3] = 0.5 * (leaf.min(axis=0) + leaf.max(axis=0))

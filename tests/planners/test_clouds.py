@@ -72,7 +72,7 @@ def test_a_row_of_points_has_directions_by_which_the_axis_leaves_it() -> None:
     points, rng = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 3000), np.random.default_rng(2)
     scene = Scene(clouds=[(points, RADIUS)])
     for a, b in zip(rng.normal(size=(50, 3)) * 0.3, rng.normal(size=(50, 3)) * 0.3 + (1.0, 0.0, 0.0), strict=True):
-        near = [find_nearest((0, i, CLOUD), scene.arrays, np.array([[a, b]])) for i in range(4)]
+        near = [find_nearest((0, i, CLOUD), scene.arrays, np.array([[a, b]])) for i in range(8)]
         distance, share, w = min(near)
         assert distance == pytest.approx(distances(points, a, b, RADIUS).min(), rel=0.0, abs=1e-14)
         centre = a + share * (b - a) - np.array(w) * (1.0 + RADIUS / distance)
