@@ -11,7 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly", "mujoco")
+PACKAGES = ("optik-toolkit", "numpy", "scipy", "numba", "casadi", "ruckig", "toppra", "polars", "plotly", "mujoco",
+            "ompl", "vamp-planner")  # fmt: skip
 """This package, its dependencies, and the simulator if installed; versions of peers are stored with their results."""
 
 

@@ -1,16 +1,22 @@
-"""An arm as peers read it: as URDF, as a model of Pinocchio, and its rotations as quaternions and angles."""
+"""An arm and its objects as peers read them: as URDF, as a model of Pinocchio, as solids, and rotations by other numbers."""
 
 from __future__ import annotations
 
 from math import atan2, hypot
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
-from optik.se3 import log_so3
+from optik.arm.shapes.enclosure import complete_frame
+from optik.errors import NoSolution
+from optik.scene import Scene
+from optik.se3 import log_so3, pose
 from optik.types import Array
+
+Solid: TypeAlias = tuple[str, list[float], Array]
+"""Name of a shape in coal, its edges, or its radius and length [m], and the pose of its centre (4, 4)."""
 
 
 def pinocchio_model(pin: Any, robot: Robot) -> Any:
@@ -45,6 +51,26 @@ def _joint(name: str, kind: str, parent: str, child: str, T: Array, more: str) -
         f'<link name="{child}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{xyz}" rpy="{rpy}"/>{more}</joint>'
     )
+
+
+def list_solids(scene: Scene) -> list[Solid]:
+    """Return the boxes, spheres, capsules and cylinders of a scene in the order of its names; other objects are refused."""
+    solids = [("Box", list(map(float, edges)), np.array(T)) for T, edges in scene.boxes]
+    solids += [("Sphere", [float(radius)], pose(p=centre)) for centre, radius in scene.spheres]
+    solids += [make_solid("Capsule", *one) for one in scene.capsules]
+    solids += [make_solid("Cylinder", *one) for one in scene.cylinders]
+    if len(solids) != len(scene.names):
+        raise NoSolution("it takes only boxes, spheres, capsules and cylinders")
+    return solids
+
+
+def make_solid(kind: str, a: Array, b: Array, radius: float) -> Solid:
+    """Return a capsule or a cylinder along z of its pose; a capsule of length 0 is a sphere."""
+    length = float(np.linalg.norm(b - a))
+    if not length > 0.0:
+        return "Sphere", [float(radius)], pose(p=a)
+    u = (b - a) / length
+    return kind, [float(radius), length], pose(np.column_stack([*complete_frame(u), u]), 0.5 * (a + b))
 
 
 def quaternion(R: Array) -> Array:

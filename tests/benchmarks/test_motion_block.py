@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from scipy.interpolate import PPoly
 
 import optik
 from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing import motion
-from benchmarks.blocks.timing.motion import MOTION_TYPES, OF_OMPL, OURS, ROUNDED, MotionBlock
+from benchmarks.blocks.timing.motion import MOTION_TYPES, OF_OMPL, OURS, PYROBOPLAN, ROUNDED, MotionBlock
+from benchmarks.peers._models import list_solids
+from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.ik.drake import METHOD as DRAKE
+from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.problems._motionbench import MotionProblem, write_problems
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
@@ -20,8 +26,12 @@ from benchmarks.report.timing.motion import REPORT, unsolved_of
 from benchmarks.run.session import run_suite
 from benchmarks.suite import Suite, load_suite
 from optik import Scene
-from optik.errors import InvalidInput, MissingDependency
-from planners import JointLine, MotionLimits, find_path, plan
+from optik.arm.shapes import Shapes
+from optik.errors import InvalidInput, NoSolution
+from optik.scene.contact import find_nearest_pairs
+from planners import JointLine, MotionLimits, Trajectory, find_path, plan
+from tests.outside import hide
+from tests.planners.contacts import Oracle
 
 pytest.importorskip("yaml")
 SUITE = """
@@ -114,19 +124,88 @@ def test_a_motion_in_contact_or_over_a_limit_is_counted_and_has_no_duration() ->
     assert motion._judge(None, 1.0)["status"] == "timing_infeasible"
 
 
-def test_a_peer_without_its_package_has_no_rows(suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
-    block, robot = suite.of("motion")[0], optik.load("panda_hand")
+def test_peers_without_their_packages_have_no_rows(
+    suite: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block, robot = suite.of("motion")[0].model_copy(update={"peers": (*ROUNDED, PYROBOPLAN)}), optik.load("panda_hand")
+    monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))
+    hide(monkeypatch, "ompl", "vamp")
     problem = block.read_problems(robot, 0)[0][2]
-    find = motion.find_path
-
-    def without(*given: object, search: str, **more: object) -> object:
-        if search == "ompl":
-            raise MissingDependency("ompl", "search 'ompl'", "ompl")
-        return find(*given, search=search, **more)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(motion, "find_path", without)
     labels = [label for label, _ in motion.solve(block, robot, block.limits.of(robot), problem)]
     assert labels == [OURS, "own, rounded"]
+
+
+def test_a_waypoint_in_an_obstacle_and_an_exceeded_limit_of_another_package_are_seen(
+    suite: Suite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = optik.load("panda_hand")
+    limits, problem = MotionLimits.of(robot), suite.of("motion")[0].read_problems(robot, 0)[0][2]
+    free = find_path(robot, problem.start, problem.goal, scene=problem.scene).vertices
+    moved = free.copy()
+    moved[1, 1] += 0.6  # the shoulder, towards the table
+    assert find_nearest_pairs(robot, problem.scene, moved)[0].argmin() == 1
+    slower = MotionLimits(0.99 * limits.velocity, limits.acceleration)
+    for path, allowed, judged in (
+        (free, limits, (True, False, False)), (moved, limits, (False, True, False)), (free, slower, (False, False, True))
+    ):  # fmt: skip
+        each = [plan(robot, JointLine(robot, a, b), a, limits=limits).trajectory for a, b in pairwise(path)]
+        knots = np.cumsum([0.0, *np.concatenate([np.diff(one.knots) for one in each])])
+        made = Trajectory(PPoly(np.concatenate([one.padded for one in each], axis=1), knots))
+        monkeypatch.setattr(motion, "move_by_pyroboplan", lambda *_, path=path, made=made: (path, made, 1.0, 2.0))
+        row = motion.solve_by_pyroboplan(robot, allowed, problem)
+        assert (row["solved"], row["contact"], row["exceeded"]) == judged and (row["search_ms"], row["ms"]) == (
+            1.0,
+            2.0,
+        )
+        assert row["duration"] == (made.duration if judged[0] else None) and bool(row["reason"]) != judged[0]
+
+
+@pytest.mark.skipif(bool(DRAKE.missing()), reason="Drake has no environment here")
+def test_pyroboplan_moves_around_the_obstacles_and_is_certified(suite: Suite) -> None:
+    robot = optik.load("panda_hand")
+    limits, problem = MotionLimits.of(robot), suite.of("motion")[0].read_problems(robot, 0)[0][2]
+    path, *_ = move_by_pyroboplan(robot, limits, problem.scene, (problem.start, problem.goal))
+    q = np.concatenate([np.linspace(a, b, 1 + int(20 * np.linalg.norm(b - a))) for a, b in pairwise(path)])
+    assert find_nearest_pairs(robot, problem.scene, q)[0].min() > 1e-3  # it keeps 2 mm at other samples
+    row = motion.solve_by_pyroboplan(robot, limits, problem)
+    assert row["solved"] and row["edges"] >= 2 and 0.0 < row["search_ms"] <= row["ms"]
+    assert "limits of velocity" in motion.solve_by_pyroboplan(robot, MotionLimits(2.0), problem)["reason"]
+
+
+def test_vamp_finds_paths_for_an_arm_with_its_joints_and_spheres_only() -> None:
+    vamp = pytest.importorskip("vamp")
+    panda, rest = optik.load("panda"), np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+    spheres = Shapes([(0, np.zeros(3), 0.01)] * vamp.panda.n_spheres())
+    arm = optik.Robot.from_dict(panda.to_dict() | {"joint_names": vamp.panda.joint_names()}).with_shapes(spheres)
+    wall = np.eye(4)
+    wall[:3, 3] = [0.5, 0.0, 0.45]
+    scene, ends = Scene(boxes=[(wall, (0.5, 0.02, 0.7))]), (rest - 0.9 * np.eye(7)[0], rest + 0.9 * np.eye(7)[0])
+    found = motion.find_polyline(arm, scene, ends, "vamp")
+    assert found and np.array_equal(found.vertices[[0, -1]], ends)
+    q = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(found.vertices)])
+    assert find_nearest_pairs(panda, scene, q)[0].min() > -0.03  # our capsules are wider than the spheres
+    blocked = motion.find_polyline(arm, Scene(spheres=[(arm.fk(ends[1])[:3, 3], 0.1)]), ends, "vamp")
+    assert not blocked and "an end is in contact" in blocked.reason
+    for other in (panda, panda.with_shapes(spheres), arm.with_shapes(panda.shapes)):
+        with pytest.raises(NotInstalled, match="no sphere model"):
+            motion.find_polyline(other, scene, ends, "vamp")
+
+
+def test_objects_are_solids_of_coal_at_the_same_places() -> None:
+    coal = pytest.importorskip("coal")
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.1, 0.3]
+    a, b = np.array([0.4, -0.4, 0.2]), np.array([0.5, -0.2, 0.6])
+    scene = Scene(boxes=[(T, (0.1, 0.2, 0.3))], spheres=[(a, 0.05)], capsules=[(a, b, 0.04)], cylinders=[(b, a, 0.03)])
+    point, at = coal.Sphere(1e-9), coal.Transform3s(np.eye(3), np.array([0.6, 0.3, 0.9]))
+    oracle = Oracle(optik.load("panda_hand"), scene).bodies
+    for (kind, sizes, place), (shape, there, *_) in zip(list_solids(scene), oracle, strict=True):
+        ours = getattr(coal, kind)(*sizes), coal.Transform3s(place[:3, :3].copy(), place[:3, 3].copy())
+        requests = coal.DistanceRequest(), coal.DistanceResult()
+        one, other = (coal.distance(*each, point, at, *requests) for each in (ours, (shape, there)))
+        assert one == pytest.approx(other, abs=1e-6) and one > 0.1
+    with pytest.raises(NoSolution, match="only boxes"):
+        list_solids(Scene(planes=[((0, 0, 0), (0, 0, 1))]))
 
 
 def test_the_report_has_the_methods_the_unsolved_problems_and_the_plots(run: Run) -> None:

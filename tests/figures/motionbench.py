@@ -1,7 +1,7 @@
 """Motions around the obstacles of MotionBenchMaker: found, proved, CPU seconds and durations; sampled by coal at 2 kHz.
 
 The environment variable ``MBM`` names the folder of `tests.figures.search`. Peers in the same run: our search's polyline with a
-stop at each vertex and with rounded corners, and those of OMPL where it is installed, the latter by TOPP-RA too.
+stop at each vertex and with rounded corners, and those of OMPL and VAMP where they are installed, OMPL's by TOPP-RA too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from time import process_time
 import numpy as np
 
 import optik
-from benchmarks.blocks.timing.motion import ROUNDED, time_rounded
+from benchmarks.blocks.timing.motion import OF_OMPL, ROUNDED, find_polyline, time_rounded
+from benchmarks.peers.ik.base import NotInstalled
 from optik import Robot, Scene
 from optik.errors import MissingDependency, OptikError
 from optik.scene.contact import find_contact
@@ -63,8 +64,8 @@ def round_and_time(
     """The motion of a law along a search's polyline with rounded corners; None without the search's package or a path."""
     search, law = ROUNDED[method]
     try:
-        found = find_path(robot, *ends, scene=scene, search=search)
-    except MissingDependency:
+        found = find_polyline(robot, scene, ends, search)
+    except (MissingDependency, NotInstalled):
         return None
     return time_rounded(robot, limits, scene, ends, found, law) if found else None
 
@@ -162,7 +163,7 @@ def judge_model(name: str, rows: list[Row]) -> list[Value]:
     for method in ROUNDED:
         over = np.array([row["T"] / row[method] for row in solved if row.get(method)])
         if over.size:
-            most, shown = np.mean(over <= 1.0 + 1e-6), method == "OMPL, toppra"
+            most, shown = np.mean(over <= 1.0 + 1e-6), method not in ("own, rounded", OF_OMPL)
             words = f"median {np.median(over):.3f}, {100 * most:.0f} % of {over.size}"
             asked = "shown" if shown else "≤ 1 on 95 %"
             values.append(Value(f"{name}: over {method}", asked, words, shown or bool(most >= 0.95)))

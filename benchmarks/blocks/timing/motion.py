@@ -17,6 +17,9 @@ from pydantic import AfterValidator
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Target, Tell
 from benchmarks.blocks.columns import Column, count, mean, median, quantile
 from benchmarks.blocks.timing.laws.settings import LimitSet
+from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
+from benchmarks.peers.vamp_search import find_by_vamp
 from benchmarks.problems._motionbench import MotionProblem, read_archive, read_problem, write_problems
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import LISTED, Count, RobotName, key, one_of
@@ -29,15 +32,17 @@ from optik.plugins.usage import resolve_data_file
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
+from planners.certificate.certificate import Certificate
+from planners.certificate.certification import certify
 from planners.fit import fit
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
-from planners.plan import Plan, PlanRequest, plan
+from planners.plan import Plan, PlanRequest, judge_certificate, plan
 from planners.search._around import round_corners
 from planners.search._find import find_path
-from planners.search.base import SearchResult
+from planners.search.base import SearchResult, SearchStatus, measure_length
 from planners.timing import make_law
 
 OURS = "path and time"
@@ -46,8 +51,11 @@ ROUNDED = {
     "own, rounded": ("rrt_connect", "optimal"),
     "OMPL, rounded": ("ompl", "optimal"),
     "OMPL, toppra": ("ompl", "toppra"),
+    "VAMP, rounded": ("vamp", "optimal"),
 }
 """Polylines with rounded corners: the search and the time law. TOPP-RA does not limit the jerk."""
+PYROBOPLAN = "pyroboplan"
+"""Label of the peer that searches and times its motions, which are certified as they are, without the limit of the jerk."""
 OF_OMPL = "OMPL, rounded"
 """Label of the peer whose duration ours is compared with."""
 EQUAL = 1e-6
@@ -102,15 +110,16 @@ class MotionBlock(Block):
     count: Count = key("Number of problems, equally many of each kind of scene.")
     grasping: tuple[str, ...] = key("Parts of the arm that may touch the object at the goal.", ())
     limits: LimitSet = key("Limits of the motions, as in `[[timing]]`.")
-    peers: Annotated[tuple[Annotated[str, one_of(*ROUNDED)], ...], LISTED] = key(
-        "Searches whose polylines are rounded and timed: `own, rounded`, `OMPL, rounded`, `OMPL, toppra`.",
-        tuple(ROUNDED),
-    )
+    peers: Annotated[tuple[Annotated[str, one_of(*ROUNDED, PYROBOPLAN)], ...], LISTED] = key(
+        "Searches whose polylines are rounded and timed: `own, rounded`, `OMPL, rounded`, `OMPL, toppra`, `VAMP, rounded`; "
+        "and `pyroboplan`.", tuple(ROUNDED)[:3],
+    )  # fmt: skip
 
     @property
     def entries(self) -> tuple[Entry, ...]:
         """Our plan, then the rounded polylines."""
-        others = (Entry(name, ROUNDED[name][1], {}, role="law" if "own" in name else "peer") for name in self.peers)
+        laws = {PYROBOPLAN: PYROBOPLAN} | {name: law for name, (_search, law) in ROUNDED.items()}
+        others = (Entry(name, laws[name], {}, role="law" if "own" in name else "peer") for name in self.peers)
         return (Entry(OURS, "optimal", {}), *others)
 
     def read_problems(self, robot: Robot, seed: int) -> list[tuple[str, int, MotionProblem]]:
@@ -167,10 +176,39 @@ def _judge(made: Plan | None, ms: float) -> dict[str, Any]:
     row: dict[str, Any] = {"status": str(made.status), "ms": ms, "solved": bool(made)}
     row["reason"] = "" if made.failure is None else made.failure.reason
     if made.has_motion:
-        proof = made.certificate
-        row["contact"] = proof.clearance is not None and proof.clearance.touches
-        row["exceeded"] = any(one.allow in ("limits", "jerk") for one in proof.violations)
+        row |= _judge_proof(made.certificate)
     return row | {"duration": made.trajectory.duration if made else None}
+
+
+def _judge_proof(proof: Certificate) -> dict[str, Any]:
+    """Return whether a motion is in contact, and whether it exceeds a limit."""
+    exceeded = any(one.allow in ("limits", "jerk") for one in proof.violations)
+    return {"contact": proof.clearance is not None and proof.clearance.touches, "exceeded": exceeded}
+
+
+def solve_by_pyroboplan(robot: Robot, limits: MotionLimits, problem: MotionProblem) -> dict[str, Any]:
+    """Return the row of pyroboplan's motion."""
+    try:
+        path, motion, search_ms, ms = move_by_pyroboplan(robot, limits, problem.scene, (problem.start, problem.goal))
+    except NoSolution as error:
+        return {"found": False, "solved": False, "status": str(SearchStatus.NO_PATH_FOUND), "reason": str(error)}
+    proof = certify(robot, None, motion, MotionLimits(limits.velocity, limits.acceleration), scene=problem.scene)
+    status, failure = judge_certificate(proof)
+    return _judge_proof(proof) | {
+        "found": True, "search_ms": search_ms, "ms": ms, "length": measure_length(path), "edges": len(path) - 1,
+        "status": str(status), "reason": "" if failure is None else failure.reason, "solved": proof.is_valid,
+        "duration": motion.duration if proof.is_valid else None,
+    }  # fmt: skip
+
+
+def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search: str) -> SearchResult:
+    """Return what one of the searches finds: with proved edges by ours and by OMPL, with sampled ones by VAMP."""
+    if search != "vamp":
+        return find_path(robot, *ends, scene=scene, search=search)
+    try:
+        return find_by_vamp(robot, scene, ends)
+    except NoSolution as error:
+        return SearchResult(SearchStatus.NO_PATH_FOUND, (), 0, str(error))
 
 
 def solve(
@@ -180,10 +218,10 @@ def solve(
     scene, ends = problem.scene, (problem.start, problem.goal)
     searches: dict[str, tuple[SearchResult, dict[str, Any]]] = {}
     row: dict[str, Any]
-    for name in ("rrt_connect", *dict.fromkeys(ROUNDED[label][0] for label in block.peers)):
+    for name in ("rrt_connect", *dict.fromkeys(ROUNDED[label][0] for label in block.peers if label in ROUNDED)):
         begin = time.process_time()
-        with suppress(MissingDependency):
-            found = find_path(robot, *ends, scene=scene, search=name)
+        with suppress(MissingDependency, NotInstalled):
+            found = find_polyline(robot, scene, ends, name)
             row = {"found": bool(found), "search_ms": 1e3 * (time.process_time() - begin), "reason": found.reason}
             about = (
                 {"length": found.length, "edges": len(found.vertices) - 1} if found else {"status": str(found.status)}
@@ -198,6 +236,10 @@ def solve(
         ours["stops"] = sum(one.trajectory.duration for one in moves) if all(moves) else None
     yield OURS, ours | {"rounds": None if made.search is None else made.search.rounds}
     for label in block.peers:
+        if label == PYROBOPLAN:
+            with suppress(NotInstalled):
+                yield label, solve_by_pyroboplan(robot, limits, problem)
+            continue
         search, law = ROUNDED[label]
         if search not in searches:
             continue

@@ -14,7 +14,7 @@ class Drake(WorkerPeer):
     distribution = "drake"
     package = "pydrake"
     budgeted = True
-    requirements: ClassVar[tuple[str, ...]] = ("drake==1.51.1",)
+    requirements: ClassVar[tuple[str, ...]] = ("drake==1.51.1", "pyroboplan==1.3.1")
     settings = (
         "InverseKinematics built and solved for each target: six equalities by AddPositionConstraint on three points of the "
         "tool, limits as bounds, SNOPT from the start, feasibility tolerance 1e-9 (with its default of 1e-6 and "

@@ -20,7 +20,8 @@ from benchmarks.report.tables import Column, Group, Table, table_of
 HOW_PLANNED = (
     f"Every method gets the same problems: obstacles, a start and a goal in joint space, and limits. “{OURS}” searches a "
     "polyline with proved edges, then chooses path and timing together. The others round the corners of a search's polyline "
-    "and time it; TOPP-RA does not limit the jerk. All motions are certified at every instant. A motion in contact or over a "
+    "and time it; pyroboplan times its own. TOPP-RA and pyroboplan do not limit the jerk at every instant, and are judged "
+    "without it. All motions are certified at every instant. A motion in contact or over a "
     "limit is counted and has no duration. Stops are straight joint motions that rest at each vertex of our "
     "search's polyline. Times are CPU times of one process."
 )
@@ -79,7 +80,7 @@ def _table(b: BlockRows) -> Table:
         f" {touched} further problems are left out, because their start or goal is not free." if touched else ""
     )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
-    note += f" Not installed: {', '.join(absent)} (pip install ompl)." if absent else ""
+    note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
     return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
 
 
