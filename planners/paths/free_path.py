@@ -214,6 +214,30 @@ class FreePath(Path):
                 found.append(CoordinateRange(kind.name, kind.unit, (low, high), (float(x.min()), float(x.max()))))
         return tuple(found)
 
+    def values_of_ranges(self, s: Array) -> Array:
+        """Return what the ranges of the coordinates bound.
+
+        Parameters
+        ----------
+        s : (k,) array
+            Path parameters [m, or rad].
+
+        Returns
+        -------
+        (k, ranges) array
+            Coordinates, norms of ``round`` freedoms, and distances of an elbow from the initial joint path [rad, m].
+        """
+        basis, q, found, column = self.spline.basis(s), self.coordinates(s)[:, 0], [], 0
+        for kind in self.kinds:
+            if not kind.screws:
+                change = np.zeros((self.spline.count, 1)) if self.null_space is None else self.null_space.change
+                found.append(basis.combine(change)[:, 0])
+                continue
+            own = q[:, column : column + len(kind.screws)]
+            column += len(kind.screws)
+            found.append(np.linalg.norm(own, axis=1, keepdims=True) if kind.round else own)
+        return np.concatenate(found, axis=1)
+
     @property
     def most_deviation(self) -> tuple[float, float]:
         """Proved bounds on the tool's distance from the given path: position [m] and rotation [rad]."""

@@ -27,3 +27,8 @@ def test_the_range_of_the_elbow_holds_its_coordinate_along_the_motion() -> None:
         found.joint_path(s) @ chosen.null_space.rows.T - path.spline.basis(s).combine(chosen.null_space.initial)[:, 0]
     )
     assert np.abs(change).max() > 0.02 and low - 1e-6 <= change.min() and change.max() <= high + 1e-6
+    np.testing.assert_allclose(chosen.values_of_ranges(s)[:, 0], change[:, 0], atol=1e-6)
+    values = found.freedom.values
+    assert values.shape == (found.freedom.s.size, 2)
+    for k, one in enumerate(found.freedom.ranges):
+        assert one.reached[0] - 1e-12 <= values[:, k].min() < values[:, k].max() <= one.reached[1] + 1e-12

@@ -416,6 +416,8 @@ def test_the_tool_stays_in_the_cone_of_its_tilt_and_within_the_stated_distance_o
     assert found.freedom is not None
     assert found.freedom.outcome == "chosen"
     tilt, turn = found.freedom.ranges
+    values = found.freedom.values
+    assert values.shape[1] == 2 and 0.0 <= values[:, 0].min() < values[:, 0].max() <= tilt.reached[1] * (1.0 + 1e-12)
     assert tilt.reached[1] <= 0.2 * (1.0 + 1e-12)
     assert -1.0 <= turn.reached[0] <= turn.reached[1] <= 1.0
     tool = robot.fk(found.trajectory(np.linspace(0.0, found.trajectory.duration, 500)))

@@ -295,11 +295,11 @@ def _coordinates(found: Plan) -> pl.DataFrame:
     """Return the free coordinates along the path, with the allowed and the reached range of each."""
     own, arm = found.freedom, found.robot
     assert own is not None
-    if own.values.shape[1] == len(own.ranges) > 0:
+    if own.ranges:
         named = [(f"{r.name} {k + 1}" if len(own.ranges) > 1 else r.name, r.unit, *r.allowed, *r.reached)
                  for k, r in enumerate(own.ranges)]  # fmt: skip
         s, values = own.s, own.values
-    else:  # the joints themselves: of a free joint path, and of an arm with a free elbow
+    else:  # the joints themselves, of a free joint path
         s, low, high = np.linspace(0.0, found.joint_path.end, own.s.size), arm.limits.lower, arm.limits.upper
         values = (found.joint_path(s) - low) / (high - low)
         named = [

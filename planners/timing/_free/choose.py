@@ -59,7 +59,7 @@ class FreedomResult:
     ranges : tuple of CoordinateRange
         Allowed and reached range of each coordinate; the latter is proved by the convex hull of the spline's coefficients.
     s, values : (k,) and (k, d) arrays
-        Path parameters [m, or rad], and the coordinates there [as the ranges' units].
+        Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
     gradient : float
         Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
     starts, steps : int
@@ -354,7 +354,8 @@ def report(
 ) -> FreedomResult:  # fmt: skip
     """Return the result for a chosen path."""
     s = np.linspace(0.0, path.end, REPORT_POINTS)
-    gain, values = 1.0 - best.trajectory.duration / fixed, path.coordinates(s)[:, 0]
+    values = path.values_of_ranges(s) if isinstance(path, FreePath) else path.coordinates(s)[:, 0]
+    gain = 1.0 - best.trajectory.duration / fixed
     most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
     near = off.distance + most[0], off.angle + most[1]
     return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near)
