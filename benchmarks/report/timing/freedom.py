@@ -201,7 +201,8 @@ def _coordinates(examples: Sequence[Example]) -> Board:
     return Board(
         "coordinates-board", (plot,), (Control.of("set", "Motions", names),),
         "The initial path has the coordinate 0. The reached range is that of the spline's coefficients, which enclose the "
-        "coordinate. Of free joint paths and free elbows the joints are shown.",
+        "coordinate. The coordinate of an elbow is its distance from the initial joint path. "
+        "Of free joint paths the joints are shown.",
     )  # fmt: skip
 
 
