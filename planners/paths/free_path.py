@@ -265,7 +265,9 @@ class FreePath(Path):
     def piece_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for each piece between breaks, by the product rule over the screws."""
         _breaks, piece, span = self._pieces
-        given = self.given.known_bounds[piece]
+        given = np.asarray(self.given.known_bounds[piece])
+        if not self.coefficients.any():
+            return given
         f = self.spline.derivative_bounds(self.coefficients, 4)[span]  # (k − 1, 5, d)
         k = len(given)
         position, rotation = np.zeros((k, 5)), np.ones((k, 5))
