@@ -22,6 +22,10 @@ MOST_BYTES = 2**30
 """Default size limit of a file [bytes]."""
 BYTES_AT_ONCE = 2**20
 """Bytes read in one call, for which Python reserves memory."""
+MOST_LEVELS = 100
+"""Most levels of a YAML file that are read."""
+MOST_ALIASES = 1000
+"""Most aliases of a YAML file that are read."""
 
 
 def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
@@ -84,8 +88,27 @@ def parse_yaml(text: str, argument: str, purpose: str) -> Any:
         import yaml
     except ModuleNotFoundError:
         raise MissingDependency("PyYAML", purpose, "ros") from None
+    base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+    class Loader(base):  # type: ignore[misc]
+        """The loader of plain data that refuses a key given twice, of which PyYAML takes the last."""
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            keys = [(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+            if len(set(keys)) < len(keys):
+                twice = next(key for _, key in keys if sum(other == key for _, other in keys) > 1)
+                raise yaml.YAMLError(f"the key {twice!r} twice in one mapping")
+            return super().construct_mapping(node, deep)
+
     try:
-        documents = [d for d in yaml.load_all(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) if d is not None]
+        depth = aliases = 0
+        for event in yaml.parse(text, base):  # the loader calls itself for each level, in C without a limit
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            aliases += isinstance(event, yaml.AliasEvent)
+            if depth > MOST_LEVELS or aliases > MOST_ALIASES:
+                got = f"more than {MOST_LEVELS} levels" if depth > MOST_LEVELS else f"more than {MOST_ALIASES} aliases"
+                raise InvalidInput(argument, got, f"YAML with at most {MOST_LEVELS} levels and {MOST_ALIASES} aliases")
+        documents = [d for d in yaml.load_all(text, Loader) if d is not None]
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # the last three: dates, keys, nesting
         raise InvalidInput(argument, " ".join(str(error).split())[:160], "complete YAML") from None
     if len(documents) != 1:

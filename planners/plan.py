@@ -17,6 +17,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
 from optik.ik._problem import check_start
 from optik.ik.base import Tolerance, ToleranceLike
+from optik.registry import short_name
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
@@ -39,6 +40,7 @@ from planners.search._around import (
     ENOUGH_GAIN,
     MOST_WAYS,
     SearchReport,
+    check_avoid,
     check_avoidable,
     find_first_paths,
 )
@@ -133,6 +135,7 @@ def _build_request(
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     tolerance, rate, scene, allow, avoid = options
+    avoid = check_avoid(avoid)
     if avoid is not False:
         path = check_avoidable(robot, path, q_start, scene)
     elif not isinstance(path, Path):
@@ -362,7 +365,7 @@ class _Planner:
             if enough:
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
-        made = SearchReport(str(search), samples, rounds, tried)
+        made = SearchReport(search.name if isinstance(search, Search) else short_name(search), samples, rounds, tried)
         return replace(self._finish(best, duration), freedom=best.freedom, search=made)
 
     def _finish(self, found: Plan, duration: float | None) -> Plan:

@@ -202,7 +202,7 @@ class PlanCommand(MotionCommand):
                 advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
             came = f"{self.scene} for {arm.name}, which has no shapes"
             raise InvalidInput("--scene", came, "an arm whose file has shapes", advice=advice)
-        scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene)
+        scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene, robot=arm)
         return scene if self.margin is None else replace(scene, margin=self.margin)
 
 

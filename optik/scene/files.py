@@ -86,8 +86,6 @@ def load_scene(
     """Read a scene from a file; see `Scene.load`."""
     suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml"))
     if suffix in (".urdf", ".xml"):
-        from optik.scene.files import scene_from_urdf
-
         return scene_from_urdf(file, package_dirs)
     if package_dirs is not None:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
@@ -95,9 +93,9 @@ def load_scene(
     content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
     try:
         text = decode_text(content)
-        if suffix in (".yaml", ".yml"):
-            return scene_from_moveit(text)
-        return scene_from_dict(parse_json(text, "scene")) if suffix == ".json" else scene_from_toml(text)
+        if suffix == ".json":
+            return scene_from_dict(parse_json(text, "scene"))
+        return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
 

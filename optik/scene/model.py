@@ -132,6 +132,7 @@ class Scene:
         file: str | os.PathLike[str],
         *,
         package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
+        robot: Robot | None = None,
     ) -> Scene:
         """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, URDF, or YAML of MoveIt.
 
@@ -142,6 +143,8 @@ class Scene:
             joint at 0, in the frame of the root; STL and OBJ meshes are enclosed by capsules.
         package_dirs : mapping of str to path, or sequence of paths, optional
             For a URDF, folders of meshes besides its own, as of `Robot.from_urdf`.
+        robot : Robot, optional
+            For a MoveIt scene, the arm. Pairs of ``allow`` with links that it does not have are left out.
 
         Returns
         -------
@@ -155,8 +158,14 @@ class Scene:
             A URDF that is not a tree, or without <collision>.
         """
         arguments = load_scene(file, package_dirs)
+        if robot is not None and Path(file).suffix.lower() in (".yaml", ".yml"):
+            known = (*robot.link_names, *(robot.shapes.names if robot.shapes else ()))
+            arguments["allow"] = [pair for pair in arguments["allow"] if pair[0] in known]
         try:
-            return Scene(**arguments)
+            scene = Scene(**arguments)
+            if not scene.names and Path(file).suffix.lower() != ".json":
+                raise InvalidInput("scene", "no objects", "at least one object")
+            return scene
         except InvalidInput as error:
             raise InvalidInput(f"{Path(file).name}: {error.argument}", error.got, error.expected) from None
 
@@ -325,7 +334,8 @@ class Scene:
             capsules = robot.shapes.find_capsules(link)
             if not len(capsules) and link not in numbers:
                 known = dict.fromkeys((*robot.link_names, *robot.shapes.names))
-                raise UnknownName("link in scene.allow", link, known)
+                advice = "of a MoveIt scene for another model of the arm: Scene.load(file, robot=robot)"
+                raise UnknownName("link in scene.allow", link, known, advice)
             column = self.names.index(other)
             flags[capsules, column] = False
             if link in numbers:

@@ -2,18 +2,20 @@
 
 Objects are boxes, spheres, cylinders, planes and convex meshes. `allowed_collision_matrix` becomes the allowed pairs of
 links and objects; its pairs of two links belong to the arm (`Shapes.with_srdf`). The planning frame is the frame of the arm's
-base, or of the world if `robot_state` places the arm's floating joint in it.
+base, or of the world if `robot_state` places the arm's floating joint in it. Objects without a fixed frame are given in it,
+so that the frame that they name must be one of the base or of the world.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from optik import se3
-from optik.arm.plain import read_list, read_word
+from optik.arm.plain import read_list, read_record, read_word
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.file_io import parse_yaml
@@ -27,6 +29,17 @@ OPERATIONS = (None, 0, "add")
 """Operations of an object that add it to the scene, words in small letters."""
 OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"), ("meshes", "mesh_poses"))
 """Keys of the parts of an object, and of their poses."""
+PLANNING_SCENE_KEYS = (
+    "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
+    "link_scale", "object_colors", "is_diff",
+)  # fmt: skip
+"""Keys of a `PlanningScene` besides its world."""
+OBJECT_KEYS = ("header", "pose", "type", "operation", "subframe_names", "subframe_poses", *sum(OBJECT_PARTS, ()))
+"""Keys of a `CollisionObject` besides its id."""
+PLANNING_FRAMES = re.compile(
+    r"(.*_)?(world|map|root|base|base_?link|link_?base|base_?footprint|link_?0)", re.IGNORECASE
+)
+"""Names that frames of a base or of the world have; a frame of another link would move with it."""
 Part = tuple[str, str, Any]
 """Kind of object of a `Scene`, name, and arguments."""
 
@@ -35,7 +48,10 @@ Part = tuple[str, str, Any]
 def scene_from_moveit(text: str) -> dict[str, Any]:
     """Read the arguments of a `Scene` from a MoveIt planning scene in YAML."""
     scene = _mapping(parse_yaml(text, "scene", "reading MoveIt scenes"), "scene")
-    world = _mapping(scene.get("world"), "world")
+    scene = read_record(scene, ("world",), "scene", optional=PLANNING_SCENE_KEYS)
+    world = read_record(scene["world"], (), "world", optional=("collision_objects", "octomap"))
+    if scene.get("is_diff"):
+        raise InvalidInput("is_diff", format_value(scene["is_diff"]), "false: a file is the whole scene")
     state = _mapping(scene.get("robot_state") or {}, "robot_state")
     if attached := state.get("attached_collision_objects"):
         got = f"{len(attached) if isinstance(attached, list) else format_value(attached)} attached objects"
@@ -50,12 +66,15 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
     parts: list[Part] = []
     for i, one in enumerate(_rows(world, "collision_objects", "world")):
         where = f"collision_objects[{i}]"
-        name = read_word(_mapping(one, where).get("id"), f"{where}.id")
+        name = read_word(read_record(one, ("id",), where, optional=OBJECT_KEYS)["id"], f"{where}.id")
         operation = one.get("operation")
         if (operation.lower() if isinstance(operation, str) else operation) not in OPERATIONS:
             raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0): a file is the whole scene")
         T = frames.find(one, where) @ (np.eye(4) if one.get("pose") is None else _pose(one["pose"], f"{where}.pose"))
-        parts += _read_object(one, name, T, where)
+        found = list(_read_object(one, name, T, where))
+        if not found:
+            raise InvalidInput(where, f"{name!r} without parts", "primitives, planes or meshes")
+        parts += found
     order = ("boxes", "spheres", "planes", "cylinders", "meshes")
     parts.sort(key=lambda part: order.index(part[0]))  # the order of names in a `Scene`
     objects = {kind: [one for other, _, one in parts if other == kind] for kind in order}
@@ -100,7 +119,9 @@ def _read_object(one: dict[str, Any], name: str, T: Array, where: str) -> Iterat
 
 def _primitive(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, ...]]:
     kind = row.get("type")
-    kind = PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
+    if isinstance(kind, int) and not isinstance(kind, bool):
+        kind = PRIMITIVES.get(kind)
+    kind = str(kind).lower()
     if kind not in DIMENSIONS:
         raise InvalidInput(f"{where}.type", format_value(row.get("type")), ", ".join(DIMENSIONS))
     values = _numbers(row.get("dimensions"), f"{where}.dimensions", DIMENSIONS[kind])
@@ -156,10 +177,9 @@ class _Frames:
         header = _mapping(one.get("header") or {}, f"{where}.header")
         name = read_word(header.get("frame_id") or "", f"{where}.header.frame_id").strip("/")
         if name not in self._known:
-            if self._other:
-                raise InvalidInput(
-                    f"{where}.header.frame_id", repr(name)[:60], f"{self._other[:60]!r}, or a fixed frame"
-                )
+            if self._other or not PLANNING_FRAMES.fullmatch(name):
+                usual = repr(self._other[:60]) if self._other else "a frame of the base or of the world"
+                raise InvalidInput(f"{where}.header.frame_id", repr(name)[:60], f"{usual}, or a fixed frame")
             self._known[name], self._other = np.eye(4), name
         return np.asarray(self._world @ self._known[name])
 

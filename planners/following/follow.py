@@ -54,6 +54,8 @@ DRIFT_BELOW = 1e-4
 next sample starts at the tracked configuration."""
 MOST_SAMPLES = 100_000
 """Most samples: 151 hold a line to a nanometre, and each is a call of the IK method."""
+AROUND_ADVICE = "another goal; or avoid=True (--avoid), which searches a way around"
+"""What to try if a path of joints is in collision."""
 DEFAULT_TOLERANCE = Tolerance(1e-5, 1e-5)
 """Proved bound on the tool's deviation between samples [m, rad]; 151 samples of a regular line stay 1e4 times below."""
 
@@ -186,7 +188,7 @@ class Follower:
         failure = self.collision.check_path(followed.joint_path)
         if failure is None:
             return followed
-        advice = "another goal, or a way around it in joint space" if given is not None else self._find_free_branch()
+        advice = AROUND_ADVICE if given is not None else self._find_free_branch()
         return followed._replace(failure=replace(failure, advice=advice))
 
     def _find_free_branch(self) -> str:

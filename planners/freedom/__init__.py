@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 
-from optik.registry import build_method, names
+from optik.errors import UnknownName
+from optik.registry import build_method, find_loaded, names
 from planners.freedom.base import Freedom
 
-__all__ = ["Freedom", "freedom_of", "freedoms"]
+__all__ = ["Freedom", "freedom_of", "freedoms", "loaded_freedom"]
 
 
 def freedoms() -> tuple[str, ...]:
@@ -26,3 +27,13 @@ def freedom_of(name: str) -> Freedom:
     """Return the freedom of a name; raise UnknownName if there is none."""
     found: Freedom = build_method("planners.freedom", name, "freedom")
     return found
+
+
+def loaded_freedom(name: str) -> Freedom:
+    """Return the freedom of a name without running a file; raise UnknownName if this process has none of this name."""
+    kind: type[Freedom] | None = find_loaded("planners.freedom", name)
+    if kind is None:
+        raise UnknownName(
+            "freedom", str(name), freedoms(), "a file's freedom is known once `planners.free` has loaded it"
+        )
+    return kind()

@@ -67,6 +67,8 @@ class Freedom:
         if isinstance(value, bool | tuple | list | str) or value is None:
             raise InvalidInput(self.name, repr(value)[:60], allowed)
         most = check_number(value, self.name, allowed, above=0.0)
+        if self.round and self.unit == "rad" and most > np.pi:
+            raise InvalidInput(self.name, f"{most:g} rad", "at most π")
         return -most, most
 
 

@@ -14,7 +14,7 @@ from optik.check import check_count, check_flag
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.curve import BINOMIAL, bells
-from planners.freedom import Freedom, freedom_of
+from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
 from planners.paths._screws import move_along
 from planners.paths._spline import DEGREE, Spline
@@ -27,6 +27,8 @@ BREAK_APART = 1e-9
 """Fraction of the path within which a knot of the splines is a break of the given path."""
 IN_RANGE = 1e-9
 """Largest rounding error of a coordinate outside its range [as its unit]."""
+MOST_COEFFICIENTS = 1_000_000
+"""Most coefficients of a coordinate."""
 MOST_GUESSES = 20
 """Most initial guesses of the choice of the coefficients."""
 
@@ -99,11 +101,11 @@ class FreePath(Path):
         check_count(starts, "starts", 1, MOST_GUESSES)
         self.counts_itself = count is None
         count = max(FEWEST_COEFFICIENTS, PER_SEGMENT * path.segments) if count is None else count
-        check_count(count, "coefficients", DEGREE + 1)
+        check_count(count, "coefficients", DEGREE + 1, MOST_COEFFICIENTS)
         self.hold_start, self.starts = check_flag(hold_start, "hold_start"), starts
         self.unit, self.turns_only, self.segments = path.unit, path.turns_only, path.segments
         self.spline, self.null_space = Spline(path.end, count), null_space
-        self.kinds: tuple[Freedom, ...] = tuple(freedom_of(name) for name in self.bounds)
+        self.kinds: tuple[Freedom, ...] = tuple(loaded_freedom(name) for name in self.bounds)
         self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
         start = np.tile(nearest, (count, 1)) if coefficients is None else coefficients
@@ -243,7 +245,7 @@ class FreePath(Path):
         """Proved bounds on the tool's distance from the given path: position [m] and rotation [rad]."""
         most = np.zeros(2)
         for one in self.ranges:
-            screws = freedom_of(one.name).screws  # of several coordinates on a round range, else of one
+            screws = loaded_freedom(one.name).screws  # of several coordinates on a round range, else of one
             if screws:
                 most += max(np.abs(one.reached)) * np.linalg.norm(np.reshape(screws, (-1, 2, 3)), axis=2).max(axis=0)
         return float(most[0]), float(most[1])
@@ -346,7 +348,8 @@ def free(
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int
-        Initial guesses that are tried: that of the given path, and turned ones.
+        Initial guesses that are tried if the start is free: that of the given path, and ones turned by 135°, −135°, 180°, 90°,
+        −90°, 45° and −45°, as far as the arm reaches them.
     **freedoms
         By name (`planners.freedom.freedoms`), in the order in which they move the tool: ``turn=(-1.0, 1.0)`` [rad] about the
         tool's axis, ``tilt=0.2``, the half-angle of a cone [rad], ``elbow=True`` of a redundant arm. A number x means (−x, x),
@@ -384,7 +387,9 @@ def free(
         )
     if not freedoms:
         raise InvalidInput("freedoms", "none", "at least one, such as turn=True")
-    bounds = {name: freedom_of(name).check(value) for name, value in freedoms.items()}
+    bounds: dict[str, Bounds] = {}
+    for name, value in freedoms.items():  # a path of a file is called by its stem
+        bounds[freedom_of(name).name] = freedom_of(name).check(value)
     return FreePath(path, bounds, count=coefficients, hold_start=hold_start, starts=starts)
 
 

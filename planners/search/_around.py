@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
+from optik.registry import names
 from optik.scene import Scene
 from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array, Flags
@@ -51,6 +52,12 @@ VIA_ADVICE = "another via point, or its configuration in place of its pose; or a
 """What to try if a via point is in collision."""
 
 
+MORE_SAMPLES_ADVICE = (
+    "more samples, avoid=planners.search.rrt_connect.RRTConnect(max_samples=100_000) in Python; or a smaller margin"
+)
+"""What to try if the searches find no path."""
+
+
 class FirstPath(NamedTuple):
     """A first path around obstacles, or why there is none; and the samples of its searches."""
 
@@ -77,6 +84,16 @@ class SearchReport(NamedTuple):
     samples: int
     rounds: int
     paths: int
+
+
+def check_avoid(value: Any) -> bool | str | os.PathLike[str] | Search:
+    """Return whether obstacles are avoided, or by which search."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, str | os.PathLike | Search):
+        return value
+    searches = ", ".join(names("planners.search"))
+    raise InvalidInput("avoid", repr(value)[:60], f"True, False, or a search: {searches}, a file, or a built one")
 
 
 def check_avoidable(
@@ -122,7 +139,8 @@ def find_first_paths(path: PointToPoint, scene: Scene, search: str | os.PathLike
             samples += found.samples
             if not found:
                 status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
-                yield FirstPath(PlanFailure(status, s, None, found.reason, found.advice), samples)
+                advice = found.advice if found.status is not SearchStatus.NO_PATH_FOUND else MORE_SAMPLES_ADVICE
+                yield FirstPath(PlanFailure(status, s, None, found.reason, advice), samples)
                 return
             legs.append(found.paths)
         for way in itertools.zip_longest(*legs):

@@ -104,7 +104,12 @@ def _search(
     found: list[Array] = []
     samples = 0
     for k in range(paths):
-        path, used = method.search(space, start, goals, (seed, k))
+        attempt = method.search(space, start, goals, (seed, k))
+        if not isinstance(attempt, tuple) or len(attempt) != 2:
+            raise InvalidInput(
+                f"result of {type(method).__name__}", repr(attempt)[:60], "an Attempt(vertices, samples)"
+            )
+        path, used = attempt
         samples += used
         vertices = None if path is None else np.ascontiguousarray(path, dtype=np.float64)
         if vertices is not None:

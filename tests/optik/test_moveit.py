@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import se3
-from optik.errors import InvalidInput, OptikError
+from optik.errors import InvalidInput, OptikError, UnknownName
 from optik.types import Array
 
 yaml = pytest.importorskip("yaml")
@@ -114,6 +114,16 @@ def test_a_floating_base_moves_the_world(tmp_path: Path) -> None:
     np.testing.assert_allclose(T[:3, :3] @ moved.cylinders[0][0] + T[:3, 3], scene.cylinders[0][0], rtol=0, atol=1e-15)
 
 
+def test_pairs_of_links_that_the_arm_does_not_have_are_left_out_for_it_only(tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
+    arm, whole = optik.load("panda_hand"), load(tmp_path, SCENE)
+    own = optik.Scene.load(tmp_path / "scene.yaml", robot=arm)
+    assert own.allow == tuple(pair for pair in whole.allow if pair[0] == "hand") and own.names == whole.names
+    assert own.pair_mask(arm).sum() == arm.shapes.m * 5 - 3 * (np.array(arm.shapes.names) == "hand").sum()
+    with pytest.raises(UnknownName, match=r"'foot'.*robot=robot"):
+        whole.pair_mask(arm)
+
+
 BAD = [
     ("world: [", "complete YAML"),
     ("- 1", "a mapping"),
@@ -122,6 +132,18 @@ BAD = [
     ("{a: &a [1], ? *a : 2}", "complete YAML"),
     ("[" * 20_000, "complete YAML"),
     ("world: {collision_objects: 3}", "a list"),
+    ("[" * 200 + "]" * 200, "at most 100 levels"),
+    ("[" * 100_000, "at most 100 levels"),
+    ("a: &a 1\nb: [" + "*a," * 2000 + "]", "at most 100 levels and 1000 aliases"),
+    ("world: {}\nworld: {}", "'world' twice"),
+    ("world: {}", "at least one object"),
+    ("world: {collision_object: []}", "collision_object unknown"),
+    ("world: {collision_objects: null}\nis_dif: false", "is_dif unknown"),
+    ("is_diff: true\n" + SCENE, "is_diff: expected false"),
+    ("world: {collision_objects: [{id: a}]}", "'a' without parts"),
+    (SCENE.replace("primitives: [", "primitve: ["), "primitve unknown"),
+    (SCENE.replace("type: cylinder", "type: true"), "box, sphere, cylinder"),
+    (SCENE.replace("frame_id: panda_link0", "frame_id: panda_hand"), "a frame of the base or of the world"),
     ("world: {octomap: {octomap: {resolution: 0.05, data: [1, 2]}}}", "world.octomap: expected none"),
     ("world: {octomap: 3}", "world.octomap: expected a mapping"),
     ("world: {collision_objects: [{id: a, operation: REMOVE}]}", "operation: expected ADD"),

@@ -398,7 +398,7 @@ def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_t
         (panda().fk(GOAL), {}, "straight line"),
         (REST, {}, "^path: .* ends differ"),
         (GOAL, {"avoid": "rrt"}, "rrt"),
-        (GOAL, {"avoid": 3}, "search: expected a name"),
+        (GOAL, {"avoid": 3}, "avoid: expected True, False, or a search: ompl, rrt_connect"),
     ],
 )
 def test_what_cannot_avoid_is_refused(path: Any, options: dict[str, Any], said: str) -> None:

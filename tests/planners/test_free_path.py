@@ -1,9 +1,16 @@
 """Ranges of the coordinates of a path with freedoms."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 import optik
-from planners import free, plan
+from optik.errors import InvalidInput, UnknownName
+from planners import free, load_motion, plan
 from planners.paths.free_path import FreePath
 from tests.planners.test_freedom import LIMITS, PANDA, line
 
@@ -32,3 +39,41 @@ def test_the_range_of_the_elbow_holds_its_coordinate_along_the_motion() -> None:
     assert values.shape == (found.freedom.s.size, 2)
     for k, one in enumerate(found.freedom.ranges):
         assert one.reached[0] - 1e-12 <= values[:, k].min() < values[:, k].max() <= one.reached[1] + 1e-12
+
+
+SLIDE = """
+from planners.freedom import Freedom
+
+class Slide(Freedom):
+    unit = "m"
+    screws = ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0),)
+
+METHOD = Slide
+"""
+
+
+def test_a_freedom_of_a_file_is_called_by_its_stem_and_no_data_run_the_file(tmp_path: Path) -> None:
+    (tmp_path / "slide.py").write_text(SLIDE, encoding="utf-8")
+    robot = optik.load("panda")
+    path = free(line(robot, PANDA), **{str(tmp_path / "slide.py"): 0.01})
+    found = plan(robot, path, PANDA, limits=LIMITS)
+    assert found.freedom is not None and found.freedom.gain > 0.01 and found.certificate.is_valid
+    (one,) = found.freedom.ranges
+    assert (one.name, one.unit, one.allowed) == ("slide", "m", (-0.01, 0.01)) and -0.01 <= one.reached[0] < -1e-4
+    found.save(tmp_path / "motion.json")
+    assert load_motion(tmp_path / "motion.json").path.ranges == found.freedom.ranges
+    code = f"import planners; planners.load_motion({str(tmp_path / 'motion.json')!r})"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "unknown freedom 'slide'" in said.stderr and "planners.free" in said.stderr
+    data = json.loads(json.dumps(path.to_dict()))
+    data["bounds"] = {str(tmp_path / "slide.py"): [-0.01, 0.01]}
+    with pytest.raises((InvalidInput, UnknownName), match="unknown freedom"):
+        type(path).from_dict(data, robot)
+
+
+def test_more_starts_are_turns_that_a_narrow_range_has() -> None:
+    robot = optik.load("panda")
+    for starts, tried in ((3, 1), (8, 3)):  # the first turns, by 135° and 180°, are outside the range
+        path = free(line(robot, PANDA), turn=(-1.0, 1.0), hold_start=False, starts=starts)
+        found = plan(robot, path, PANDA, limits=LIMITS)
+        assert found.freedom is not None and found.freedom.starts == tried

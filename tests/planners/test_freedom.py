@@ -373,11 +373,13 @@ def test_the_same_arguments_make_the_same_motion() -> None:
         ({"tilt": True}, InvalidInput, "tilt"),
         ({"tilt": (0.0, 0.1)}, InvalidInput, "tilt"),
         ({"tilt": -0.1}, InvalidInput, "tilt"),
+        ({"tilt": 3.2}, InvalidInput, "at most π"),
         ({"elbow": (0.1, 0.5)}, InvalidInput, "0 is the initial joint path"),
         ({"elbow": np.array([-0.5, -0.1])}, InvalidInput, "0 is the initial joint path"),
         ({"trun": True}, UnknownName, "turn"),
         ({"turn": True, "starts": 0}, InvalidInput, "starts"),
         ({"turn": True, "coefficients": 3}, InvalidInput, "coefficients"),
+        ({"turn": True, "coefficients": 10**12}, InvalidInput, "coefficients"),
         ({"turn": True, "hold_start": "yes"}, InvalidInput, "hold_start"),
     ],
 )

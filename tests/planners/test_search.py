@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -299,6 +300,17 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
         with pytest.raises(InvalidInput, match="other ends"):
             find_path(panda(), start, goal, scene=Scene(), search=Straight())
     assert planners.search.Search is Search
+
+
+def test_a_search_that_returns_nothing_is_named() -> None:
+    class Lost(Straight):
+        name = "lost"
+
+        def search(self, *_: Any) -> Any:
+            return None
+
+    with pytest.raises(InvalidInput, match="result of Lost: expected an Attempt"):
+        find_path(panda(), LEFT, RIGHT, scene=Scene(), search=Lost())
 
 
 @pytest.mark.parametrize("turns", [1000.0, np.inf])

@@ -28,8 +28,8 @@ WORTHLESS = 1e-4
 """Fraction of the duration, by the gradient, that a freedom must promise for each radian or metre of its coordinates."""
 LEAST_GAIN = 1e-4
 """Least fraction by which a chosen path must shorten the motion to be used."""
-FURTHER_TURNS = (np.radians(135.0), np.radians(-135.0), np.pi)
-"""Constant turns from the given path at which further initial guesses begin."""
+FURTHER_TURNS = tuple(np.radians((135.0, -135.0, 180.0, 90.0, -90.0, 45.0, -45.0)))
+"""Constant turns from the given path at which further initial guesses begin, in this order; the arm may not reach some."""
 CONTINUATION_STEP = 0.25
 """Step of the turn from one initial guess to the next [rad]: Newton's method stays on the branch."""
 REPORT_POINTS = 101
@@ -194,7 +194,7 @@ class Choice:
             return
         column = sum(len(k.screws) for k in self.path.kinds[: [k.name for k in self.path.kinds].index("turn")])
         low, high = self.path.bounds["turn"]
-        for turn in FURTHER_TURNS:
+        for turn in FURTHER_TURNS[: max(left + 1, 3)]:
             if left and low <= turn <= high and (found := self._turn(column, turn)) is not None:
                 left -= 1
                 yield found
