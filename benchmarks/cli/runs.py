@@ -59,8 +59,9 @@ WORKERS_HELP = "Number of processes. It does not change results, only measured t
 class RunCommand(JsonCommand):
     """Run a suite. Interrupted? Repeat the command to resume.
 
-    Single calls are always timed in one process. Exit status: 0 if the run is complete; 1 if a part
-    failed; 2 for wrong arguments or a folder that cannot be written; 130 after Ctrl-C.
+    Single calls are always timed in one process. Exit status: 0 if the run is complete, also where
+    a method failed, whose rows say so; 1 if rows are missing; 2 for wrong arguments or a folder that
+    cannot be written; 130 after Ctrl-C.
     """
 
     suite: str = argument("SUITE", "A name from `optik bench list`, or a TOML file.")

@@ -325,11 +325,12 @@ class _Division:
         """Return the rows of work in the order of its problems, divided if it failed, and add the reasons of failures."""
         if isinstance(outcome, pl.DataFrame):
             return [outcome]
-        method, dividable = (kind.name, part.label), hasattr(work, "crashed")
+        owner, dividable = getattr(work, "owner", ""), hasattr(work, "crashed")
+        method = kind.name, owner or part.label
         halves = work.halves() if dividable and self._crashes[method] < MOST_CRASHES else ()
         if halves:
             pairs = ((half, self._pool.run_apart(solve, kind, half)) for half in halves)
             return [frame for half, came in pairs for frame in self._rows(kind, part, half, came, crashes)]
         self._crashes[method] += 1
-        crashes.append(outcome.why)
+        crashes.append(f"{owner}: {outcome.why}" if owner else outcome.why)
         return [work.crashed()] if dividable else []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,51 @@ def test_the_parts_of_an_error_go_into_the_rows_as_they_are() -> None:
     assert (row["ik_y"], row["error_z"], row["position_error"]) == (3.0, 6.5, math.sqrt(4 + 25 + 42.25))
 
 
+def parts_of(block: str, tmp_path: Path) -> list[Any]:
+    kind, settings = load_kind("cell"), next(one for one in small().of("cell") if one.id == block)
+    folder = RunFolder(tmp_path / "run")
+    (tmp_path / "run").mkdir(exist_ok=True)
+    return list(kind.parts(settings, kind.prepare(settings, 7), folder))
+
+
+@pytest.mark.parametrize("block", ["spots", "laws"])
+def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(block: str, tmp_path: Path) -> None:
+    work = parts_of(block, tmp_path)[0].work
+    todo, alone = [work], []
+    while todo:
+        one = todo.pop()
+        halves = () if one.owner else one.halves()
+        todo += halves
+        alone += [] if halves else [one]
+    assert sorted(one.owner for one in alone) == sorted(one.label for one in work.entries)
+    own = pl.concat([one.solve() for one in alone])
+    whole = work.solve()
+    if block == "laws":  # the duration that is common to all laws is known only if all are planned
+        common = own.filter(timed="same")
+        assert set(common["status"]) == {"crashed"} and len(common) == 2
+        own, whole = own.filter(timed="own"), whole.filter(timed="own")
+    keys = [key for key in ("problem", "method", "repeat") if key in own.columns]
+    assert own.sort(keys).equals(whole.sort(keys))
+    assert {row["method"] for one in alone for row in one.lost()} == set(whole["method"])
+
+
+@pytest.mark.soak
+def test_a_method_that_ends_its_process_costs_its_own_rows_alone(tmp_path: Path) -> None:
+    (tmp_path / "deadly.py").write_text(
+        "import os\nfrom optik.ik import IKSolver\n\nclass Deadly(IKSolver):\n"
+        "    def attempt(self, *a, **k):\n        os._exit(3)\n\nMETHOD = Deadly\n"
+    )
+    settings = copy.deepcopy(SMALL)
+    settings["cell"] = [settings["cell"][0] | {"count": 2, "budgets": [1]}]
+    del settings["cell"][0]["targets"]
+    settings["cell"][0]["methods"] = [{"solver": str(tmp_path / "deadly.py"), "label": "deadly"}, {"solver": "dls"}]
+    suite = replace(suite_of("small", settings), allow_plugins=True)
+    found = run_suite(suite, tmp_path / "run", workers=2)
+    spots = rows(found, "spots").group_by("setting", "status").len().sort("setting").rows()
+    assert spots == [("deadly", "crashed", 2), ("dls", "executed", 2)]
+    assert {one["why"] for one in found.manifest()["failed"]} == {"deadly: its process ended: exit status 3"}
+
+
 def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
     block = read_block(SMALL["cell"][0])
     problems = np.arange(2)
@@ -183,7 +229,8 @@ def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
         (0, "dls, 1 iteration", "crashed"), (0, "dls, 3 iterations", "crashed"), (0, "line", "crashed"),
         (1, "dls, 1 iteration", "crashed"), (1, "dls, 3 iterations", "crashed"),
     ]  # fmt: skip
-    assert pl.concat([part.crashed() for part in work.halves()]).equals(crashed)
+    halves = pl.concat([part.crashed() for part in work.halves()])
+    assert halves.sort("problem", maintain_order=True).equals(crashed)
     assert IsoWork(block, "ideal", 7, "pose", 0, True).crashed()["status"].to_list() == ["crashed"]  # type: ignore[arg-type]
 
 

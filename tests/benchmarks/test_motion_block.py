@@ -7,6 +7,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -22,7 +23,7 @@ from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.ik.drake import METHOD as DRAKE
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.problems._motionbench import MotionProblem, write_problems
-from benchmarks.records import RunFolder
+from benchmarks.records import Journal, RunFolder
 from benchmarks.report.base import Run
 from benchmarks.report.timing.motion import REPORT, unsolved_of
 from benchmarks.run.session import run_suite
@@ -96,6 +97,30 @@ def test_targets_leave_out_problems_whose_ends_are_not_free(run: Run) -> None:
     spoiled = rows.with_columns(touched=pl.col("problem") == 0, solved=pl.col("solved") & (pl.col("problem") != 1))
     assert kind.judge(spoiled, Target(measure="solved", at_least=95)) == (50.0, "2 problems")
     assert kind.judge(rows, Target(measure="solved", at_least=95)) == (100.0, "3 problems")
+
+
+def test_a_peer_that_ended_the_process_has_rows_that_say_so_and_is_at_work_while_it_is_called(
+    suite: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block, robot = suite.of("motion")[0], optik.load("panda_hand")
+    block = block.model_copy(update={"peers": ("OMPL, rounded", "OMPL, toppra", "VAMP, rounded")})
+    limits, problem = block.limits.of(robot), block.read_problems(robot, 0)[0][2]
+    folder = RunFolder(tmp_path / "run")
+    seen: list[tuple[str, str]] = []
+
+    def find(*arguments: Any) -> Any:
+        seen.append((arguments[-1], journal.left))
+        raise NotInstalled("nothing")
+
+    find_own, polyline = motion.find_polyline, lambda *a: find_own(*a) if a[-1] == "rrt_connect" else find(*a)
+    monkeypatch.setattr(motion, "find_polyline", polyline)
+    with Journal(folder, "rows/motion/table.journal") as journal:
+        journal.crashed["OMPL, rounded"] = "its process ended: SIGSEGV"
+        found = dict(motion.solve(block, robot, limits, problem, journal))
+    assert seen == [("vamp", "VAMP, rounded")] and found[OURS]["solved"]
+    for label in ("OMPL, rounded", "OMPL, toppra"):
+        assert (found[label]["status"], found[label]["reason"]) == ("crashed", "its process ended: SIGSEGV")
+    assert set(found) == {OURS, "OMPL, rounded", "OMPL, toppra"}
 
 
 def test_an_end_in_contact_is_told_and_no_method_is_run() -> None:

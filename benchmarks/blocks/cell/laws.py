@@ -15,6 +15,7 @@ from benchmarks.blocks.cell.trials import (
     CellWork,
     Trial,
     drive_of,
+    failure,
     line_of,
     peaks,
     trial_of,
@@ -52,21 +53,24 @@ class LawsWork(CellWork):
 
     def lost(self) -> list[dict[str, Any]]:
         """Return the row of each law."""
-        return [self.row(law, OWN_TIME) for law in self.block.laws]
+        return [self.row(law, OWN_TIME) for law in self.entries]
 
     def solve(self) -> pl.DataFrame:
         """Execute the line under all laws."""
         block: LawsBlock = self.block
         trial = trial_of(block, self.seed, self.motion, "law", self.repeat, noise=self.repeat > 0)
         _, q, path = line_of(block, block.moves_m[self.motion])
-        made = {law.label: make_law(law.name, **law.options) for law in block.laws}
+        made = {law.label: make_law(law.name, **law.options) for law in self.entries}
         plans = {label: plan(trial.robot, path, q, timing=law) for label, law in made.items()}
         longest = max((p.trajectory.duration for p in plans.values() if p), default=0.0)
         rows = []
-        for law in block.laws:
+        for law in self.entries:
             planned = plans[law.label]
             rows.append(self.row(law, OWN_TIME) | _executed(self, trial, planned))
-            if block.same_duration and planned:
+            if block.same_duration and self.labels:
+                why = "another law ended the process, so that no duration is common to all"
+                rows.append(self.row(law, SAME_TIME) | failure(self.drive, "crashed", why))
+            elif block.same_duration and planned:
                 if planned.trajectory.duration < longest * (1.0 - 1e-9):
                     planned = plan(trial.robot, path, q, timing=made[law.label], duration=longest)
                 rows.append(self.row(law, SAME_TIME) | _executed(self, trial, planned))

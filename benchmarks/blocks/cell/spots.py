@@ -138,6 +138,7 @@ class SpotsWork(CellWork):
         """Return the executions of the part."""
         for i in range(len(self.problems)):
             for method, given in zip(self.block.methods, self.given[i], strict=True):
+                given = given and method in self.entries
                 for budget in budgets_of(self.block, method) if given else ():
                     yield i, method, budget
 

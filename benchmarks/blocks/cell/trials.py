@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks._arms import arm_with
 from benchmarks.blocks._contest import trial_seed
-from benchmarks.blocks.base import Work
+from benchmarks.blocks.base import Entry, Work
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
 from optik import se3
 from optik.arm.model import unit_factors
@@ -88,6 +88,27 @@ class CellWork(Work):
     block: Any
     drive: str
     seed: int
+    labels: tuple[str, ...] = field(default=(), kw_only=True)
+    """Labels of the methods or laws of the work; none for all of the block."""
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Methods or laws of the work."""
+        every: tuple[Entry, ...] = getattr(self.block, "methods", ()) or getattr(self.block, "laws", ())
+        return tuple(one for one in every if not self.labels or one.label in self.labels)
+
+    @property
+    def owner(self) -> str:
+        """Label of the only method or law of the work; empty if there are several."""
+        return self.labels[0] if len(self.labels) == 1 else ""
+
+    def halves(self) -> tuple[Self, ...]:
+        """Divide the work among its methods or laws first, so that one that crashes a process costs its own rows."""
+        labels = [one.label for one in self.entries]
+        if len(labels) <= 1:
+            return super().halves()
+        half = len(labels) // 2
+        return tuple(replace(self, labels=tuple(some)) for some in (labels[:half], labels[half:]))
 
     def lost(self) -> list[dict[str, Any]]:
         """Return the columns that identify the executions of the part."""

@@ -339,9 +339,11 @@ class _Freedom(Kind):
     ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
         """Yield one part for each set; the first motion of each is an example of the report."""
         for k in range(len(block.sets)):
-            yield f"{k:04d}", partial(self._rows_of, block, k, seed, folder, tell)
+            yield f"{k:04d}", partial(self._rows_of, block, k, seed, folder, tell, journal)
 
-    def _rows_of(self, block: FreedomBlock, number: int, seed: int, folder: RunFolder, tell: Tell) -> pl.DataFrame:
+    def _rows_of(
+        self, block: FreedomBlock, number: int, seed: int, folder: RunFolder, tell: Tell, journal: Journal
+    ) -> pl.DataFrame:  # fmt: skip
         part, rows = block.sets[number], []
         first = sum(one.count for one in block.sets[:number])
         shown = False
@@ -356,7 +358,11 @@ class _Freedom(Kind):
                 about["problem"] = first + index
                 rows.append(row | about | {"method": CHOSEN})
                 for peer in block.peers:
-                    rows.append(solve_by_peer(peer, limits.of(problem[0]), problem, row) | about | {"method": peer})
+                    found_by = {"status": "crashed", "outcome": journal.crashed.get(peer), "certified": False}
+                    if peer not in journal.crashed:
+                        with journal.at_work(peer):
+                            found_by = solve_by_peer(peer, limits.of(problem[0]), problem, row)
+                    rows.append(found_by | about | {"method": peer})
                 if not shown and all(plans) and found.freedom is not None and found.freedom.gain > 0.0:
                     shown = True
                     motions = pl.concat([_motion([found], CHOSEN), _motion(plans, ALONG_INITIAL)])

@@ -21,7 +21,7 @@ from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.peers.vamp_search import find_by_vamp
 from benchmarks.problems._motionbench import MotionProblem, read_archive, read_problem, write_problems
-from benchmarks.records import Journal, RunFolder
+from benchmarks.records import UNKEPT, Journal, RunFolder
 from benchmarks.settings import LISTED, Count, RobotName, key, one_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -212,15 +212,17 @@ def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search:
 
 
 def solve(
-    block: MotionBlock, robot: Robot, limits: MotionLimits, problem: MotionProblem
+    block: MotionBlock, robot: Robot, limits: MotionLimits, problem: MotionProblem, journal: Journal = UNKEPT
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield label and row of our plan and of each peer whose package is installed."""
+    """Yield label and row of our plan and of each peer whose package is installed, with the peer at work in a journal."""
     scene, ends = problem.scene, (problem.start, problem.goal)
     searches: dict[str, tuple[SearchResult, dict[str, Any]]] = {}
     row: dict[str, Any]
     for name in ("rrt_connect", *dict.fromkeys(ROUNDED[label][0] for label in block.peers if label in ROUNDED)):
-        begin = time.process_time()
-        with suppress(MissingDependency, NotInstalled):
+        begin, label = time.process_time(), next((one for one in block.peers if ROUNDED.get(one, ("",))[0] == name), "")
+        if name != "rrt_connect" and label in journal.crashed:
+            continue
+        with suppress(MissingDependency, NotInstalled), journal.at_work("" if name == "rrt_connect" else label):
             found = find_polyline(robot, scene, ends, name)
             row = {"found": bool(found), "search_ms": 1e3 * (time.process_time() - begin), "reason": found.reason}
             about = (
@@ -236,6 +238,11 @@ def solve(
         ours["stops"] = sum(one.trajectory.duration for one in moves) if all(moves) else None
     yield OURS, ours | {"rounds": None if made.search is None else made.search.rounds}
     for label in block.peers:
+        if why := next(
+            (journal.crashed[one] for one in block.peers if one in journal.crashed and _shares(one, label)), ""
+        ):
+            yield label, {"found": False, "solved": False, "status": "crashed", "reason": why}
+            continue
         if label == PYROBOPLAN:
             with suppress(NotInstalled):
                 yield label, solve_by_pyroboplan(robot, limits, problem)
@@ -249,6 +256,11 @@ def solve(
             timed = time_rounded(robot, limits, scene, ends, found, law)
             row = row | _judge(timed, row["search_ms"] + 1e3 * (time.process_time() - begin))
         yield label, {"solved": False} | row
+
+
+def _shares(peer: str, label: str) -> bool:
+    """Return whether a peer uses the search of another one."""
+    return peer == label or (peer in ROUNDED and label in ROUNDED and ROUNDED[peer][0] == ROUNDED[label][0])
 
 
 class _Motion(Kind):
@@ -278,11 +290,11 @@ class _Motion(Kind):
         problems = block.read_problems(robot, seed)
         warm: list[bool] = []
         for index in range(len(problems)):
-            yield f"{index:04d}", partial(self._rows_of, block, robot, problems, index, tell, warm)
+            yield f"{index:04d}", partial(self._rows_of, block, robot, problems, index, tell, warm, journal)
 
     def _rows_of(
         self, block: MotionBlock, robot: Robot, problems: Sequence[tuple[str, int, MotionProblem]], index: int, tell: Tell,
-        warm: list[bool],
+        warm: list[bool], journal: Journal,
     ) -> pl.DataFrame:  # fmt: skip
         kind, number, problem = problems[index]
         tell(f"{block.id}: {kind} {number}, motion {index + 1:,} of {len(problems):,}")
@@ -292,8 +304,8 @@ class _Motion(Kind):
             rows = [{"method": label, "status": "contact", "reason": reason} for label in block.labels]
         else:
             if not warm:
-                warm.append(bool(list(solve(block, robot, limits, problem))))  # compiles, and is not counted
-            rows = [{"method": label} | row for label, row in solve(block, robot, limits, problem)]
+                warm.append(bool(list(solve(block, robot, limits, problem, journal))))  # compiles, and is not counted
+            rows = [{"method": label} | row for label, row in solve(block, robot, limits, problem, journal)]
         return pl.DataFrame([row | about for row in rows], schema=MOTION_TYPES)
 
     def complete(self, rows: pl.DataFrame, block: MotionBlock) -> pl.DataFrame:

@@ -257,22 +257,30 @@ class _Plans(Kind):
         self, block: LineTask, seed: int, folder: RunFolder, tell: Tell, journal: Journal
     ) -> Iterator[tuple[str, Callable[[], pl.DataFrame]]]:
         """Yield the plans by every method and law as one part."""
-        yield "0000", partial(self._plan, block, folder, tell)
+        yield "0000", partial(self._plan, block, folder, tell, journal)
 
-    def _plan(self, block: LineTask, folder: RunFolder, tell: Tell) -> pl.DataFrame:
+    def _plan(self, block: LineTask, folder: RunFolder, tell: Tell, journal: Journal) -> pl.DataFrame:
         """Plan the line by every method and law, write the data of the report, and return the rows."""
         tell(block.title)
         robot, q, path = check_line(block)
         good: list[Plan] = []
         summaries: list[dict[str, Any]] = []
+        lost: list[dict[str, Any]] = []
         for name in block.solvers:
             solver = make_solver(robot, name)
             for law in block.laws:
-                seconds = []
-                for _ in range(PLAN_REPEATS):
-                    begin = time.perf_counter()
-                    planned = plan(robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block))
-                    seconds.append(time.perf_counter() - begin)
+                seconds, about = [], {"solver": short_name(name), "law": short_name(law)}
+                label = f"{about['law']} with {about['solver']}"
+                if label in journal.crashed:
+                    lost.append(about | {"method": label, "problem": block.title, "status": "crashed"})
+                    continue
+                with journal.at_work(label):
+                    for _ in range(PLAN_REPEATS):
+                        begin = time.perf_counter()
+                        planned = plan(
+                            robot, path, q, solver=solver, timing=law, samples=block.samples, **_around(block)
+                        )
+                        seconds.append(time.perf_counter() - begin)
                 good += [planned] if planned else []
                 summaries.append(_summary(planned, float(np.median(seconds))))
         shown, pictures = first_of_laws(good, lambda p: p.law), []
@@ -291,7 +299,8 @@ class _Plans(Kind):
             }
             for p in summaries
         ]  # fmt: skip
-        return pl.DataFrame(rows, schema_overrides={"duration": pl.Float64}, infer_schema_length=None)
+        types = {"duration": pl.Float64, "seconds": pl.Float64}
+        return pl.DataFrame(rows + lost, schema_overrides=types, infer_schema_length=None)
 
 
 METHOD = _Plans
