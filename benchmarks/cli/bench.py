@@ -167,7 +167,10 @@ class CheckCommand(JsonCommand):
 
         suite = load_suite(self.suite)
         rows = record_plugins(suite.plugins)
+        code = any(str(row.get("path", "")).endswith(".py") for row in rows)
         keys = explain(suite, data_file(SUITES, self.suite, "suite").parent)
+        for kind, block in () if code else suite.pairs():
+            kind.prepare(block, suite.seed)  # what only trying shows
         shown = [key for key in keys if key.given or self.every]
         if self.as_json:
             about = {"suite": suite.name, "fingerprint": suite.fingerprint, "plugins": rows}
@@ -175,7 +178,7 @@ class CheckCommand(JsonCommand):
             return
         _print_keys(shown)
         words = f"{suite.name}: no errors"
-        if any(str(row.get("path", "")).endswith(".py") for row in rows):
+        if code:
             words += "; its Python files were not run"
         out_console.print(words, soft_wrap=True)
         for row in rows:

@@ -146,6 +146,11 @@ BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "
             "limits = [{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }]\n",
             r"^block 'b': .*one\.csv: expected two waypoints or more; got one row$",
         ),
+        (
+            '[[freedom]]\nid = "f"\nlimits = [{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }]\n'
+            'sets = [{ robot = "paper6r", kind = "regular", count = 1, freedom = "elbow" }]\n',
+            r"^freedom 'f': sets\[0\]: freedom: .*more than six joints; got 'elbow' of paper6r with 6 joints$",
+        ),
         ("[[block]]\n" + BLOCK, "blocks"),
         ("[[blocks]]\n" + BLOCK + "[[blocks]]\n" + BLOCK.replace('"a"', '"A"'), "differ in more than case"),
         ("[[blocks]]\nid = = 1\n", r"at line 2, column 6"),

@@ -31,6 +31,7 @@ from benchmarks.settings import (
     check_different,
     check_labels,
     key,
+    naming,
     numbered,
     one_of,
 )  # fmt: skip
@@ -40,7 +41,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.certification import certify
 from planners.fit import fit_to_limits
-from planners.freedom import freedoms
+from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
 from planners.paths.base import Path
@@ -329,10 +330,15 @@ class _Freedom(Kind):
 
     def prepare(self, block: FreedomBlock, seed: int) -> None:
         """Check the limits on every arm, and sample the first problem of each set."""
-        for part in block.sets:
-            for limits in block.limits:
-                limits.of(part.load())
-            draw(part, block.limits, seed, 0)
+        for k, part in enumerate(block.sets):
+            with naming(f"freedom {block.id!r}: sets[{k}]"):
+                arm = part.load()
+                if part.freedom and not freedom_of(part.freedom).screws and arm.n <= 6:
+                    came = f"{part.freedom!r} of {arm.name} with {arm.n} joints"
+                    raise InvalidInput("freedom", came, "a freedom of the tool, or an arm with more than six joints")
+                for limits in block.limits:
+                    limits.of(arm)
+                draw(part, block.limits, seed, 0)
 
     def timed(
         self, block: FreedomBlock, seed: int, folder: RunFolder, tell: Tell, journal: Journal
