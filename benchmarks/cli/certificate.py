@@ -115,6 +115,7 @@ def print_certificate(plan: Any) -> None:
 def print_choice(plan: Any) -> None:
     """Print what a plan chose: the freedoms of its path, and how it avoided obstacles."""
     from planners.paths.free_path import FreePath
+    from planners.paths.point_to_point import PointToPoint
 
     chosen, search = plan.freedom, plan.search
     if search is not None:
@@ -137,6 +138,10 @@ def print_choice(plan: Any) -> None:
         if np.isfinite(one.allowed).all():
             allowed = f"allowed {factor * one.allowed[0]:.3g} to {factor * one.allowed[1]:.3g}{unit}"
         out_console.print(f"  {one.name}: {low} to {high}{unit} (proved; {allowed})", soft_wrap=True)
+    if isinstance(plan.path, PointToPoint) and plan.path.vias and plan:
+        away, turned = plan.path.via_errors.max(axis=0)
+        words = f"at most {1e3 * away:.3g} mm and {np.degrees(turned):.3g}° away"
+        out_console.print(f"  via points: {len(plan.path.vias)}, passed in order, {words}", soft_wrap=True)
     if chosen.gain > 0.0 and np.isfinite(chosen.distance):
         off = f"{1e3 * chosen.distance:.3g} mm and {np.degrees(chosen.angle):.3g}°"
         out_console.print(f"  tool at most {off} from the given path (proved)", soft_wrap=True)

@@ -154,6 +154,8 @@ class JointsCommand(PlanCommand):
         import planners
 
         goal = read_configuration(start.arm, self.to_deg, "--to-deg")
+        if self.avoid and np.array_equal(goal, start.q):
+            raise InvalidInput("--to-deg", "the start", "another configuration")
         kind = planners.PointToPoint if self.avoid else planners.JointLine
         return kind(start.arm, start.q, goal)
 

@@ -47,7 +47,7 @@ def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) 
         raise InvalidInput(table.header, "no line", ACCEPTED_HEADER)
     table = table._replace(columns=_header(table.header, table.columns))
     if len(table.rows) < 2:
-        raise InvalidInput(str(file), f"{len(table.rows)} rows of numbers", "at least two waypoints")
+        raise InvalidInput(str(file), "fewer than two rows", "at least two waypoints")
     turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(table.columns)), ())
     if turned in ((), AXIS_COLUMNS) and orientation is None:
         what = "i,j,k, which leave the rotation about the axis free," if turned else "no columns of an orientation"
@@ -74,7 +74,7 @@ def read_joint_waypoints(robot: Robot, file: str | os.PathLike[str]) -> list[Joi
         _header(table.header, others, accepted)
     table = table._replace(columns=columns)
     if len(table.rows) < 2:
-        raise InvalidInput(str(file), f"{len(table.rows)} rows of numbers", "a start and a goal")
+        raise InvalidInput(str(file), "fewer than two rows", "a start and a goal")
     tolerances = TOLERANCE_COLUMNS if TOLERANCE_COLUMNS[0] in columns else ()
     at_joints, with_tolerance = _filled(table, joints), _filled(table, tolerances)
     at_poses = ~at_joints

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
@@ -43,6 +44,8 @@ STRAIGHT_RATE = 1e-12
 """Largest difference of q' from that of a straight line [1]: rounding."""
 MISSED = 1e-9
 """Largest distance of the joints from a via configuration that is passed exactly [rad, m]."""
+LEAST_VIA_TOLERANCE = 1e-6
+"""Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 SPAN_SAMPLES = 24
 """Samples of each span for the bounds on derivatives; between them a bound grows by half their distance times the next one."""
 
@@ -65,6 +68,10 @@ class ViaPoint:
         if self.target.ndim != 1 and self.target.shape != (4, 4):
             raise InvalidInput("target", f"shape {self.target.shape}", expected)
         self.tolerance = None if tolerance is None else Tolerance.of(tolerance)
+        for value in () if self.tolerance is None else (self.tolerance.position, self.tolerance.rotation):
+            if value < LEAST_VIA_TOLERANCE:
+                allowed = f"{LEAST_VIA_TOLERANCE:g} m and rad or more; or none, for a point that is passed exactly"
+                raise InvalidInput("tolerance", f"{value:g}", allowed)
 
     @property
     def is_pose(self) -> bool:
@@ -174,7 +181,16 @@ class PointToPoint(Path):
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], "a Robot")
         start, *points = read_joint_waypoints(robot, file)
-        return cls(robot, start.target, *(ViaPoint(*point) for point in points))
+
+        def name(text: object) -> str:
+            return re.sub(r"\bpoint (\d+)", lambda i: f"row {int(i[1]) + 2} of {os.path.basename(file)}", str(text))
+
+        try:
+            return cls(robot, start.target, *(ViaPoint(*point) for point in points))
+        except InvalidInput as error:
+            raise InvalidInput(name(error.argument), name(error.got), name(error.expected)) from None
+        except NoSolution as error:
+            raise NoSolution(name(error.reason), advice=error.advice) from None
 
     def with_coefficients(self, coefficients: Array) -> PointToPoint:
         """Return the path with other control points.
@@ -267,17 +283,20 @@ class PointToPoint(Path):
         """
         return self._joints(s)
 
+    @property
+    def via_errors(self) -> Array:
+        """Distance [m] and angle [rad] of the tool from each via point where the path passes it, (k, 2)."""
+        q = self._joints(np.array([via.s for via in self.vias]))[:, 0]
+        poses = np.array([via.pose for via in self.vias]).reshape(-1, 4, 4)
+        return np.asarray(np.linalg.norm(se3.error(self.robot.fk(q), poses).reshape(-1, 2, 3), axis=2))
+
     def list_missed(self) -> list[Via]:
         """Return the via points that the path misses by more than their tolerance."""
         missed = []
-        for via in self.vias:
-            q = self._joints(np.array([via.s]))[0, 0]
-            e, most = se3.error(self.robot.fk(q)[None], via.pose[None])[0], via.tolerance
-            exact = most is None and bool(np.abs(q - via.q).max() <= MISSED)
-            inside = (
-                most is not None and np.linalg.norm(e[:3]) <= most.position and np.linalg.norm(e[3:]) <= most.rotation
-            )
-            if not (exact or inside):
+        for via, (position, rotation) in zip(self.vias, self.via_errors, strict=True):
+            most = via.tolerance
+            exact = most is None and bool(np.abs(self._joints(np.array([via.s]))[0, 0] - via.q).max() <= MISSED)
+            if not exact and (most is None or position > most.position or rotation > most.rotation):
                 missed.append(via)
         return missed
 

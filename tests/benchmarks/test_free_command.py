@@ -68,6 +68,7 @@ def test_point_to_point_follows_a_table(typed: Any, tmp_path: Path) -> None:
     status, out, said = typed("plan", "ptp", "--waypoints", str(table), "--out", str(file))
     assert status == 0, said
     assert "certificate valid" in out and "free path: chosen" in out
+    assert re.search(r"via points: \d, passed in order, at most \d\.?\d* mm and \d\.?\d*° away", out)
     motion = planners.load_motion(file)
     q = motion.trajectory.sample(1000)[1]
     np.testing.assert_allclose(
@@ -143,8 +144,13 @@ def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[s
         (CYCLE + GOAL, START, 2, "the first row of --waypoints is the start"),
         (CYCLE + GOAL, ("--branch", "start"), 2, "--branch: expected no branch"),
         (CYCLE + GOAL, ("--avoid",), 2, "--avoid: expected a scene"),
-        (CYCLE.replace("114", "9114") + GOAL, (), 1, "no configuration inside the limits reaches the pose of point 0"),
-        (CYCLE + GOAL.replace("60", "600"), (), 2, "joint1"),
+        (
+            CYCLE.replace("114", "9114") + GOAL,
+            (),
+            1,
+            "reaches the pose of row 2 of cycle.csv",
+        ),
+        (CYCLE + GOAL.replace("60", "600"), (), 2, "row 3 of cycle.csv: expected"),
     ],
 )
 def test_misuse_of_via_points(

@@ -63,12 +63,20 @@ def nearest_passes(found: Plan, poses: list[Array]) -> list[tuple[float, float, 
     return passes
 
 
+def test_a_tolerance_below_rounding_is_refused() -> None:
+    for tolerance in ((1e-12, 0.1), (1e-3, 1e-12)):
+        with pytest.raises(InvalidInput, match="tolerance: expected 1e-06 m and rad or more"):
+            ViaPoint(np.eye(4), tolerance)
+
+
 def test_via_poses_are_passed_in_order_within_their_tolerance_and_without_stops() -> None:
     found = planned()
     assert found
     path = found.path
     assert isinstance(path, PointToPoint)
-    nearest_passes(found, [via.pose for via in path.vias])
+    passes = np.array(nearest_passes(found, [via.pose for via in path.vias]))
+    assert (path.via_errors <= np.array(TOLERANCE) + 1e-9).all() and (path.via_errors[:, 0] > 1e-4).all()
+    assert (passes[:, 1] <= np.array(TOLERANCE[0])).all()
     q = [HOME, *(via.q for via in path.vias), HOME]
     lines = [JointLine(path.robot, a, b) for a, b in pairwise(q)]
     stops = sum(plan(path.robot, one, limits=LIMITS).trajectory.duration for one in lines)

@@ -301,7 +301,8 @@ class _Motion(Kind):
         limits, reason = block.limits.of(robot), find_touching_end(robot, problem)
         about = {"problem": index, "kind": kind, "number": number, "touched": bool(reason)}
         if reason:
-            rows = [{"method": label, "status": "contact", "reason": reason} for label in block.labels]
+            status = "outside the limits" if "limits" in reason else "contact"
+            rows = [{"method": label, "status": status, "reason": reason} for label in block.labels]
         else:
             if not warm:
                 warm.append(bool(list(solve(block, robot, limits, problem, journal))))  # compiles, and is not counted
