@@ -366,12 +366,12 @@ class _Planner:
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
         made = SearchReport(search.name if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-        return replace(self._finish(best, duration), freedom=best.freedom, search=made)
+        return replace(self._finish(best, duration, DENSITY), freedom=best.freedom, search=made)
 
-    def _finish(self, found: Plan, duration: float | None) -> Plan:
+    def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
         """Return a plan along a chosen path with the duration that is asked for, if it meets its via points."""
         if duration is not None and found:
-            found = self._time(found.path, FollowResult(found.joint_path, None), duration)[0]
+            found = self._time(found.path, FollowResult(found.joint_path, None), duration, density)[0]
         if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
             reason = f"the path misses the via point at s = {missed[0].s:.6g} by more than its tolerance"
             failure = PlanFailure(

@@ -2,6 +2,7 @@
 
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,10 @@ def test_point_to_point_follows_a_table(typed: Any, tmp_path: Path) -> None:
     assert 1e-4 < np.linalg.norm(tool - [0.114, 0.403, 0.25], axis=1).min() < 5e-3
 
 
-def test_joints_go_around_a_wall_and_straight_ones_do_not(typed: Any, wall: str) -> None:
+def test_joints_go_around_a_wall_and_straight_ones_do_not(
+    typed: Any, wall: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(import_module("planners.plan"), "DENSITY", 1.0)  # what is printed does not depend on the grid
     move = ("plan", "joints", *PANDA, "--to-deg", "51.6,-45,0,-135,0,90,45", "--scene", wall)
     assert typed(*move)[0] == 1
     status, out, said = typed(*move, "--avoid")

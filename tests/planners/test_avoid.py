@@ -254,10 +254,11 @@ def test_another_initial_path_is_tried_where_the_first_cannot_be_shortened(monke
     assert found and found.trajectory.duration < 0.9 * first.trajectory.duration
 
 
-def test_the_same_scene_gives_the_same_motion() -> None:
-    again = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
-    assert (again.trajectory.coefficients == around().trajectory.coefficients).all()
-    assert again.search == around().search
+def test_the_same_scene_gives_the_same_motion_which_a_duration_slows() -> None:
+    again, first = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=6.0), around()
+    assert again and again.trajectory.duration == pytest.approx(6.0) and again.search == first.search
+    slowed = first.trajectory.slowed(6.0 / first.trajectory.duration)
+    assert (again.trajectory.coefficients == slowed.coefficients).all()
 
 
 def test_any_law_times_the_way_that_is_found() -> None:
@@ -266,12 +267,6 @@ def test_any_law_times_the_way_that_is_found() -> None:
     assert found.freedom is not None
     assert "only the law optimal" in found.freedom.outcome
     assert found.trajectory.duration > around().trajectory.duration
-
-
-def test_a_duration_is_that_of_the_way_slowed() -> None:
-    found = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True, duration=6.0)
-    assert found
-    assert found.trajectory.duration == pytest.approx(6.0)
 
 
 def test_via_points_are_passed_on_the_way_around() -> None:
