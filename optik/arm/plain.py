@@ -79,7 +79,8 @@ def read_record(data: Any, keys: tuple[str, ...], argument: str, *, optional: tu
     if not isinstance(data, dict):
         raise InvalidInput(argument, repr(data)[:60], expected)
     missing = [key for key in keys if key not in data]
-    unknown = [str(key) for key in data if key not in keys and key not in optional]
+    unknown = [key if isinstance(key, str) and key.isprintable() else repr(key) for key in data
+               if key not in keys and key not in optional]  # fmt: skip
     if missing or unknown:
         wrong = [f"{', '.join(part)} {word}" for part, word in ((missing, "missing"), (unknown, "unknown")) if part]
         raise InvalidInput(argument, "; ".join(wrong)[:200], expected)

@@ -12,16 +12,17 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import kinematics, newton, se3
+from optik import kinematics, se3
 from optik.arm.plain import describe_difference, read_numbers
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput, NoSolution
-from optik.ik import Tolerance, make_solver
+from optik.ik import Tolerance
 from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
 from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
+from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import DEGREE, Spline
 from planners.paths._waypoints import read_joint_waypoints
@@ -30,20 +31,10 @@ from planners.paths.base import Path, fields
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
 """Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control
 points cannot stay inside the joint limits, more, so that no control point belongs to two via points."""
-BRANCH_DRAWS = 60
-"""Random initial guesses for the configurations of a pose."""
-CONTINUING_STEPS = 20
-"""Most Newton steps from a configuration of one point to the pose of the next."""
-GOAL_STEPS = 3
-"""Newton steps after the IK, so that a pose is reached to rounding."""
-BRANCH_APART = 1e-3
-"""Largest distance between two results of the IK that count as one [rad, m]."""
 SHORTEST_LEG = 1e-6
 """Shortest distance between two configurations of the path [rad, m]."""
 STRAIGHT_RATE = 1e-12
 """Largest difference of q' from that of a straight line [1]: rounding."""
-MISSED = 1e-9
-"""Largest distance of the joints from a via configuration that is passed exactly [rad, m]."""
 LEAST_VIA_TOLERANCE = 1e-6
 """Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 SPAN_SAMPLES = 24
@@ -131,7 +122,7 @@ class PointToPoint(Path):
         if given[-1].tolerance is not None:
             raise InvalidInput("points", "a goal with a tolerance", "a goal that is reached exactly")
         self.robot, self.unit = robot, "m" if robot.prismatic.all() else "rad"
-        q = _choose_configurations(robot, check_start(robot, q_start, "q_start"), given, usable)
+        q = choose_configurations(robot, check_start(robot, q_start, "q_start"), [one.target for one in given], usable)
         self.points = given
         legs = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if not legs.min() > SHORTEST_LEG:
@@ -412,58 +403,6 @@ def _read_via(data: Any, n: int) -> Via:
         read_numbers(data["pose"], (4, 4), "vias.pose"),
         None if tolerance is None else Tolerance(*(float(x) for x in read_numbers(tolerance, (2,), "vias.tolerance"))),
     )  # fmt: skip
-
-
-def _choose_configurations(
-    robot: Robot, q: Array, points: Sequence[ViaPoint], usable: Callable[[Array], Flags] | None
-) -> Array:  # fmt: skip
-    """Return the start and one configuration for each point (k, n), with the least sum of squared joint motions."""
-    layers = [q[None]]
-    for i, point in enumerate(points):
-        if point.is_pose:
-            found = _find_configurations(robot, se3.check_pose(point.target, f"point {i}"), layers[-1], f"point {i}")
-            may = np.ones(len(found), np.bool_) if usable is None else usable(found)
-            layers.append(found[may] if may.any() else found)
-        else:
-            layers.append(check_start(robot, point.target, f"point {i}")[None])
-    cost, before = np.zeros(1), []
-    for first, second in itertools.pairwise(layers):
-        total = cost[:, None] + ((first[:, None] - second) ** 2).sum(axis=2)
-        before.append(total.argmin(axis=0))
-        cost = total.min(axis=0)
-    chosen = [int(cost.argmin())]
-    for step in reversed(before):
-        chosen.append(int(step[chosen[-1]]))
-    return np.stack([layer[i] for layer, i in zip(layers, reversed(chosen), strict=True)])
-
-
-def _find_configurations(robot: Robot, pose: Array, before: Array, which: str) -> Array:
-    """Return different configurations (k, n) of a pose inside the limits, from those of the point before and random ones."""
-    target, limits = se3.nearest_pose(pose), robot.limits
-    on = before[:BRANCH_DRAWS].copy()
-    newton.polish_batch(robot.chain, on, np.repeat(target[None], len(on), axis=0), CONTINUING_STEPS)
-    on = on[
-        (np.abs(robot.pose_errors(on, np.repeat(target[None], len(on), axis=0))).max(axis=1) < MISSED)
-        & limits.contains(on)
-    ]
-    starts = limits.sample(np.random.default_rng(0), BRANCH_DRAWS)
-    several = np.repeat(target[None], BRANCH_DRAWS, axis=0)
-    found = make_solver(robot, "lm", max_restarts=3).solve_batch(several, starts, threads=1)
-    reached = np.ascontiguousarray(found.q[found.solved])
-    newton.polish_batch(robot.chain, reached, several[: len(reached)], GOAL_STEPS)
-    q = np.concatenate([on, reached[limits.contains(reached)]])
-    wound = q - 2.0 * np.pi * np.round((q - before[0]) / (2.0 * np.pi))
-    inside = (wound >= limits.lower) & (wound <= limits.upper) & ~robot.prismatic
-    kept: list[Array] = []
-    for x in np.where(inside, wound, q):
-        if all(np.abs(x - other).max() > BRANCH_APART for other in kept):
-            kept.append(x)
-    if not kept:
-        raise NoSolution(
-            f"no configuration inside the limits reaches the pose of {which}, from {BRANCH_DRAWS} initial guesses",
-            advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
-        )
-    return np.array(kept)
 
 
 METHOD = PointToPoint

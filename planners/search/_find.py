@@ -18,7 +18,7 @@ from optik.registry import build_method
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
-from planners.paths.point_to_point import _find_configurations
+from planners.paths._configurations import find_configurations
 from planners.search.base import JointSpace, Search, SearchResult, SearchStatus, measure_length
 
 SAME_PATH = 0.05
@@ -168,7 +168,7 @@ def _list_goals(robot: Robot, start: Array, goal: ArrayLike) -> Array:
     except (TypeError, ValueError):
         raise InvalidInput("goal", repr(goal)[:60], expected) from None
     if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
-        return np.ascontiguousarray(_find_configurations(robot, se3.check_pose(array, "goal"), start[None], "the goal"))
+        return np.ascontiguousarray(find_configurations(robot, se3.check_pose(array, "goal"), start[None], "the goal"))
     if array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
         raise InvalidInput("goal", f"shape {array.shape}", expected)
     rows: Iterable[Array] = array.reshape(-1, robot.n)

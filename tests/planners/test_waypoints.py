@@ -82,7 +82,7 @@ def test_every_header_gives_the_poses_that_were_written(
         (HEAD + "\n# a remark\n1,,3\n", ["line 5, column y", "''"]),
         (HEAD + "1,2,nan\n", ["line 3, column z", "'nan'"]),
         (HEAD + "1,2,0x3\n", ["line 3, column z"]),
-        (HEAD, ["1 rows", "at least two"]),
+        (HEAD, ["fewer than two rows", "at least two"]),
         (HEAD + "0,0,0\n", ["equal poses"]),
         ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,2\n", ["line 3, columns i,j,k", "length 2"]),
         ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,-1\n", ["line 3, columns i,j,k", "opposite"]),
