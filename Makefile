@@ -16,7 +16,7 @@ demo: $(VENV)/.core
 
 test: $(VENV)/.dev
 	$(BIN)/optik kernels --compile
-	$(BIN)/python -m pytest -n auto --dist loadfile --durations=40
+	$(BIN)/python -m pytest --ignore=tests/lint -n auto --dist loadfile --durations=40
 
 soak: $(VENV)/.dev
 	$(BIN)/python -m pytest -m 'soak or hypothesis' -n auto
@@ -57,6 +57,7 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python -m pytest -q tests/lint
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "optik needs Python 3.11 or newer; name one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }

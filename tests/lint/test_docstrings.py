@@ -14,7 +14,7 @@ docstring. Every other function has one sentence. Of what is shown:
 
 Ruff (D417, DOC102, DOC202, DOC403 in `make lint`) compares the sections that a docstring has with its function, wherever it is.
 
-`python tests/test_docstrings.py FILE …` prints what is missing in these files.
+`python tests/lint/test_docstrings.py FILE …` prints what is missing in these files.
 """
 
 import ast
@@ -29,7 +29,7 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[1]
+REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = sorted(f for part in ("optik", "planners", "benchmarks") for f in (REPOSITORY / part).rglob("*.py"))
 
 NO_PLUGINS = {"blocks", "report"}
