@@ -134,7 +134,8 @@ def one_of(*known: str) -> BeforeValidator:
 
     def check(value: Any) -> str:
         if value not in known:
-            raise InvalidInput("", format_value(value, 60), f"one of {', '.join(known)}")
+            quoted = (repr(word) if "," in word else word for word in known)
+            raise InvalidInput("", format_value(value, 60), f"one of {', '.join(quoted)}")
         return str(value)
 
     return BeforeValidator(check)

@@ -65,7 +65,9 @@ def read_archive(file: str | Path) -> dict[tuple[str, int], dict[str, str]]:
                     key = name["kind"], int(name["number"])
                     found.setdefault(key, {})[name["part"]] = content.read().decode()
     except (OSError, EOFError, UnicodeDecodeError, tarfile.TarError) as error:
-        raise InvalidInput("problems", f"{str(file)!r}: {error}"[:160], "a tar file of problems") from None
+        raise InvalidInput(
+            "problems", f"{str(file)!r}: {str(error).splitlines()[0]}"[:160], "a tar file of problems"
+        ) from None
     found = {key: found[key] for key in sorted(found) if len(found[key]) == 2}
     if not found:
         raise InvalidInput("problems", f"{str(file)!r} without one", "KIND_ARM/scene0001.yaml and request0001.yaml")

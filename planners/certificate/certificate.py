@@ -320,7 +320,8 @@ def plan_summary(
         s, name, reason, advice = failure
         share = f" ({100.0 * s / path.end:.3g} % of the path)" if path.end > 0.0 else ""
         joint = f", {name}" if name else ""
-        lines.append(f"stopped at s = {s:.3g} {path.unit}{share}{joint}")
+        if s or name:
+            lines.append(f"stopped at s = {s:.3g} {path.unit}{share}{joint}")
         lines.append(f"reason: {shorten(reason)}")
         lines.append(f"try: {shorten(advice)}")
     if proof is not None:
