@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.registry import names
 from optik.scene import Scene
-from optik.scene.contact import find_contact, find_nearest_pairs
+from optik.scene.contact import check_scene, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array, Flags
 from planners.following.failure import FollowStatus, PlanFailure
 from planners.paths._goal import path_to
@@ -44,6 +44,8 @@ MOST_WAYS = 3
 ENOUGH_GAIN = 0.01
 """Fraction by which the motion chosen around obstacles is shorter than that along its initial path, below which another initial
 path is tried: where little is gained, the obstacles hold the path on a long way around."""
+MOST_PAIRS = 200_000
+"""Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
 DENSITY = 2.0
 """Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
 
@@ -102,6 +104,13 @@ def check_avoidable(
     """Return a path that can avoid obstacles: joints as goal become a `PointToPoint`."""
     if scene is None:
         raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
+    check_scene(robot, scene)
+    assert robot.shapes is not None
+    if len(find_pairs(robot, scene).bodies) > MOST_PAIRS:
+        allowed = (
+            f"about {MOST_PAIRS // robot.shapes.m:,} for {robot.name} with avoid; small ones as one cloud, clouds="
+        )
+        raise InvalidInput("scene", f"{len(scene.names):,} objects", f"at most {allowed}")
     if isinstance(path, Path):
         if not isinstance(path, PointToPoint | FreePath):
             allowed = "a PointToPoint, joints as goal, or a path with freedoms (planners.free)"

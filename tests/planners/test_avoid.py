@@ -389,10 +389,16 @@ def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_t
     ("path", "options", "said"),
     [
         (GOAL, {"scene": None}, "a Scene with the obstacles"),
+        (GOAL, {"scene": 3}, "a Scene; an empty one"),
         (Line(panda().fk(REST), panda().fk(GOAL)), {}, "planners.free"),
         (panda().fk(GOAL), {}, "straight line"),
         (REST, {}, "^path: .* ends differ"),
         (GOAL, {"avoid": "rrt"}, "rrt"),
+        (
+            GOAL,
+            {"scene": Scene(spheres=[((9.0, 0.0, 0.001 * k), 0.01) for k in range(20_000)])},
+            "clouds=.*20,000 objects",
+        ),
         (GOAL, {"avoid": 3}, "avoid: expected True, False, or a search: ompl, rrt_connect"),
     ],
 )
