@@ -44,7 +44,7 @@ MOST_WAYS = 3
 ENOUGH_GAIN = 0.01
 """Fraction by which the motion chosen around obstacles is shorter than that along its initial path, below which another initial
 path is tried: where little is gained, the obstacles hold the path on a long way around."""
-MOST_PAIRS = 200_000
+MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
 DENSITY = 2.0
 """Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
@@ -106,10 +106,8 @@ def check_avoidable(
         raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
     check_scene(robot, scene)
     assert robot.shapes is not None
-    if len(find_pairs(robot, scene).bodies) > MOST_PAIRS:
-        allowed = (
-            f"about {MOST_PAIRS // robot.shapes.m:,} for {robot.name} with avoid; small ones as one cloud, clouds="
-        )
+    if len(find_pairs(robot, scene).bodies) > MOST_AVOIDED_PAIRS:
+        allowed = f"about {MOST_AVOIDED_PAIRS // robot.shapes.m:,} for {robot.name} with avoid; or one cloud, clouds="
         raise InvalidInput("scene", f"{len(scene.names):,} objects", f"at most {allowed}")
     if isinstance(path, Path):
         if not isinstance(path, PointToPoint | FreePath):
