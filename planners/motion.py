@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Protocol
 
 from optik.arm.robot import Robot
@@ -110,13 +111,18 @@ class Motion:
             object.__setattr__(self, "speed", check_number(self.speed, "speed", "a tool speed above 0", above=0.0))
         check_scene(self.robot, self.scene)
 
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate of the motion, computed once."""
+        return self.certify(law=self.law)
+
     def certify(self, **options: Any) -> Certificate:
-        """Certify the motion again.
+        """Certify the motion.
 
         Parameters
         ----------
         **options
-            As for `planners.certify`, in place of the motion's own.
+            As for `planners.certify`, in place of the motion's own; without any, the motion is certified once.
 
         Returns
         -------
@@ -128,6 +134,8 @@ class Motion:
         InvalidInput
             An option that `planners.certify` does not accept.
         """
+        if not options:
+            return self.certificate
         known: dict[str, Any] = {
             "law": self.law,
             "enforced": self.enforced,
@@ -138,7 +146,7 @@ class Motion:
         return certify(self.robot, self.path, self.trajectory, self.limits, **(known | options))
 
     def check_valid(self, allow: Allow = ()) -> None:
-        """Certify the motion again, and raise `InvalidMotion` if it is invalid.
+        """Raise `InvalidMotion` if the certificate of the motion is invalid.
 
         Parameters
         ----------
@@ -153,7 +161,7 @@ class Motion:
             A word that does not exist.
         """
         if set(check_allow(allow)) != set(ALLOWANCES):
-            check_valid(self.certify(), allow)
+            check_valid(self.certificate, allow)
 
 
 class HasMotion(Protocol):

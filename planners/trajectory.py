@@ -14,6 +14,9 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.curve import PiecewiseCurve, piece_ends, piece_extrema
 
+LARGEST_POSITION = 1e9
+"""Largest term of a position [rad, m]: beyond it rounding is above any tolerance of a path, and derivatives overflow."""
+
 
 class Extrema(NamedTuple):
     """Exact least and greatest value of each joint (n,), and when [s]; one-sided values at jumps count."""
@@ -58,6 +61,13 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
+        powers = np.arange(len(polynomial.c))[::-1, None]
+        with np.errstate(over="ignore"):
+            reach = float((np.abs(polynomial.c).max(axis=2) * np.diff(polynomial.x) ** powers).max())
+        if not reach <= LARGEST_POSITION:
+            raise InvalidInput(
+                "polynomial", f"positions up to {reach:.3g}", f"positions up to {LARGEST_POSITION:g} rad or m"
+            )
         if s is not None and np.shape(s) != polynomial.x.shape:
             raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
         self._set_polynomial(polynomial)

@@ -13,6 +13,7 @@ from planners.certificate import checks
 from planners.certificate.bounds import MotionBounds, ToolSpeed, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
+from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TorqueBounds
 from planners.limits._motion import LimitedMotion, TorqueRatios
@@ -24,7 +25,10 @@ PATH_INDEPENDENT = ("bounds", "tool_speed", "torques", "jumps", "rest")
 
 
 class MotionAnalysis(LimitedMotion):
-    """A motion of an arm, along a path if it has one, and its computed values; `enough` [m, rad] is a small path error."""
+    """A motion of an arm, along a path if it has one, and its computed values.
+
+    `enough` [m, rad] is a small path error. `turn` [m/rad] weighs rotation against position where the tool is projected.
+    """
 
     def __init__(
         self,
@@ -32,21 +36,22 @@ class MotionAnalysis(LimitedMotion):
         trajectory: Trajectory,
         path: Path | None = None,
         enough: tuple[float, float] = (ERROR_FLOOR, ERROR_FLOOR),
+        turn: float = NEAREST_TURN,
     ) -> None:
         self.robot, self.trajectory, self._path = robot, trajectory, path
-        self._enough = min(enough[0], ERROR_FLOOR), min(enough[1], ERROR_FLOOR)
+        self._accuracy = (min(enough[0], ERROR_FLOOR), min(enough[1], ERROR_FLOOR)), turn
 
-    def along_path(self, path: Path | None, enough: tuple[float, float]) -> MotionAnalysis:
+    def along_path(self, path: Path | None, enough: tuple[float, float], turn: float = NEAREST_TURN) -> MotionAnalysis:
         """Return the analysis of the same motion along a path; values that do not depend on the path are reused."""
-        motion, known = MotionAnalysis(self.robot, self.trajectory, path, enough), vars(self)
-        if path is self._path and motion._enough == self._enough:
+        motion, known = MotionAnalysis(self.robot, self.trajectory, path, enough, turn), vars(self)
+        if path is self._path and motion._accuracy == self._accuracy:
             return self
         vars(motion).update({name: known[name] for name in PATH_INDEPENDENT if name in known})
         return motion
 
     def slowed(self, factor: float) -> MotionAnalysis:
         """Return the motion stretched in time by a factor."""
-        return MotionAnalysis(self.robot, self.trajectory.slowed(factor), self._path, self._enough)
+        return MotionAnalysis(self.robot, self.trajectory.slowed(factor), self._path, *self._accuracy)
 
     @property
     def has_path(self) -> bool:
@@ -63,7 +68,7 @@ class MotionAnalysis(LimitedMotion):
     @cached_property
     def along(self) -> tuple[PathError, Passage]:
         """The path error, and the motion's progress along the path."""
-        return path_error(self.robot, self.path, self.trajectory, self.bounds, self._enough)
+        return path_error(self.robot, self.path, self.trajectory, self.bounds, *self._accuracy)
 
     @property
     def knot_positions(self) -> Array:

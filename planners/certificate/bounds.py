@@ -202,7 +202,7 @@ class Closeness(NamedTuple):
     most: int
 
 
-def select_ends(side: Side, which: Flags) -> Side:
+def select_ends(side: Side, which: Flags | slice) -> Side:
     """Return the selected ends of intervals."""
     some: Side = type(side)(*(x[which] for x in side))
     return some
@@ -253,6 +253,11 @@ class SubdivisionBound(ABC, Generic[Side]):
     def values(self, side: Side) -> Array:
         """Return both values at instants."""
 
+    @property
+    def most_intervals(self) -> int:
+        """Largest number of intervals."""
+        return self._close.most
+
     def record_closed(self, which: Flags, left: Side) -> None:
         """Record the intervals of the last `between` that are not divided further."""
 
@@ -265,7 +270,8 @@ class SubdivisionBound(ABC, Generic[Side]):
             between = self.between(left, right)
             over = (between / (self._close.factor * np.maximum(self.found, self._close.floor))).max(axis=1)
             loose = (over > 1.0) & (right.t - left.t > self._shortest)
-            loose &= np.count_nonzero(loose) <= self._close.most - count
+            # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
+            loose &= float((over[loose] ** 0.25).sum()) <= self.most_intervals - count
             np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
             self.record_closed(~loose, left)
             if not loose.any():
@@ -301,7 +307,7 @@ SPEED_FLOOR = 1e-6
 """Least speed [m/s or rad/s] that the excess is relative to."""
 
 
-SPEED_INTERVALS = 200_000
+SPEED_INTERVALS = 50_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
 
 

@@ -28,6 +28,7 @@ from planners.certificate.checks import (
 from planners.certificate.clearance import clearance
 from planners.certificate.effort import energy, friction_steps
 from planners.certificate.path_error import PathError
+from planners.certificate.projection import NEAREST_TURN
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, check_path
 from planners.paths.base import Path
 from planners.trajectory import Trajectory, cut_after, cut_before
@@ -89,12 +90,18 @@ def certify(
     if unknown := [field for field in enforced if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
-    enough = (1.0, 1.0) if tolerance is None else (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH)
     analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
     if analysis.trajectory is not trajectory or analysis.robot != robot:
         raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
     criteria: dict[str, Any] = {"law": law, "enforced": enforced, "rate": rate, "tolerance": tolerance}
-    return _certify(analysis.along_path(path, enough), limits, before, span, scene, criteria)
+    return _certify(analysis.along_path(path, *_required_accuracy(tolerance)), limits, before, span, scene, criteria)
+
+
+def _required_accuracy(tolerance: Tolerance | None) -> tuple[tuple[float, float], float]:
+    """Return a path error [m, rad] that is small enough, and the weight [m/rad] of rotation against position."""
+    if tolerance is None:
+        return (1.0, 1.0), NEAREST_TURN
+    return (tolerance.position / ENOUGH, tolerance.rotation / ENOUGH), tolerance.position / tolerance.rotation
 
 
 def _certify(

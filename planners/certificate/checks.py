@@ -243,8 +243,8 @@ def _find_backward_stretches(passage: Passage) -> Array:
     A stretch may span many intervals; ``passage.falls`` has its part in each of them.
     """
     falls = passage.falls
-    t = np.concatenate([passage.t, falls[:, 0], falls[:, 0]])
-    s = np.concatenate([passage.s, falls[:, 1], falls[:, 2]])
+    t = np.concatenate([passage.t, falls[:, 0], falls[:, 2]])
+    s = np.concatenate([passage.s, falls[:, 1], falls[:, 3]])
     order = np.lexsort((np.repeat([0, 1, 2], [passage.t.size, len(falls), len(falls)]), t))
     t, s = t[order], s[order]
     starts = np.flatnonzero(np.append(True, s[1:] > np.maximum.accumulate(s)[:-1]))

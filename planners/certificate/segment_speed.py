@@ -83,7 +83,7 @@ def _stretches(
     t, s, inner = passage.t, passage.s, path.breaks[1:-1]
     low, high = np.minimum(s[:-1], s[1:]), np.maximum(s[:-1], s[1:])
     back = s[1:] < s[:-1]
-    for when, top, bottom in passage.falls:
+    for when, top, _, bottom in passage.falls:
         i = min(int(np.searchsorted(t, when, side="right")) - 1, low.size - 1)
         low[i], high[i], back[i] = min(low[i], bottom), max(high[i], top), True
     first = np.searchsorted(inner, low + CROSSING_ROUNDING * path.end, side="right")

@@ -123,10 +123,14 @@ def chords(path: PosesAlong, turn: float, most: float, least: int = 1) -> tuple[
     length = np.diff(breaks)
     fewest = np.where(second > 0.0, least, 1)
     cells = np.clip(np.ceil(length * np.sqrt(second / (8.0 * most))), fewest, MOST_CELLS).astype(int)
+    return divide(breaks, cells), np.repeat(second * (length / cells) ** 2 / 8.0, cells)
+
+
+def divide(breaks: Array, cells: Indices) -> Array:
+    """Return the ends of equal cells of pieces between breaks, from the number of cells of each piece."""
     which = np.repeat(np.arange(cells.size), cells)
     within = np.arange(which.size) - np.repeat(np.cumsum(cells) - cells, cells)
-    edges = breaks[which] + (length / cells)[which] * within
-    return np.append(edges, breaks[-1]), (second * (length / cells) ** 2 / 8.0)[which]
+    return np.append(breaks[which] + (np.diff(breaks) / cells)[which] * within, breaks[-1])
 
 
 def _search(path: PosesAlong, edges: Array, bend: Array, poses: Array) -> Array:

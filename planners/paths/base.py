@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
@@ -207,6 +208,10 @@ class Path(Curve):
         """
         return None
 
+    def joint_bounds(self) -> Array | None:
+        """Return bounds (k − 1, 4, n) on |dᵏq/dsᵏ|, k = 1…4, of a path in joint space between its breaks; None if unknown."""
+        return None
+
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files, with the path's name in ``path``; read back, the poses are equal to the last bit."""
@@ -282,6 +287,18 @@ class Path(Curve):
             Per unit of s [1, rad/m].
         """
         return self._evaluate(s, 0), self._evaluate(s, 1)
+
+
+def check_arm(robot: Robot, own: Robot) -> None:
+    """Raise InvalidInput unless an arm has the kinematics of the arm of a path in joint space."""
+    same = robot is own or (
+        np.array_equal(robot.fixed, own.fixed)
+        and np.array_equal(robot.prismatic, own.prismatic)
+        and np.array_equal(robot.tool, own.tool)
+    )
+    if not same:
+        other = f"{robot!r}, which differs in {describe_difference(robot, own)}"
+        raise InvalidInput("robot", other, f"the arm of this path, {own!r}")
 
 
 def fields(data: Any, path: str, *names: str) -> tuple[Any, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, newton, se3
-from optik.arm.plain import describe_difference
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
@@ -18,7 +17,7 @@ from optik.ik._problem import check_start
 from optik.types import Array
 from planners.curve import Curve
 from planners.paths._poses import rotation_derivative_norms
-from planners.paths.base import Path, fields
+from planners.paths.base import Path, check_arm, fields
 
 BOUND_SAMPLES = 32
 """Least number of samples for the bounds on derivatives, and their number in a radian or metre. Between samples a bound grows
@@ -64,6 +63,7 @@ class JointLine(Path):
     """
 
     name: ClassVar[str] = "joint_line"
+    in_joints = True
 
     def __init__(self, robot: Robot, q_start: ArrayLike, q_goal: ArrayLike) -> None:
         if not isinstance(robot, Robot):
@@ -131,9 +131,7 @@ class JointLine(Path):
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
         """Return configurations at s, or their derivatives: q' is constant."""
-        if robot != self.robot:
-            other = f"{robot!r}, which differs in {describe_difference(robot, self.robot)}"
-            raise InvalidInput("robot", other, f"the arm of this path, {self.robot!r}")
+        check_arm(robot, self.robot)
         return self._joints(s, order)
 
     def _evaluate(self, x: Array, order: int) -> Array:
@@ -157,6 +155,12 @@ class JointLine(Path):
         # The fourth is by reach alone (`_reach_bounds`). A lower one is at most its largest sample, plus half the distance
         # of the samples times the bound above it.
         return self._bounds.copy()
+
+    def joint_bounds(self) -> Array:
+        """Return bounds (1, 4, n) on the derivatives of the joints: q' is constant."""
+        bounds = np.zeros((1, 4, self.robot.n))
+        bounds[0, 0] = np.abs(self._joints.rate)
+        return bounds
 
     @cached_property
     def _bounds(self) -> Array:

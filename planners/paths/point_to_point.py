@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import kinematics, se3
-from optik.arm.plain import describe_difference, read_numbers
+from optik.arm.plain import read_numbers
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput, NoSolution
@@ -26,7 +26,7 @@ from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import DEGREE, Spline
 from planners.paths._waypoints import read_joint_waypoints
-from planners.paths.base import Path, fields
+from planners.paths.base import Path, check_arm, fields
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
 """Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control
@@ -249,9 +249,7 @@ class PointToPoint(Path):
 
     def configurations(self, robot: Robot, s: ArrayLike, order: int = 0) -> Array:
         """Return configurations at s, or their derivatives."""
-        if robot != self.robot:
-            other = f"{robot!r}, which differs in {describe_difference(robot, self.robot)}"
-            raise InvalidInput("robot", other, f"the arm of this path, {self.robot!r}")
+        check_arm(robot, self.robot)
         return self._joints(np.asarray(s, dtype=np.float64))[:, order]
 
     @property
@@ -328,6 +326,11 @@ class PointToPoint(Path):
             between = (1.0 + 1e-12) * sampled[:, :, k] + 0.5 * width[:, None] / SPAN_SAMPLES * bounds[:, :, k + 1]
             bounds[:, :, k] = np.minimum(bounds[:, :, k], between)
         return bounds
+
+    def joint_bounds(self) -> Array:
+        """Return bounds (k − 1, 4, n) on the derivatives of the joints between the knots, from the control points."""
+        bounds = self.spline.derivative_bounds(self.coefficients, 4)[:, 1:]
+        return np.asarray(bounds.max(axis=0, keepdims=True) if self._is_straight else bounds)
 
     def _reach_bounds(self) -> Array:
         """Return bounds (k − 1, 2, 4) for any motion with such rates: a link turns at most at the sum of those before it."""

@@ -13,10 +13,13 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
-from planners.timing._sectional.ramps import Ramp, law_of, make_table, phases_of, profile
+from planners.timing._sectional.ramps import Ramp, constant_limits, law_of, make_table, phases_of, profile
 from planners.timing._sectional.sections import find_sections
 from planners.timing.base import AnalysingLaw, refit
 from planners.timing.smooth import least_duration
+
+SHORTEST_CRUISE = 1e-9
+"""Least time at constant speed between two ramps, over the time of one: a shorter one is rounding."""
 
 
 def velocity_control(
@@ -52,7 +55,8 @@ class RuckigLaw(AnalysingLaw):
     instants by the chain rule, q̈ = q' s̈ + q'' ṡ² and q⃛ = q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³. A local search then improves the ends,
     the speeds and the shapes. Each ramp is two sections, divided at its greatest acceleration, with this acceleration and a
     jerk as bounds. Ruckig (Berscheid and Kröger, RSS 2021) computes the motion of each section. Finally the whole motion is
-    stretched uniformly until its exact extrema respect the limits.
+    stretched uniformly until its exact extrema respect the limits. On a straight line in joint space, whose limits are the same
+    everywhere, the motion is one section from rest to rest.
 
     Ruckig is used on the scalar s only: its joint waypoints would leave the path, and are sent to a cloud service.
     """
@@ -62,11 +66,26 @@ class RuckigLaw(AnalysingLaw):
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         bound = self.need(limits, joint_path.robot)
-        duration = least_duration(joint_path, limits)
-        ramps = find_sections(make_table(joint_path, limits), joint_path.path.breaks, duration)
-        law = law_of(ramps, [_solve(ramp) for ramp in ramps])
+        table = make_table(joint_path, limits)
+        if (constant := constant_limits(joint_path.path, table)) is None:
+            ramps = find_sections(table, joint_path.path.breaks, least_duration(joint_path, limits))
+            law = law_of(ramps, [_solve(ramp) for ramp in ramps])
+        else:
+            law = law_of([Ramp(0.0, 0.0, joint_path.end, 0.0, 0.5, 0.5)], [_cross(joint_path.end, *constant)])
         motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
         return fit(motion, limits, self.list_enforced(limits))
+
+
+def _cross(length: float, speed: float, acceleration: float, jerk: float) -> Array:
+    """Return the phases (·, 2) of the time optimum from rest to rest over a length with constant limits on ṡ, s̈ and s⃛."""
+    # the greatest speed after half the length: with a constant acceleration v² / a + v a / j = length, else 2 √(v³ / j)
+    peak = acceleration**2 / jerk
+    flat = 0.5 * peak * (np.sqrt(1.0 + 4.0 * length * acceleration / peak**2) - 1.0)
+    speed = min(speed, flat if flat >= peak else np.cbrt(0.25 * jerk * length**2))
+    up = np.array(velocity_control((0.0, 0.0), (speed, 0.0), acceleration, jerk))
+    rise = up[:, 0].sum()
+    cruise = length / speed - rise
+    return np.concatenate([up, [[cruise, 0.0]] if cruise > SHORTEST_CRUISE * rise else np.empty((0, 2)), up[::-1]])
 
 
 def _solve(ramp: Ramp) -> Array:

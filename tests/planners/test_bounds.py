@@ -19,7 +19,8 @@ from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import bounds as motion_bounds
 from planners.certificate import path_error as deviation
 from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds, tool_speed
-from planners.certificate.path_error import PieceBounds, path_error, path_rates, product_bound
+from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
+from planners.certificate.path_error import path_error
 from planners.curve import bell, quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
@@ -311,7 +312,7 @@ def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     Only what Python looks up is changed: compiled code would keep a changed constant, or not see it.
     """
 
-    def whole(bounds: Any) -> Any:
+    def whole(_: Any, bounds: Any) -> Any:
         pieces = bounds.knots.size - 1
         return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
 

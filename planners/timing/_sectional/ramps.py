@@ -11,6 +11,7 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
+from planners.paths.base import Path
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import speed_bound
 
@@ -71,6 +72,22 @@ def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
     nearer = limits.symmetric()
     rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
+
+
+EQUAL_LIMITS = 1e-9
+"""Largest relative difference of limits that are the same everywhere on a path: rounding."""
+
+
+def constant_limits(path: Path, table: Table) -> tuple[float, float, float] | None:
+    """Return the limits on ṡ, s̈ and s⃛ of a straight path in joint space; None if they vary along the path."""
+    bounds = path.joint_bounds()
+    size = np.abs(table.parts).max(axis=2)
+    rows = np.column_stack([table.slowness, size[:, 0], size[:, 2]])
+    least, most = rows.min(axis=0), rows.max(axis=0)
+    if bounds is None or not (least > 0.0).all() or (most - least > EQUAL_LIMITS * most).any():
+        return None
+    bends = (bounds.max(axis=(0, 2)) * path.end ** np.arange(4))[1:]
+    return None if bends.max() > EQUAL_LIMITS else (float(1.0 / most[0]), float(1.0 / most[1]), float(1.0 / most[2]))
 
 
 @compiled

@@ -1,0 +1,270 @@
+"""Bounds on the distance and the angle between a tool and its path within intervals of time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.compiled import compiled
+from optik.types import Array, Flags
+from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds
+from planners.paths.base import Path
+
+JOINT_ROUNDING = 2e-15
+"""Largest rounding error of a joint's difference from its path, as a fraction of the joint's position."""
+
+
+class ComparedInstants(NamedTuple):
+    """Tool and path at instants t (k,).
+
+    ``joints`` (k, 6, n), ``poses`` (k, 4, 4) and ``motion`` (k, 3, 6) are those of `Instants`. ``s`` (k,) are the
+    path parameters of the tool, ``speed`` (k,) is ṡ, ``path_poses`` (k, 4, 4), ``twist`` (k, 6) and ``path_joints`` are those
+    of the path (`planners.certificate.projection.PathPositions`).
+    """
+
+    t: Array
+    joints: Array
+    poses: Array
+    motion: Array
+    s: Array
+    speed: Array
+    path_poses: Array
+    twist: Array
+    path_joints: Array
+
+
+@compiled
+def _turn(A: Array, B: Array, out: Array) -> None:
+    """Compute E = R_tool R_pathᵀ of two poses, into out (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
+
+
+@compiled
+def _angle(norm: float) -> float:
+    """Return the angle of a rotation E from ‖E − I‖ (Frobenius), which is 2√2 sin(angle / 2)."""
+    return float(2.0 * np.arcsin(min(norm / (2.0 * np.sqrt(2.0)), 1.0)))
+
+
+@compiled
+def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
+    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives."""
+    E = np.empty((3, 3))
+    _turn(tool, pose, E)
+    for i in range(3):
+        value[i] = tool[i, 3] - pose[i, 3]
+        rate[i] = motion[0, i] - speed * twist[i]
+    w = (motion[0, 3], motion[0, 4], motion[0, 5])
+    p = (speed * twist[3], speed * twist[4], speed * twist[5])
+    for i in range(3):  # Ė = ω × E − E (ω_path ×)
+        a, b = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            c, d = (j + 1) % 3, (j + 2) % 3
+            value[3 + 3 * i + j] = E[i, j] - (1.0 if i == j else 0.0)
+            rate[3 + 3 * i + j] = w[a] * E[b, j] - w[b] * E[a, j] - (E[i, c] * p[d] - E[i, d] * p[c])
+
+
+class PieceBounds(NamedTuple):
+    """Bounds (m, 2, 4) on a path's derivatives, position and rotation, on the m pieces between its breaks (m + 1,)."""
+
+    breaks: Array
+    bounds: Array
+
+    @classmethod
+    def of(cls, path: Path) -> PieceBounds:
+        """Return the bounds on the derivatives of a path."""
+        return cls(np.ascontiguousarray(path.breaks), path.known_bounds)
+
+
+class CubicRates(NamedTuple):
+    """Bounds on the derivatives of a cubic s(t) over an interval, and on its range."""
+
+    speed: float
+    acceleration: float
+    jerk: float
+    low: float
+    high: float
+
+
+@compiled
+def _cubic_rates(s0: float, v0: float, s1: float, v1: float, h: float) -> CubicRates:
+    """Return bounds on the derivatives and the range of the cubic with values s and slopes v at the ends of an interval h."""
+    slope = (s1 - s0) / h
+    a0, a1 = (6.0 * slope - 4.0 * v0 - 2.0 * v1) / h, (2.0 * v0 + 4.0 * v1 - 6.0 * slope) / h
+    j = abs(a1 - a0) / h
+    p, q = s0 + v0 * h / 3.0, s1 - v1 * h / 3.0  # Bézier points
+    return CubicRates(
+        max(abs(v0), abs(v1)) + j * h * h / 8.0, max(abs(a0), abs(a1)), j, min(s0, p, q, s1), max(s0, p, q, s1)
+    )
+
+
+@compiled
+def _find_pieces(breaks: Array, low: float, high: float) -> tuple[int, int]:
+    """Return the first and the last piece between breaks (m + 1,) that contain positions from low to high."""
+    last = breaks.shape[0] - 2
+    first = min(max(np.searchsorted(breaks, low) - 1, 0), last)
+    return first, min(max(np.searchsorted(breaks, high, side="right") - 1, 0), last)
+
+
+@compiled
+def _fourth_rate(b2: float, b3: float, b4: float, rates: CubicRates) -> float:
+    """Return a bound on the fourth time derivative of a path from bounds on its derivatives in s (Faà di Bruno)."""
+    v, a = rates.speed, rates.acceleration
+    return b2 * (4.0 * v * rates.jerk + 3.0 * a * a) + 6.0 * b3 * v * v * a + b4 * v**4
+
+
+@compiled
+def path_rates(
+    limits: PieceBounds, places: tuple[float, float], speeds: tuple[float, float], h: float, out: Array
+) -> None:
+    """Compute bounds on the time derivatives of a path's position and rotation for a cubic s(t) over h (Faà di Bruno).
+
+    s(t) is given by its ends.
+
+    Shapes and units: places, speeds (2,) [m, or rad], h [s], out (2, 5) [m/s^i].
+    """
+    rates = _cubic_rates(places[0], speeds[0], places[1], speeds[1], h)
+    v, a = rates.speed, rates.acceleration
+    first, final = _find_pieces(limits.breaks, rates.low, rates.high)
+    b = np.zeros(4)
+    for part in range(2):
+        for k in range(4):
+            b[k] = 0.0
+            for i in range(first, final + 1):
+                b[k] = max(b[k], limits.bounds[i, part, k])
+        out[part, 0] = 1.0
+        out[part, 1] = b[0] * v
+        out[part, 2] = b[0] * a + b[1] * v * v
+        out[part, 3] = b[0] * rates.jerk + 3.0 * b[1] * v * a + b[2] * v**3
+        out[part, 4] = _fourth_rate(b[1], b[2], b[3], rates)
+
+
+@compiled
+def _clip_speed(v: float, before: float, after: float, h: float) -> float:
+    """Return a rate of s, clipped so that the Bézier points of its cubic stay on the path (lengths before and after)."""
+    return min(max(v, -3.0 * before / h), 3.0 * after / h)
+
+
+@compiled
+def intervals(
+    links: Array,
+    prismatic: Flags,
+    limits: PieceBounds,
+    end: float,
+    left: ComparedInstants,
+    right: ComparedInstants,
+    out: Array,
+    fall: Array,
+) -> None:
+    """Compute bounds on distance and angle within intervals of time; s(t) is the cubic through their ends.
+
+    Shapes and units: links (n + 1,) [m], prismatic (n,), end [m, or rad], out (k, 2) [m, rad], fall (k, 4) [s; m, or rad].
+    """
+    k = left.t.shape[0]
+    h = right.t - left.t
+    D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
+    joint_bounds(left.joints, h, D)
+    tool_bounds(links, prismatic, D, moves, turns, spin)
+    e0, r0, e1, r1, b = np.empty(12), np.empty(12), np.empty(12), np.empty(12), np.empty((2, 5))
+    for i in range(k):
+        v0 = _clip_speed(left.speed[i], left.s[i], end - left.s[i], h[i])
+        v1 = _clip_speed(right.speed[i], end - right.s[i], right.s[i], h[i])
+        _error(left.poses[i], left.motion[i], left.path_poses[i], left.twist[i], v0, e0, r0)
+        _error(right.poses[i], right.motion[i], right.path_poses[i], right.twist[i], v1, e1, r1)
+        path_rates(limits, (left.s[i], right.s[i]), (v0, v1), h[i], b)
+        fall[i] = _fall(left.s[i], v0 * h[i], right.s[i], v1 * h[i])
+        fall[i, ::2] = left.t[i] + fall[i, ::2] * h[i]
+        fourth = moves[i, 4] + b[0, 4]
+        out[i, 0] = bezier_bound(e0[:3], r0[:3], e1[:3], r1[:3], h[i], fourth)
+        fourth = product_bound(turns[i], b[1])
+        out[i, 1] = _angle(bezier_bound(e0[3:], r0[3:], e1[3:], r1[3:], h[i], fourth))
+
+
+@compiled
+def joint_intervals(
+    links: Array,
+    prismatic: Flags,
+    limits: tuple[Array, Array],
+    end: float,
+    left: ComparedInstants,
+    right: ComparedInstants,
+    out: Array,
+) -> None:
+    """Lower bounds on distance and angle within intervals to those that follow from the errors of the joints, if less.
+
+    A joint that differs by e moves the tool by at most e times its greatest distance from the axis, and turns it by e. Where
+    tool and path turn fast together, this bound needs far longer intervals than that of `intervals`.
+
+    Shapes and units: links (n + 1,) [m], prismatic (n,), limits breaks (m + 1,) and bounds (m, 4, n) [rad/s^i, m/s^i], end
+    [m, or rad], out (k, 2) [m, rad].
+    """
+    n = prismatic.shape[0]
+    h = right.t - left.t
+    D, e = np.empty(left.joints.shape), np.empty(n)
+    joint_bounds(left.joints, h, D)
+    breaks, bounds = limits
+    for i in range(h.shape[0]):
+        s0, s1 = left.s[i], right.s[i]
+        v0 = _clip_speed(left.speed[i], s0, end - s0, h[i])
+        v1 = _clip_speed(right.speed[i], end - s1, s1, h[i])
+        rates = _cubic_rates(s0, v0, s1, v1, h[i])
+        first, final = _find_pieces(breaks, rates.low, rates.high)
+        third = h[i] / 3.0
+        for j in range(n):
+            path = 0.0
+            for m in range(first, final + 1):
+                path = max(path, _fourth_rate(bounds[m, 1, j], bounds[m, 2, j], bounds[m, 3, j], rates))
+            e0 = left.joints[i, 0, j] - left.path_joints[i, 0, j]
+            e1 = right.joints[i, 0, j] - right.path_joints[i, 0, j]
+            a = e0 + third * (left.joints[i, 1, j] - v0 * left.path_joints[i, 1, j])
+            b = e1 - third * (right.joints[i, 1, j] - v1 * right.path_joints[i, 1, j])
+            e[j] = max(abs(e0), abs(e1), abs(a), abs(b)) + (D[i, 4, j] + path) * h[i] ** 4 / 384.0
+            e[j] += JOINT_ROUNDING * D[i, 0, j]
+        reach, distance, angle = links[n], 0.0, 0.0
+        for j in range(n - 1, -1, -1):
+            if prismatic[j]:
+                distance += e[j]
+                reach += D[i, 0, j] + e[j]
+            else:
+                distance += reach * e[j]
+                angle += e[j]
+            reach += links[j]
+        out[i, 0], out[i, 1] = min(out[i, 0], distance), min(out[i, 1], angle)
+
+
+@compiled
+def product_bound(a: Array, b: Array) -> float:
+    """Return a bound on the Frobenius norm of the fourth derivative of R_tool R_pathᵀ.
+
+    Shapes and units: a, b (5,) [1/s^i]. Returns [1/s⁴].
+    """
+    fourth = a[0] * b[4] + 4.0 * a[1] * b[3] + 6.0 * a[2] * b[2] + 4.0 * a[3] * b[1] + a[4] * b[0]
+    return float(np.sqrt(3.0) * fourth)  # of a 3×3 matrix
+
+
+@compiled
+def _fall(s0: float, v0: float, s1: float, v1: float) -> tuple[float, float, float, float]:
+    """Return begin and end of the longest backward stretch of the cubic with these values and slopes at 0 and 1.
+
+    Each is an argument of the cubic and its value there; they are equal if there is no such stretch.
+    """
+    c3, c2 = 2.0 * (s0 - s1) + v0 + v1, 3.0 * (s1 - s0) - 2.0 * v0 - v1
+    root = c2 * c2 - 3.0 * c3 * v0
+    turns = (0.0, 1.0)  # turning points in order: the roots of 3 c₃ u² + 2 c₂ u + v₀
+    if root > 0.0 and c2 + np.copysign(np.sqrt(root), c2) != 0.0:
+        w = -(c2 + np.copysign(np.sqrt(root), c2))
+        a, b = v0 / w, (w / (3.0 * c3) if c3 != 0.0 else 2.0)
+        turns = (min(a, b), max(a, b))
+    peak, top = 0.0, s0
+    begin, high, end, low = 0.0, s0, 0.0, s0
+    for u in (turns[0], turns[1], 1.0):
+        if not 0.0 < u <= 1.0:
+            continue
+        s = s1 if u == 1.0 else s0 + u * (v0 + u * (c2 + u * c3))
+        if s > top:
+            peak, top = u, s
+        if top - s > high - low:
+            begin, high, end, low = peak, top, u, s
+    return begin, high, end, low

@@ -1,0 +1,179 @@
+"""Paths that pass their own positions again: pick cycles, several turns of a joint, and motions that cover them in part."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import PPoly
+
+import optik
+from optik import Robot
+from optik.arm.limits import JointLimits
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners import JointLine, Motion, MotionLimits, Plan, PointToPoint, Trajectory, certify, load_motion, plan
+from planners.certificate import path_error as path_errors
+from planners.files.base import from_plain, to_plain
+from tests import oracles
+
+LIMITS = MotionLimits(2.0, 5.0, 50.0)
+HOME = np.array([0.0, -1.5, 1.4, -1.5, -1.57, 0.0])
+ABOVE = np.array([-0.364, -1.763, 1.882, -1.717, -1.56, -0.364])
+PICK = np.array([-0.364, -1.717, 2.055, -1.935, -1.56, -0.364])
+TOLERANCE = (1e-5, 1e-5)
+
+
+@cache
+def cycle(law: str, *names: str) -> Plan:
+    robot = optik.load("ur5e")
+    q = [{"home": HOME, "above": ABOVE, "pick": PICK}[name] for name in names]
+    limits = MotionLimits(2.0, 5.0) if law == "toppra" else LIMITS
+    return plan(robot, PointToPoint(robot, *q), q[0], limits=limits, timing=law)
+
+
+def unlabelled(made: Plan) -> Trajectory:
+    """The motion as a file has it: without the path parameters of its law."""
+    return Trajectory(PPoly(made.trajectory.coefficients, made.trajectory.knots))
+
+
+CYCLES = (
+    ("home", "above", "pick", "above", "home"),
+    ("home", "pick", "home"),
+    ("home", "pick", "home", "pick", "home", "pick", "home"),
+)
+
+
+@pytest.mark.parametrize("names", CYCLES)
+@pytest.mark.parametrize("law", ["optimal", "smooth", "ruckig", "toppra"])
+def test_a_cycle_that_returns_the_same_way_is_valid(law: str, names: tuple[str, ...]) -> None:
+    made = cycle(law, *names)
+    assert made, made.failure
+    again = certify(
+        made.robot, made.path, unlabelled(made), made.limits, enforced=made.certificate.enforced, tolerance=TOLERANCE
+    )
+    assert again.reasons == ()
+    assert again.coverage.end == made.path.end
+
+
+def test_a_motion_that_makes_fewer_turns_than_its_path_is_refused() -> None:
+    once, twice = cycle("ruckig", "home", "pick", "home"), cycle("ruckig", *CYCLES[2])
+    alone = certify(once.robot, twice.path, unlabelled(once), LIMITS, tolerance=TOLERANCE)
+    assert not alone.is_valid
+    # also if its law claims the positions of the whole path
+    claimed = Trajectory(
+        PPoly(once.trajectory.coefficients, once.trajectory.knots),
+        np.linspace(0.0, twice.path.end, once.trajectory.knots.size),
+    )
+    assert not certify(once.robot, twice.path, claimed, LIMITS, tolerance=TOLERANCE).is_valid
+
+
+def test_a_motion_there_and_back_does_not_cover_a_path_there() -> None:
+    made = cycle("smooth", "home", "pick", "home")
+    there = JointLine(made.robot, HOME, PICK)
+    s = np.minimum(made.trajectory.s, there.end)  # type: ignore[call-overload]
+    for motion in (unlabelled(made), Trajectory(PPoly(made.trajectory.coefficients, made.trajectory.knots), s)):
+        words = certify(made.robot, there, motion, LIMITS, tolerance=TOLERANCE).reasons
+        assert any("the motion ends at s = " in word and "not at 0.964589" in word for word in words)
+
+
+# ---------------------------------------------------------------- a joint that turns many times
+def spinning() -> Robot:
+    """One joint without limits, with a tool beside its axis."""
+    return Robot(
+        "spinning",
+        oracles.trans(x=0.3)[None],
+        np.zeros(1, bool),
+        oracles.trans(x=0.3),
+        JointLimits([-np.inf], [np.inf]),
+    )
+
+
+@pytest.mark.parametrize("size", [0.5, 1.0, 100.0, 7000.0, 51002.0])
+def test_many_turns_of_a_joint_are_valid_and_as_fast_as_the_closed_form(size: float) -> None:
+    robot = spinning()
+    line = JointLine(robot, [0.3], [0.3 + size])
+    shortest = float(oracles.double_s(size, *(np.array(x) for x in (2.0, 5.0, 50.0))))
+    ruckig, optimal = (plan(robot, line, [0.3], limits=LIMITS, timing=law) for law in ("ruckig", "optimal"))
+    assert ruckig, ruckig.failure
+    assert optimal, optimal.failure
+    assert ruckig.trajectory.duration == pytest.approx(shortest, rel=1e-7)
+    assert optimal.trajectory.duration == pytest.approx(shortest, rel=1e-3)
+    again = certify(robot, line, unlabelled(ruckig), LIMITS, tolerance=TOLERANCE)
+    assert again.reasons == ()
+
+
+def test_a_turn_too_few_is_refused() -> None:
+    robot = spinning()
+    made = plan(robot, JointLine(robot, [0.3], [0.3 + 98.0 * np.pi]), [0.3], limits=LIMITS)
+    assert not certify(
+        robot, JointLine(robot, [0.3], [0.3 + 100.0 * np.pi]), unlabelled(made), LIMITS, tolerance=TOLERANCE
+    ).is_valid
+
+
+# ---------------------------------------------------------------- the bound from the joints, where its remainder is large
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 0.02])
+@pytest.mark.parametrize("joint", range(6))
+def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
+    monkeypatch: pytest.MonkeyPatch, joint: int, size: float
+) -> None:
+    """On the line at both ends, at rest; between, one joint leaves it by 16 u² (1 − u)², and all move along it."""
+    monkeypatch.setattr(path_errors, "ERROR_INTERVALS", 0)
+    robot = optik.load("ur5e")
+    line, h = JointLine(robot, HOME, HOME + 0.4), 1.5
+    along = np.polynomial.Polynomial([0.0, 0.0, 3.0 / h**2, -2.0 / h**3])
+    away = size * 16.0 * np.polynomial.Polynomial([0.0, 0.0, 1.0 / h**2, -2.0 / h**3, 1.0 / h**4])
+    c = np.zeros((6, 1, 6))
+    for j in range(6):
+        p = 0.4 * along + (away if j == joint else 0.0)
+        c[5 - np.arange(len(p.coef)), 0, j] = p.coef
+    c[5, 0] += HOME
+    motion = Trajectory(PPoly(c, [0.0, h]), np.array([0.0, line.end]))
+    proved, _ = path_errors.path_error(robot, line, motion)
+    t = np.linspace(0.0, h, 401)
+    tool = robot.fk(motion(t))
+    nearest = line.pose(np.clip(line.end * along(t), 0.0, line.end))
+    off = np.linalg.norm(tool[:, :3, 3] - nearest[:, :3, 3], axis=1).max()
+    assert off <= proved.distance * (1.0 + 1e-9)
+    turned = np.linalg.norm(np.swapaxes(tool[:, :3, :3], 1, 2) @ nearest[:, :3, :3] - np.eye(3), axis=(1, 2)).max()
+    assert 2.0 * np.arcsin(turned / np.sqrt(8.0)) <= proved.angle * (1.0 + 1e-9) + 1e-15
+    assert proved.distance <= 20.0 * size, "the bound is of the size of the error"
+
+
+# ---------------------------------------------------------------- numbers beyond any arm
+@pytest.mark.parametrize("factor", [1e2, 1e5, 1e9, 1e100, 1e300])
+def test_a_motion_with_huge_numbers_is_refused_or_judged_with_few_intervals(
+    monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    made = cycle("ruckig", "home", "pick", "home")
+    data = to_plain(made.motion)
+    data["coefficients"] = (factor * np.array(data["coefficients"])).tolist()
+    del data["sha256"]
+    compared: list[int] = []
+    within: Any = path_errors._Errors.within
+
+    def counted(self: Any, piece: Array, *rest: Any) -> Any:
+        compared.append(rest[-1].size)
+        return within(self, piece, *rest)
+
+    monkeypatch.setattr(path_errors._Errors, "within", counted)
+    try:
+        motion = from_plain(data)
+    except InvalidInput as error:
+        assert factor >= 1e9
+        assert "positions up to" in str(error)
+    else:
+        assert not motion.certify().is_valid
+        assert motion.certify() is motion.certificate, "a motion keeps its certificate"
+        assert sum(compared) <= 100_000
+
+
+def test_a_motion_of_a_file_is_certified_once(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "cycle.json"
+    cycle("ruckig", "home", "pick", "home").save(file)
+    motion: Motion = load_motion(file)
+    proof = motion.certificate
+    assert proof.is_valid
+    monkeypatch.setattr("planners.motion.certify", None)
+    motion.check_valid()
+    assert motion.certify() is proof
