@@ -7,6 +7,8 @@ with the points in their order by SciPy's nearest neighbours.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -21,7 +23,6 @@ from tests.figures.figure import Row, Value, main
 ARMS = ("ur5e", "panda", "paper6r", "iiwa14", "irb120")
 LAWS = ("optimal", "smooth", "ruckig", "toppra", "constant_speed")
 COUNT, RATE, MOST = 500, 20_000.0, 600_000
-NEIGHBOURS = 12
 LIMITS = MotionLimits(2.0, 5.0, 50.0)
 
 
@@ -102,11 +103,13 @@ def contradictions(made: object, enforced: tuple[str, ...]) -> dict[str, float]:
             break
         begin += int(reached[0])
     few = q[:: max(1, len(q) // 1000)]
-    dense = path.configurations(path.robot, np.linspace(0.0, path.end, 40_000))
-    _, near = cKDTree(dense).query(few, k=NEIGHBOURS)  # of several legs
-    segments = np.clip(np.concatenate([near - 1, near], axis=1), 0, len(dense) - 2).T
-    off = np.min([distances(few, dense, i) for i in segments], axis=0)
-    return {"ratio": worst, "order": late, "off": float(off.max()), "end": float(np.abs(q[-1] - dense[-1]).max())}
+    off = np.full(len(few), np.inf)
+    for begin, end in pairwise([0.0, *(via.s for via in path.vias), path.end]):
+        leg = path.configurations(path.robot, np.linspace(begin, end, 50_000))
+        _, near = cKDTree(leg).query(few)
+        for segment in (near - 1, near):
+            off = np.minimum(off, distances(few, leg, np.clip(segment, 0, len(leg) - 2)))
+    return {"ratio": worst, "order": late, "off": float(off.max()), "end": float(np.abs(q[-1] - leg[-1]).max())}
 
 
 def distances(x: np.ndarray, line: np.ndarray, i: np.ndarray) -> np.ndarray:
