@@ -162,6 +162,20 @@ class OutputError(OptikError, OSError):
         return str(self.args[0])
 
 
+class EnclosureWarning(UserWarning):
+    """Shapes of two links that are in contact in every sampled configuration: they enclose too much.
+
+    Attributes
+    ----------
+    pairs : tuple of (str, str)
+        Names of the links.
+    """
+
+    def __init__(self, message: str, pairs: Iterable[tuple[str, str]]) -> None:
+        super().__init__(message)
+        self.pairs = tuple(pairs)
+
+
 def _rebuild(kind: type[OptikError], args: tuple[Any, ...], state: dict[str, Any]) -> OptikError:
     error = kind.__new__(kind)
     error.args = args
