@@ -15,15 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from optik import se3
-from optik.arm.shapes.enclosure import Capsule, fit_capsule, fit_roughly
+from optik.arm.shapes.enclosure import Capsule, fit_roughly
 from optik.types import Array
 
 WELL_SWEPT = 0.01
 """Increase of the radius [m] below which a range is not halved further."""
 MOST_SWEPT = 8
 """Most capsules of one moving link, if it has fewer itself: the time of a certificate grows with their number."""
-WORTH_HALVING = 0.95
-"""A range is halved if the increase of the radius falls below this fraction of its value."""
 LONGEST_ARC = 0.5
 """Longest arc between corners [rad]: a corner lies 3 % outside of its arc."""
 WHOLE_TURN = 1.5 * np.pi
@@ -58,11 +56,11 @@ def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: A
             [(half, _sweep_all(capsules, steps, half)) for half in _halve(parts[i][0], driver)]
             for driver in np.flatnonzero(np.isfinite(parts[i][0]).all(axis=1) & (np.ptp(parts[i][0], axis=1) > 0.0))
         ]
-        worst = [max(_measure_growth(capsules, found) for _, found in pair) for pair in halves]
-        if not halves or min(worst) > WORTH_HALVING * growth[i]:
+        if not halves:
             break
+        worst = [max(_measure_growth(capsules, found) for _, found in pair) for pair in halves]
         parts[i : i + 1] = halves[int(np.argmin(worst))]
-    return [c for part, _ in parts for c in _sweep_all(capsules, steps, part, exactly=True)]
+    return [c for _, found in parts for c in found]
 
 
 def _halve(ranges: Array, driver: int) -> tuple[Array, Array]:
@@ -77,16 +75,16 @@ def _measure_growth(capsules: Sequence[Capsule], found: Sequence[Capsule]) -> fl
     return max(b.radius - a.radius for a, b in zip(capsules, found, strict=True))
 
 
-def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: Array, exactly: bool = False) -> list[Capsule]:
-    """Enclose each capsule by one for all values of the drivers; exactly by the smallest one."""
-    return [_sweep(c, steps, ranges, exactly) for c in capsules]
+def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: Array) -> list[Capsule]:
+    """Enclose each capsule by one for all values of the drivers."""
+    return [_sweep(c, steps, ranges) for c in capsules]
 
 
-def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array, exactly: bool) -> Capsule:
+def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
     """Enclose a capsule by one for all values of the drivers."""
     points, radius, excess = np.array([c.a, c.b]), c.radius, c.excess
     for step in steps:
-        low, high = sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else [step.offset] * 2
+        low, high = sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else (step.offset, step.offset)
         if step.slides:
             shifts = np.array([low, high]) if high > low else np.array([low])
             points = (points + (shifts[:, None] * step.axis)[:, None]).reshape(-1, 3)
@@ -98,12 +96,11 @@ def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array, exactly: bool) -> C
             points = _turn(points, step.axis, low, high)
         points = points @ step.T[:3, :3].T + step.T[:3, 3]
         if len(points) > MOST_POINTS:
-            hull = fit_roughly(points, 0.0)
+            hull, excess = fit_roughly(points, 0.0), np.nan
             points, radius = np.array([hull.a, hull.b]), radius + hull.radius
-            excess = np.nan
     if len(points) == 2:
         return Capsule(points[0], points[1], radius, excess)
-    hull = fit_capsule(points) if exactly else fit_roughly(points, 0.0)
+    hull = fit_roughly(points, 0.0)
     return Capsule(hull.a, hull.b, hull.radius + radius)
 
 
