@@ -180,7 +180,7 @@ def test_an_empty_scene_is_for_the_links_alone() -> None:
     folded[3] = -3.05
     found = clearance(panda(), line(REST, folded), Scene())
     assert found.scene is None and found.own is not None
-    assert found.value == found.own.value
+    assert found.nearest == found.own and found.own.margin == 0.0
 
 
 def line(first: Array, last: Array) -> Trajectory:
@@ -218,8 +218,10 @@ def test_the_margin_must_be_exceeded() -> None:
     assert wide.touches and not wide.proved
     assert "margin" in wide.find_violations()[0].words and "box" in wide.find_violations()[0].words
     near = clearance(panda(), motion, replace(table(), margin=0.99 * free.value))
-    assert near.proved and near.scene is not None and near.scene.value > near.margin
-    assert near.own is not None and 0.0 < near.own.value < near.margin, "links need not keep the margin"
+    assert near.proved and near.scene is not None and near.scene.value > near.scene.margin == 0.99 * free.value
+    assert near.own is not None and near.own.margin == 0.0, "links need not keep the margin"
+    assert 0.0 < near.own.value < near.scene.margin
+    assert near.nearest is near.scene and near.own.found < near.scene.found, "the nearest is that with the least room"
 
 
 # ---------------------------------------------------------------- certificates, plans, files
@@ -237,9 +239,9 @@ def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     assert read.scene == made.scene == replace(table(), margin=0.002) != table()
     assert read.certify().clearance == made.certificate.clearance
     later = planners.replan(made, 0.3)
-    assert later and later.certificate.clearance is not None and later.certificate.clearance.margin == 0.002
+    assert later and later.certificate.clearance is not None and later.certificate.clearance.scene.margin == 0.002
     other = planners.replan(made, 0.3, scene=replace(table(), margin=0.001))
-    assert other.certificate.clearance is not None and other.certificate.clearance.margin == 0.001
+    assert other.certificate.clearance is not None and other.certificate.clearance.scene.margin == 0.001
     blocked = Scene(boxes=[(pose(panda().fk(REACHED)[:3, 3]), (0.05, 0.05, 0.05))])
     assert planners.replan(made, 0.3, scene=blocked).status is not PlanStatus.SOLVED
     assert planners.plan(panda(), REACHED, REST).certificate.clearance is None
@@ -282,7 +284,7 @@ def test_the_best_branch_is_one_that_is_free() -> None:
     other = planners.plan(arm, path, scene=scene, limits=LIMITS)
     assert other and other.certificate.clearance is not None and other.certificate.clearance.proved
     free = find_nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
-    assert free.min() >= other.certificate.clearance.value - 1e-9
+    assert free.min() >= other.certificate.clearance.nearest.value - 1e-9
 
 
 def test_the_null_space_motion_is_one_that_is_free() -> None:
