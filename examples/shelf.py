@@ -41,6 +41,8 @@ print(
 )
 clearance = move.certificate.clearance
 for words, kind in clearance.kinds.items():
-    print(f"proved {words}: at least {1e3 * kind.value:.2f} mm (margin {1e3 * kind.margin:g} mm), {' and '.join(kind.pair)}")
+    print(
+        f"proved {words}: at least {1e3 * kind.value:.2f} mm (margin {1e3 * kind.margin:g} mm), {' and '.join(kind.pair)}"
+    )
 if out:
     move.save(out)

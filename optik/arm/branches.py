@@ -103,10 +103,14 @@ def _check_value(tree: Tree, joints: Mapping[str, Joint], on_chain: set[str], gi
     if driver.joint.name != name:
         other = driver.joint.name
         advice = "" if other in on_chain else f"hold {other!r}"
-        raise InvalidInput("values", f"{name!r}, which follows {other!r} (<mimic>)", "joints that follow none", advice=advice)
+        raise InvalidInput(
+            "values", f"{name!r}, which follows {other!r} (<mimic>)", "joints that follow none", advice=advice
+        )
     lower, upper = read_range(tree.name, joints[name])
     unit = "m" if joints[name].kind == "prismatic" else "rad"
     number = check_number(value, f"values[{name!r}]", f"a number [{unit}]")
     if not lower - VALUE_ROUNDING <= number <= upper + VALUE_ROUNDING:
-        raise InvalidInput("values", f"{name} = {number:.6g} {unit}", f"a value within its limits [{lower:.6g}, {upper:.6g}] {unit}")
+        raise InvalidInput(
+            "values", f"{name} = {number:.6g} {unit}", f"a value within its limits [{lower:.6g}, {upper:.6g}] {unit}"
+        )
     return number

@@ -143,7 +143,7 @@ class Robot(ArmDynamics):
 
         Fixed joints are merged into their neighbours. A velocity or an effort (the torque limit) that is missing or 0 is
         unknown: infinite, or None where all are unknown. Masses are those of <inertial>, merged over fixed joints and with
-        the links that branch off the chain, whose joints stand at 0 or at the held values. A link without <inertial> has the mass 0; if no link has
+        the links that branch off the chain, whose joints stand at 0. A link without <inertial> has the mass 0; if no link has
         one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); the attribute
         armature, an extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning.
         Soft limits (<safety_controller>) are not read.
@@ -168,7 +168,8 @@ class Robot(ArmDynamics):
             File, or its text, whose <disable_collisions> name pairs of links that are not checked.
         values : mapping of str to float, optional
             Values at which joints beside the chain are held, such as those of a gripper [rad, m]; joints that follow them
-            (<mimic>) move along. The shapes of the others enclose their links at every value within the limits.
+            (<mimic>) move along, and so do the masses behind them. By default shapes enclose the links at every value within
+            the limits.
 
         Returns
         -------
@@ -177,8 +178,8 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders; a held
-            joint that is none, belongs to the chain or follows another, or a value outside its limits.
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders;
+            a held joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.

@@ -1,4 +1,4 @@
-"""Arms with a finger beside the tip: free and touching configurations against contact of the true meshes, and loads from the cache.
+"""Arms with a finger beside the tip: free and touching configurations against the true meshes, and loads from the cache.
 
 A case is an arm with a random hand, written as a URDF with meshes. Pinocchio and coal judge the meshes at sampled values of the
 fingers. A configuration is free if its links are apart at all of them.
@@ -57,7 +57,10 @@ def judge(rows: list[Row]) -> Sequence[Value]:
     for kind in KINDS:
         some = [row for row in rows if row["kind"] == kind]
         if some:
-            rate, least = sum(r["both"] for r in some) / sum(r["free"] for r in some), min(r["both"] / r["free"] for r in some)
+            rate, least = (
+                sum(r["both"] for r in some) / sum(r["free"] for r in some),
+                min(r["both"] / r["free"] for r in some),
+            )
             said = f"{100 * rate:.1f} % of {sum(r['free'] for r in some):,}, at least {100 * least:.1f} % for one arm"
             found.append(Value(f"free like the meshes, {kind}", "≥ 90 %", said, rate >= 0.9))
     missed, touching = sum(r["missed"] for r in rows), sum(r["touching"] for r in rows)

@@ -105,7 +105,8 @@ def write_hand(folder: Path, seed: Any, kind: str) -> Hand:
     for i, (axis, turn) in enumerate(zip(AXES, RANGES, strict=True)):
         joints.append(
             f'<joint name="j{i + 1}" type="revolute"><parent link="{names[i]}"/><child link="{names[i + 1]}"/>'
-            f'<origin xyz="0 0 {z}"/><axis xyz="{axis}"/><limit lower="{-turn}" upper="{turn}" velocity="1" effort="1"/></joint>'
+            f'<origin xyz="0 0 {z}"/><axis xyz="{axis}"/>'
+            f'<limit lower="{-turn}" upper="{turn}" velocity="1" effort="1"/></joint>'
         )
         z = LENGTHS[i]
     if "jaw" in meshes:
@@ -114,13 +115,17 @@ def write_hand(folder: Path, seed: Any, kind: str) -> Hand:
             f'<joint name="jaw" type="fixed"><parent link="hand"/><child link="jaw"/><origin xyz="{place}"/></joint>'
         )
     for one in fingers:
-        follows = "" if one is fingers[0] else f'<mimic joint="finger1" multiplier="{one.factor}" offset="{one.offset}"/>'
+        follows = (
+            "" if one is fingers[0] else f'<mimic joint="finger1" multiplier="{one.factor}" offset="{one.offset}"/>'
+        )
         joints.append(
             f'<joint name="{one.name}" type="{one.kind}"><parent link="{one.parent}"/><child link="{one.name}"/>'
             f'<origin xyz="{" ".join(map(str, one.xyz))}"/><axis xyz="{" ".join(map(str, one.axis))}"/>{follows}'
             f'<limit lower="{one.limits[0]}" upper="{one.limits[1]}" velocity="1" effort="1"/></joint>'
         )
-    joints.append('<joint name="tool" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>')
+    joints.append(
+        '<joint name="tool" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0 0 0.1"/></joint>'
+    )
     links = ['<link name="tip"/>']
     folder.mkdir(parents=True, exist_ok=True)
     for name, mesh in meshes.items():
@@ -155,6 +160,8 @@ class MeshContact:
         """Whether links touch at joints of the arm and a value of the fingers' driver."""
         full = self._pin.neutral(self.model)
         names = list(self.model.names)
-        for name, x in [*((f"j{i + 1}", x) for i, x in enumerate(q)), *((f.name, f.factor * value + f.offset) for f in self.hand.fingers)]:
+        values = {f"j{i + 1}": x for i, x in enumerate(q)}
+        values |= {f.name: f.factor * value + f.offset for f in self.hand.fingers}
+        for name, x in values.items():
             full[self.model.joints[names.index(name)].idx_q] = x
         return bool(self._pin.computeCollisions(self.model, self.data, self.geometry, self.found, full, True))

@@ -49,9 +49,10 @@ def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Or
     assert proof.touches or proof.proved, proof
     within = [max(kind.found, 0.0) + 1e-4 for kind in (proof.scene, proof.own)]
     if proof.touches:
-        at = oracle.near(motion(np.array([proof.time])), *within)
+        closest = proof.nearest
+        at = oracle.near(motion(np.array([closest.time])), *within)
         assert min(at.scene[0], at.own[0]) <= COAL_ERROR
-        assert proof.found <= 0.0 and not np.isfinite(proof.value) and proof.find_violations()
+        assert closest.found <= 0.0 and not np.isfinite(closest.value) and proof.find_violations()
         return proof
     t = [instants(motion, rate)]
     t += [kind.time + np.linspace(-5e-3, 5e-3, around) for kind in (proof.scene, proof.own)]

@@ -141,7 +141,9 @@ def test_a_still_ball_is_bounded_by_its_distance_from_a_turned_box(seed: int) ->
             true = float(np.linalg.norm(np.maximum(out, 0.0))) - 0.03
             assert bounds_of_one_interval(robot, motion, scene)[0] == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
             if true > 1e-6:
-                assert clearance(robot, motion, scene).nearest.value == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
+                assert clearance(robot, motion, scene).nearest.value == pytest.approx(
+                    true - DISTANCE_ROUNDING, abs=1e-13
+                )
         else:
             assert clearance(robot, motion, scene).touches
 

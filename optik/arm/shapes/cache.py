@@ -1,8 +1,7 @@
 """Cache of enclosures in the user's cache folder, by the content from which they are computed.
 
-A file is named by the SHA-256 of that content and of the code that encloses. It holds the SHA-256 of the rows behind it, so that
-damage is detected, and the capsules as rows of numbers. A damaged file is replaced. Without a folder that can be written, nothing
-is cached.
+A file is named by the SHA-256 of that content and of the code that encloses. It holds the capsules as rows of numbers behind
+their SHA-256, which detects damage. A damaged file is replaced. Without a folder that can be written, nothing is cached.
 """
 
 from __future__ import annotations

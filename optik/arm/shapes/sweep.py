@@ -84,7 +84,9 @@ def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
     """Enclose a capsule by one for all values of the drivers."""
     points, radius, excess = np.array([c.a, c.b]), c.radius, c.excess
     for step in steps:
-        low, high = sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else (step.offset, step.offset)
+        low, high = (
+            sorted(step.factor * ranges[step.driver] + step.offset) if step.factor else (step.offset, step.offset)
+        )
         if step.slides:
             shifts = np.array([low, high]) if high > low else np.array([low])
             points = (points + (shifts[:, None] * step.axis)[:, None]).reshape(-1, 3)
