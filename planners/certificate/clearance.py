@@ -159,7 +159,7 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
-    kinds = []
+    kinds: list[Closest | None] = []
     for found, t, value, pair in least.tolist():
         proved = -np.inf if touched else min(value, found)
         margin = scene.margin if not kinds else 0.0

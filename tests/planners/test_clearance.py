@@ -1,6 +1,7 @@
 """The proof of contact against coal: between its instants, at spheres that are grazed once, and where it is cut short."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ import planners
 from optik import Scene
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
-from optik.scene.contact import find_contact, find_nearest_pairs
+from optik.scene.contact import SELF, find_clearances, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners import MotionLimits, PlanStatus, Trajectory
 from planners.certificate.clearance import Clearance, clearance
@@ -225,6 +226,24 @@ def test_the_margin_must_be_exceeded() -> None:
     assert near.nearest is near.scene and near.own.found < near.scene.found, "the nearest is that with the least room"
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_clearances_of_configurations_are_those_of_coal_to_the_scene_and_between_links(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    full, q = drawn(rng), panda().limits.sample(rng, 15)
+    scene = Scene(boxes=full.boxes[:1], spheres=full.spheres[:1], capsules=full.capsules[:1], margin=0.03)
+    distance, pair = find_clearances(panda(), scene, q)
+    near, apart = Oracle(panda(), scene).near(q, np.inf, np.inf), distance > 0.0
+    for i, expected in enumerate((near.scene, near.own)):
+        np.testing.assert_allclose(distance[apart[:, i], i], expected[apart[:, i]], rtol=0.0, atol=COAL_ERROR)
+        assert (expected[~apart[:, i]] <= COAL_ERROR).all()
+        assert ((find_pairs(panda(), scene).bodies[pair[:, i], 2] == SELF) == bool(i)).all()
+    assert apart.any(axis=0).all()
+    rooms = find_nearest_pairs(panda(), scene, q)[0]
+    np.testing.assert_allclose((distance - (scene.margin, 0.0)).min(axis=1), rooms, rtol=0.0, atol=1e-12)
+    alone, none = find_clearances(panda(), Scene(), q[0])
+    assert np.isinf(alone[0, 0]) and none[0, 0] == -1 and alone[0, 1] == distance[0, 1]
+
+
 # ---------------------------------------------------------------- certificates, plans, files
 @cache
 def solved() -> planners.Plan:
@@ -234,7 +253,12 @@ def solved() -> planners.Plan:
 def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     made = solved()
     assert made and made.certificate.clearance is not None
-    json.dumps(made.to_dict(), allow_nan=False)
+    proof = json.loads(json.dumps(made.to_dict(), allow_nan=False))["certificate"]["clearance"]
+    assert [proof[kind]["margin"] for kind in ("scene", "own")] == [0.002, 0.0]
+    assert proof["scene"]["value"] == made.certificate.clearance.scene.value > 0.002
+    said = str(made)
+    for words, kind in (("to the scene", "margin 2 mm"), ("between links", "margin 0 mm")):
+        assert re.search(rf"{words} at least \d\S* mm \({kind}; found \d\S* mm, ", said), said
     made.save(tmp_path / "motion.json")
     read = planners.load_motion(tmp_path / "motion.json")
     assert read.scene == made.scene == replace(table(), margin=0.002) != table()

@@ -52,9 +52,11 @@ def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: A
         i = int(np.argmax(growth))
         if growth[i] <= WELL_SWEPT:
             break
+        part = parts[i][0]
         halves = [
-            [(half, _sweep_all(capsules, steps, half)) for half in _halve(parts[i][0], driver)]
-            for driver in np.flatnonzero(np.isfinite(parts[i][0]).all(axis=1) & (np.ptp(parts[i][0], axis=1) > 0.0))
+            [(half, _sweep_all(capsules, steps, half)) for half in _halve(part, driver)]
+            for driver, (low, high) in enumerate(part.tolist())
+            if np.isfinite(high - low) and high > low
         ]
         if not halves:
             break

@@ -76,10 +76,10 @@ def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str,
             steps.append(Step(T, slides, axis(joint), number, factor, offset))
         link = joint.parent
     ranges = np.array(list(drivers.values())).reshape(-1, 2)
-    for number in np.flatnonzero(np.ptp(ranges, axis=1) > 2.0 * np.pi) if len(ranges) else ():
-        moved = [step for step in steps if step.factor and step.driver == number]
-        if all(abs(step.factor) == 1.0 and not step.slides for step in moved):  # one turn is all there is
-            ranges[number] = -np.pi, np.pi
+    for driver, (low, high) in enumerate(ranges.tolist()):
+        moved = [step for step in steps if step.factor and step.driver == driver]
+        if high - low > 2.0 * np.pi and all(abs(step.factor) == 1.0 and not step.slides for step in moved):
+            ranges[driver] = -np.pi, np.pi  # one turn is all there is
     return link, steps, ranges
 
 

@@ -213,12 +213,12 @@ class NearestPairs:
             return {}
         assert self._show.scene is not None
         columns = [i for *_, i in self._kinds]
-        distances, pairs = (x[:, columns] for x in find_clearances(self._show.robot, self._show.scene, q))
+        distances, pairs = find_clearances(self._show.robot, self._show.scene, q)
         nearest = [
             [[k, self._number(int(which[k]))] for k in np.flatnonzero(np.diff(which, prepend=-1)).tolist()]
-            for which in pairs.T
+            for which in pairs[:, columns].T
         ]
-        return {"clearance": _pack(distances), "nearest": nearest}
+        return {"clearance": _pack(distances[:, columns]), "nearest": nearest}
 
     def _number(self, pair: int) -> int:
         """Return the number of a pair among those of the page."""
