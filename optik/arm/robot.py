@@ -168,8 +168,7 @@ class Robot(ArmDynamics):
             File, or its text, whose <disable_collisions> name pairs of links that are not checked.
         values : mapping of str to float, optional
             Values at which joints beside the chain are held, such as those of a gripper [rad, m]; joints that follow them
-            (<mimic>) move along, and so do the masses behind them. By default shapes enclose the links at every value within
-            the limits.
+            (<mimic>) and the masses behind them move along. By default, shapes enclose every value within the limits.
 
         Returns
         -------
@@ -183,11 +182,6 @@ class Robot(ArmDynamics):
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.
-
-        Warns
-        -----
-        EnclosureWarning
-            Shapes of two links are in contact in every sampled configuration.
         """
         from optik.arm.urdf import read_urdf
 

@@ -24,9 +24,9 @@ MOST_SWEPT = 8
 """Most capsules of one moving link, if it has fewer itself: the time of a certificate grows with their number."""
 LONGEST_ARC = 0.5
 """Longest arc between corners [rad]: a corner lies 3 % outside of its arc."""
-WHOLE_TURN = 1.5 * np.pi
+TURN_ABOUT_AXIS = 1.5 * np.pi
 """Angle [rad] from which a capsule about the axis encloses a turn."""
-MOST_POINTS = 100
+MOST_SWEPT_POINTS = 100
 """Most points that contain the ends of an axis: more of them are enclosed by a capsule."""
 
 
@@ -92,14 +92,14 @@ def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
         if step.slides:
             shifts = np.array([low, high]) if high > low else np.array([low])
             points = (points + (shifts[:, None] * step.axis)[:, None]).reshape(-1, 3)
-        elif high - low >= WHOLE_TURN:
+        elif high - low >= TURN_ABOUT_AXIS:
             along = points @ step.axis
             radius += float(np.linalg.norm(points - along[:, None] * step.axis, axis=1).max())
             points, excess = np.array([along.min(), along.max()])[:, None] * step.axis, np.nan
         else:
             points = _turn(points, step.axis, low, high)
         points = points @ step.T[:3, :3].T + step.T[:3, 3]
-        if len(points) > MOST_POINTS:
+        if len(points) > MOST_SWEPT_POINTS:
             hull, excess = fit_roughly(points, 0.0), np.nan
             points, radius = np.array([hull.a, hull.b]), radius + hull.radius
     if len(points) == 2:
