@@ -76,10 +76,10 @@ def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str,
             steps.append(Step(T, slides, axis(joint), number, factor, offset))
         link = joint.parent
     ranges = np.array(list(drivers.values())).reshape(-1, 2)
-    for driver, (low, high) in enumerate(ranges.tolist()):
-        moved = [step for step in steps if step.factor and step.driver == driver]
+    for i, (low, high) in enumerate(ranges.tolist()):
+        moved = [step for step in steps if step.factor and step.driver == i]
         if high - low > 2.0 * np.pi and all(abs(step.factor) == 1.0 and not step.slides for step in moved):
-            ranges[driver] = -np.pi, np.pi  # one turn is all there is
+            ranges[i] = -np.pi, np.pi  # one turn is all there is
     return link, steps, ranges
 
 
