@@ -167,13 +167,20 @@ class EnclosureWarning(UserWarning):
 
     Attributes
     ----------
+    robot, problem : str
+        Name of the robot, and what is wrong with its shapes.
     pairs : tuple of (str, str)
         Names of the links.
     """
 
-    def __init__(self, message: str, pairs: Iterable[tuple[str, str]]) -> None:
-        super().__init__(message)
+    def __init__(self, robot: str, problem: str, pairs: Iterable[tuple[str, str]]) -> None:
+        super().__init__(f"robot {robot!r}: {problem}")
+        self.robot = robot
+        self.problem = problem
         self.pairs = tuple(pairs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem, self.pairs)
 
 
 def _rebuild(kind: type[OptikError], args: tuple[Any, ...], state: dict[str, Any]) -> OptikError:

@@ -62,11 +62,11 @@ def read_range(robot: str, joint: Joint) -> tuple[float, float]:
 
 
 def list_drivers(tree: Tree, link: str, chain: set[str]) -> list[Joint]:
-    """List the joints, drivers of others for their mimics, that move a link beside the chain on the link that carries it."""
+    """List the joints beside the chain that move a link on the link that carries it; of a mimic, the joint that it follows."""
     found: dict[str, Joint] = {}
     while link in tree.above and link not in chain:
         joint = find_driver(tree, tree.above[link]).joint
-        if joint.kind != "fixed":
+        if joint.kind != "fixed" and joint.child not in chain:
             found[joint.name] = joint
         link = tree.above[link].parent
     return list(found.values())

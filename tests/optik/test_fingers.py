@@ -1,6 +1,7 @@
 """Links beside the chain: enclosed at every value of their joints, held at a value, and cached."""
 
 import json
+import pickle
 import warnings
 from pathlib import Path
 
@@ -176,6 +177,7 @@ def test_links_that_touch_in_every_configuration_are_named_with_the_joint_to_hol
         robot = optik.Robot.from_urdf(wide, "tip", shapes=True)
     warning = next(w.message for w in caught if isinstance(w.message, EnclosureWarning))
     assert "values={'grip': 0.0" in str(warning)
+    assert str(pickle.loads(pickle.dumps(warning))) == str(warning)
     q = robot.limits.sample(np.random.default_rng(3), 100)
     for pair in warning.pairs:
         of = [i for i, names in enumerate(find_pairs(robot, optik.Scene()).names) if set(names) == set(pair)]

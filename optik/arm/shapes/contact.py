@@ -69,11 +69,8 @@ def warn_of_contact(arm: ArmModel, tree: Tree, chain: set[str]) -> None:
     advice = f"hold joints (values={held}), or leave the pairs out" if held else "leave the pairs out"
     words = ", ".join(f"{one!r} and {other!r}" for one, other in found[:MOST_NAMED])
     more = f" and {len(found) - MOST_NAMED} more pairs" if len(found) > MOST_NAMED else ""
-    warnings.warn(
-        EnclosureWarning(
-            f"robot {arm.name!r}: the shapes of {words}{more} are in contact in each of {CONTACT_CONFIGURATIONS} sampled "
-            f"configurations, so every motion in a scene is refused: {advice} (srdf=, or shapes.with_apart)",
-            found,
-        ),
-        stacklevel=4,
+    problem = (
+        f"the shapes of {words}{more} are in contact in each of {CONTACT_CONFIGURATIONS} sampled configurations, so every "
+        f"motion in a scene is refused: {advice} (srdf=, or shapes.with_apart)"
     )
+    warnings.warn(EnclosureWarning(arm.name, problem, found), stacklevel=4)
