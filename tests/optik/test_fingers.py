@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import optik
 from optik.arm.shapes import cache
 from optik.arm.shapes.contact import segment_distances
 from optik.arm.shapes.enclosure import Capsule
-from optik.arm.shapes.sweep import MOST_SWEPT, Step, sweep_capsules
+from optik.arm.shapes.sweep import MOST_SWEPT, Step, sweep_capsules, turn_points
 from optik.errors import EnclosureWarning, InvalidInput
 from optik.scene.contact import find_clearances, find_nearest_pairs, find_pairs
 from tests.oracles.hands import MeshContact, write_hand
@@ -87,6 +88,22 @@ def test_every_position_of_a_capsule_is_inside_one_that_encloses_its_sweep(seed)
                 points = points @ turn.T + (value * step.axis if step.slides else 0.0)
                 points = points @ step.T[:3, :3].T + step.T[:3, 3]
             assert min(distances(points, o.a, o.b, o.radius).max() for o in found) <= -c.radius + 1e-12
+
+
+@pytest.mark.parametrize("span", [0.1, 0.49, 0.51, 2.0, 4.0])
+def test_the_hull_of_the_corners_around_an_arc_contains_the_arc(span):
+    rng = np.random.default_rng(int(100 * span))
+    for _ in range(5):
+        frame, low = Rotation.random(random_state=rng), rng.uniform(-3.0, 3.0)
+        radius, height = rng.uniform(0.01, 1.0), rng.normal()
+        point = frame.apply((radius, 0.0, height))
+        corners = frame.inv().apply(turn_points(point[None], frame.apply((0.0, 0.0, 1.0)), low, low + span))
+        np.testing.assert_allclose(corners[:, 2], height, rtol=0, atol=1e-12)
+        turn = np.linspace(low, low + span, 101)
+        arc = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        hull = ConvexHull(corners[:, :2]).equations
+        assert (arc @ hull[:, :2].T + hull[:, 2]).max() <= 1e-12
+        assert np.linalg.norm(corners[:, :2], axis=1).max() <= 1.04 * radius, "of use"
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("one revolute", 1), ("two jointed", 2)])

@@ -97,7 +97,7 @@ def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
             radius += float(np.linalg.norm(points - along[:, None] * step.axis, axis=1).max())
             points, excess = np.array([along.min(), along.max()])[:, None] * step.axis, np.nan
         else:
-            points = _turn(points, step.axis, low, high)
+            points = turn_points(points, step.axis, low, high)
         points = points @ step.T[:3, :3].T + step.T[:3, 3]
         if len(points) > MOST_SWEPT_POINTS:
             hull, excess = fit_roughly(points, 0.0), np.nan
@@ -108,7 +108,7 @@ def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
     return Capsule(hull.a, hull.b, hull.radius + radius)
 
 
-def _turn(points: Array, axis: Array, low: float, high: float) -> Array:
+def turn_points(points: Array, axis: Array, low: float, high: float) -> Array:
     """Return points whose convex hull contains points that turn about an axis between two angles."""
     if high == low:
         return points @ se3.exp_so3(low * axis).T
