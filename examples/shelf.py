@@ -40,6 +40,9 @@ print(
     f"to the other compartment: {move.status}, {move.trajectory.duration:.2f} s; {move.search.samples} random configurations"
 )
 clearance = move.certificate.clearance
-print(f"proved: at least {1e3 * clearance.value:.1f} mm between {' and '.join(clearance.pair)}")
+for words, kind in clearance.kinds.items():
+    print(
+        f"proved {words}: at least {1e3 * kind.value:.2f} mm (margin {1e3 * kind.margin:g} mm), {' and '.join(kind.pair)}"
+    )
 if out:
     move.save(out)

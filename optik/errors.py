@@ -162,6 +162,27 @@ class OutputError(OptikError, OSError):
         return str(self.args[0])
 
 
+class EnclosureWarning(UserWarning):
+    """Shapes of two links that are in contact in every sampled configuration: they enclose too much.
+
+    Attributes
+    ----------
+    robot, problem : str
+        Name of the robot, and what is wrong with its shapes.
+    pairs : tuple of (str, str)
+        Names of the links.
+    """
+
+    def __init__(self, robot: str, problem: str, pairs: Iterable[tuple[str, str]]) -> None:
+        super().__init__(f"robot {robot!r}: {problem}")
+        self.robot = robot
+        self.problem = problem
+        self.pairs = tuple(pairs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem, self.pairs)
+
+
 def _rebuild(kind: type[OptikError], args: tuple[Any, ...], state: dict[str, Any]) -> OptikError:
     error = kind.__new__(kind)
     error.args = args

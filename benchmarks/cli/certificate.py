@@ -54,14 +54,8 @@ SMOOTH = {
 
 
 def describe_clearance(found: Any) -> str:
-    """Describe the least distances to the scene and between links."""
-    lines = []
-    for words, kind in (("to the scene", found.scene), ("between links", found.own)):
-        if kind is not None:
-            proved = f"at least {1e3 * kind.value:.3g} mm at every instant" if np.isfinite(kind.value) else "no bound"
-            first, second = kind.pair
-            where = f"{1e3 * kind.found:.3g} mm between {first} and {second} at {kind.time:.3f} s"
-            lines.append(f"clearance {words}: {proved} (proved for these shapes); least distance found: {where}")
+    """Describe the least distances to the scene and between links, each with its margin."""
+    lines = [f"clearance {words}, proved for these shapes: {kind.describe()}" for words, kind in found.kinds.items()]
     return "\n".join(
         [*lines, f"{len(found.left_out)} pairs of links are not checked; --json lists them with the reasons"]
     )

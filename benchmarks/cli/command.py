@@ -157,10 +157,19 @@ class RobotCommand(JsonCommand):
     )
     tip: str | None = option("Robot", "Tool link of a URDF; required if it has several ends.")
     base: str | None = option("Robot", "Base link of a URDF, the frame of all poses; by default its root.")
+    values: list[str] | None = option(
+        "Robot",
+        "Hold a joint beside the arm of a URDF at a value in the file's units [rad, m]; repeatable: gripper=0.3.", None,
+        "--hold", metavar="JOINT=VALUE",
+    )  # fmt: skip
 
     def load(self) -> optik.Robot:
         """Load the robot."""
-        return optik.load(self.robot, tip=self.tip, base=self.base)
+        return self.load_named(self.robot)
+
+    def load_named(self, name: str) -> optik.Robot:
+        """Load a robot by a name or a path, with the links and the held joints of this command."""
+        return optik.load(name, tip=self.tip, base=self.base, values=read_held(self.values))
 
 
 class Start(NamedTuple):
@@ -264,6 +273,17 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> l
     if not values or (counts and len(values) not in counts):
         raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
     return values
+
+
+def read_held(texts: list[str] | None) -> dict[str, float] | None:
+    """Read JOINT=VALUE of held joints [rad, m]; None if there are none."""
+    found: dict[str, float] = {}
+    for text in texts or ():
+        name, equals, value = (word.strip() for word in text.rpartition("="))
+        if not equals or not name or name in found:
+            raise InvalidInput("--hold", repr(text), "JOINT=VALUE, each joint once, such as gripper=0.3")
+        found[name] = read_numbers(value, "--hold", 1)[0]
+    return found or None
 
 
 def read_freedoms(arm: optik.Robot, texts: list[str]) -> dict[str, Any]:

@@ -148,7 +148,7 @@ class PlanCommand(MotionCommand):
             if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
                 raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
             name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
-        arm = optik.load(name, tip=self.tip, base=self.base)
+        arm = self.load_named(name)
         return arm if self.payload is None else _add_payload(arm, self.payload)
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:

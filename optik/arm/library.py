@@ -79,7 +79,7 @@ from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
 from optik.arm.shapes import Shapes
-from optik.check import check_count, check_number, check_words
+from optik.check import check_count, check_number, check_words, format_value
 from optik.errors import InvalidInput
 from optik.file_io import decode_text, parse_toml, read_bytes
 from optik.plugins.files import is_path, split_links
@@ -119,7 +119,13 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 """Keys of a row of masses."""
 
 
-def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> Robot:
+def load(
+    name: str | os.PathLike[str],
+    *,
+    tip: str | None = None,
+    base: str | None = None,
+    values: Mapping[str, float] | None = None,
+) -> Robot:
     """Load a robot by name or from a file.
 
     Parameters
@@ -131,6 +137,8 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
         <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
     tip, base : str, optional
         For a URDF, the links of `Robot.from_urdf`.
+    values : mapping of str to float, optional
+        For a URDF, values at which joints beside the chain are held, as of `Robot.from_urdf` [rad, m].
 
     Returns
     -------
@@ -147,19 +155,20 @@ def load(name: str | os.PathLike[str], *, tip: str | None = None, base: str | No
     """
     if is_path(name):
         path, links = split_links(os.fspath(name))
-        given = {k: v for k, v in (("tip", tip), ("base", base)) if v is not None}
+        given = {k: v for k, v in (("tip", tip), ("base", base), ("values", values)) if v is not None}
         # A URDF contains the robot's name, so its file may be named like one of our robots.
         if Path(path).suffix.lower() not in URDF:
             data_file(ROBOTS, path, "robot")
         return _from_file(path, {**_parse_urdf_options(links), **given})
-    if tip is not None or base is not None:
-        raise InvalidInput("tip" if tip is not None else "base", repr(tip or base), f"none: {name!r} is no URDF file")
+    for argument, value in (("tip", tip), ("base", base), ("values", values)):
+        if value is not None:
+            raise InvalidInput(argument, format_value(value), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
         return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
     return _resolve_robot(load_method(ROBOTS, name, "robot"), f"robot {name!r}", str(name))
 
 
-def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Robot:
+def _from_file(path: str, links: dict[str, Any], name: str | None = None) -> Robot:
     """Read a robot from a file; a TOML file contains no name, so it takes the given one or its stem."""
     suffix, file = Path(path).suffix.lower(), resolve_file(path, "robot")
     if suffix in URDF:
@@ -167,9 +176,9 @@ def _from_file(path: str, links: dict[str, str], name: str | None = None) -> Rob
             return Robot.from_urdf(file, **_urdf_options(links))
         except InvalidInput as error:
             where = f"robot {path!r}" if error.argument == "source" else error.argument
-            raise InvalidInput(where, error.got, error.expected) from None
+            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
     if links:
-        raise InvalidInput(", ".join(links), ", ".join(links.values()), f"none: {path!r} is no URDF file")
+        raise InvalidInput(", ".join(links), ", ".join(map(str, links.values())), f"none: {path!r} is no URDF file")
     if suffix == ".py":
         return _resolve_robot(load_method(ROBOTS, path, "robot"), f"METHOD of {path}", file.stem)
     if suffix == ".json":
@@ -193,9 +202,9 @@ def _parse_urdf_options(text: str) -> dict[str, str]:
     return links
 
 
-def _urdf_options(links: dict[str, str]) -> dict[str, Any]:
+def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `Robot.from_urdf` for the options of a path; packages= and srdf= imply shapes=yes."""
-    options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf")}
+    options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf", "values")}
     if "packages" in links:
         options["package_dirs"] = [links["packages"]]
     if {"srdf", "packages", "shapes"} & set(links):

@@ -137,6 +137,7 @@ class Robot(ArmDynamics):
         shapes: bool = False,
         package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
         srdf: str | os.PathLike[str] | None = None,
+        values: Mapping[str, float] | None = None,
     ) -> Robot:
         """Read the chain between two links of a URDF.
 
@@ -165,6 +166,9 @@ class Robot(ArmDynamics):
             Folders of the meshes besides the file's own: {package: folder}, or folders that contain packages.
         srdf : str or path, optional
             File, or its text, whose <disable_collisions> name pairs of links that are not checked.
+        values : mapping of str to float, optional
+            Values at which joints beside the chain are held, such as those of a gripper [rad, m]; joints that follow them
+            (<mimic>) and the masses behind them move along. By default, shapes enclose every value within the limits.
 
         Returns
         -------
@@ -173,14 +177,15 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders.
+            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders;
+            a held joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
             planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.
         """
         from optik.arm.urdf import read_urdf
 
-        meshes: dict[str, Any] = {"shapes": shapes, "package_dirs": package_dirs, "srdf": srdf}
+        meshes: dict[str, Any] = {"shapes": shapes, "package_dirs": package_dirs, "srdf": srdf, "values": values}
         return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, **meshes))
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:

@@ -6,7 +6,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import cos, sin
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.branches import MOVING, hold_joints
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
 from optik.arm.limits import LARGEST_LIMIT, JointLimits
 from optik.arm.model import ArmModel
@@ -34,8 +35,6 @@ R = TypeVar("R")
 """Result of a function."""
 Placed: TypeAlias = list[tuple[Joint, Array]]
 """All joints of a chain, and the poses of their links in the frames of the arm's joints."""
-MOVING = ("revolute", "continuous", "prismatic")
-"""Types of movable joints; fixed joints are merged, other types are an error."""
 PRODUCTS = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 """Attributes of an <inertia>, arranged as in the tensor."""
 INFINITE_TEXTS = ("inf", "+inf", "infinity", "+infinity")
@@ -52,6 +51,7 @@ def read_urdf(
     shapes: bool = False,
     package_dirs: Folders = None,
     srdf: str | os.PathLike[str] | None = None,
+    values: Mapping[str, float] | None = None,
 ) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`."""
     folders = None
@@ -72,13 +72,17 @@ def read_urdf(
         problem = f"link {tip!r} is not below link {base!r}; above it are: {join_names(links[1:])}"
         raise RobotModelError(tree.name, problem)
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
+    tree = hold_joints(tree, chain, values, partial(_axis, tree.name))
     arm, placed = _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
     if folders is None:
         return arm
+    from optik.arm.shapes.contact import warn_of_contact
     from optik.arm.shapes.urdf import read_shapes
 
     enclosed = read_shapes(tree, base, placed, folders, partial(_axis, tree.name))
-    return arm.with_shapes(enclosed if srdf is None else enclosed.with_srdf(srdf))
+    arm = arm.with_shapes(enclosed if srdf is None else enclosed.with_srdf(srdf))
+    warn_of_contact(arm, tree, {base, *(joint.child for joint in chain)})
+    return arm
 
 
 def _check_link(tree: Tree, link: str, argument: str) -> str:

@@ -24,13 +24,14 @@ MOST_URDF_BYTES = 32 * 2**20
 
 @dataclass(frozen=True)
 class Joint:
-    """One <joint> of a URDF: the links that it connects, and its child elements by name."""
+    """One <joint> of a URDF: the links that it connects, its child elements by name, and the motion of a held joint."""
 
     name: str
     kind: str
     parent: str
     child: str
     element: Any
+    shift: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -231,8 +232,9 @@ def join_names(names: list[str]) -> str:
 
 
 def joint_origin(robot: str, joint: Joint) -> Array:
-    """Read the pose of a joint in its parent link."""
-    return origin_pose(robot, f"joint {joint.name!r}", joint.element.get("origin"))
+    """Read the pose of a joint in its parent link; of a held joint, that of its child link."""
+    T = origin_pose(robot, f"joint {joint.name!r}", joint.element.get("origin"))
+    return T if joint.shift is None else T @ joint.shift
 
 
 def origin_pose(robot: str, where: str, element: Any) -> Array:

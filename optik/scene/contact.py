@@ -108,6 +108,23 @@ def find_nearest_pairs(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array,
     return room, which
 
 
+def find_clearances(robot: Robot, scene: Scene, q: ArrayLike) -> tuple[Array, Indices]:
+    """Return the least distances of an arm at configurations (k, n) to a scene and between its own links.
+
+    Returns distances (k, 2) [m], without the margin of the scene and infinite without a pair, and the indices of the pairs
+    (k, 2) among those of `find_pairs`, −1 for none.
+    """
+    bodies = find_pairs(robot, scene).bodies
+    assert robot.shapes is not None
+    at = np.ascontiguousarray(robot.configuration(q, batch=True)).reshape(-1, robot.n)
+    distance, which = np.empty((2, len(at))), np.empty((2, len(at)), np.int64)
+    for row, of in enumerate((bodies[:, 2] != SELF, bodies[:, 2] == SELF)):
+        shapes = (robot.shapes.capsules, scene.arrays, bodies[of])
+        rooms_batch(robot.chain, shapes, at, 0.0, distance[row], which[row])
+        which[row] = np.append(np.flatnonzero(of), -1)[which[row]]
+    return distance.T, which.T
+
+
 def find_contact(robot: Robot, scene: Scene, q: ArrayLike) -> Contact:
     """Return the pair of shapes with the least room at one configuration."""
     rooms, which = find_nearest_pairs(robot, scene, q)

@@ -257,11 +257,9 @@ def _tool_lines(proof: Certificate) -> list[str]:
     if np.isfinite(off.distance):
         tool = f"path error at most {1e3 * off.distance:.3g} mm and {off.angle:.3g} rad, {tool}"
     lines.append(tool)
-    if proof.clearance is not None and np.isfinite(proof.clearance.found):
-        near = proof.clearance
-        words = f"at least {1e3 * near.value:.3g} mm" if np.isfinite(near.value) else "not proved"
-        first, second = near.pair
-        lines.append(f"clearance {words}; found {1e3 * near.found:.3g} mm ({first} and {second} at {near.time:.3g} s)")
+    if proof.clearance is not None and proof.clearance.kinds:
+        kinds = (f"{words} {kind.describe()}" for words, kind in proof.clearance.kinds.items())
+        lines.append(f"clearance {'; '.join(kinds)}")
     return lines
 
 

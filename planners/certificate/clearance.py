@@ -37,12 +37,31 @@ class Closest(NamedTuple):
         Its time [s].
     pair : (2,) tuple of str
         The shape of the arm, and the object or the other shape.
+    margin : float
+        Distance that must be exceeded [m]: the margin of the scene, 0 between links.
     """
 
     value: float
     found: float
     time: float
     pair: tuple[str, str]
+    margin: float = 0.0
+
+    @property
+    def room(self) -> float:
+        """The least distance found less the margin [m]."""
+        return self.found - self.margin
+
+    def describe(self) -> str:
+        """Return the proved bound, the margin, and the least distance found, as words."""
+        proved = f"at least {1e3 * self.value:.3g} mm" if np.isfinite(self.value) else "nothing proved"
+        where = f"{self.pair[0]} and {self.pair[1]} at {self.time:.3g} s"
+        return f"{proved} (margin {1e3 * self.margin:.3g} mm; found {1e3 * self.found:.3g} mm, {where})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files; None for infinite numbers."""
+        finite = {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in self._asdict().items()}
+        return finite | {"pair": list(self.pair)}
 
 
 NOTHING = Closest(np.inf, np.inf, 0.0, ("", ""))
@@ -51,72 +70,50 @@ NOTHING = Closest(np.inf, np.inf, 0.0, ("", ""))
 
 @dataclass(frozen=True)
 class Clearance:
-    """The least distances over a motion, for these shapes and this scene.
+    """The least distances over a motion, for these shapes and this scene: two numbers, each with its margin.
 
     Attributes
     ----------
     scene, own : Closest or None
         Between the arm and the scene, and between the arm's own links; None without a pair to examine.
-    margin : float
-        Required distance to the scene [m]; links must not touch each other.
     left_out : tuple of (str, str, str)
         Pairs that were not examined, with reasons.
     """
 
     scene: Closest | None
     own: Closest | None
-    margin: float
     left_out: tuple[tuple[str, str, str], ...]
 
     @property
-    def _kinds(self) -> list[tuple[Closest, float]]:
-        """Each examined kind of pairs (arm and scene, or two links), and its required distance [m]."""
-        return [(kind, least) for kind, least in ((self.scene, self.margin), (self.own, 0.0)) if kind is not None]
+    def kinds(self) -> dict[str, Closest]:
+        """The examined kinds of pairs, by words: ``"to the scene"`` and ``"between links"``."""
+        kinds = (("to the scene", self.scene), ("between links", self.own))
+        return {words: kind for words, kind in kinds if kind is not None}
 
     @property
-    def _least(self) -> Closest:
-        """The kind of pairs with the least distance found."""
-        return min((kind for kind, _ in self._kinds), key=lambda kind: kind.found, default=NOTHING)
-
-    @property
-    def value(self) -> float:
-        """Proved lower bound on the distances of all examined pairs [m]; −infinity for contact, infinite without pairs."""
-        return min((kind.value for kind, _ in self._kinds), default=np.inf)
-
-    @property
-    def found(self) -> float:
-        """The least distance found [m]."""
-        return self._least.found
-
-    @property
-    def time(self) -> float:
-        """Time of the least distance found [s]."""
-        return self._least.time
-
-    @property
-    def pair(self) -> tuple[str, str]:
-        """Shapes with the least distance found."""
-        return self._least.pair
+    def nearest(self) -> Closest:
+        """The kind of pairs with the least distance found less its margin; infinitely far without a pair."""
+        return min(self.kinds.values(), key=lambda kind: kind.room, default=NOTHING)
 
     @property
     def touches(self) -> bool:
         """Whether links touch, or a distance to the scene at or below the margin was found."""
-        return any(kind.found <= least for kind, least in self._kinds)
+        return any(kind.found <= kind.margin for kind in self.kinds.values())
 
     @property
     def proved(self) -> bool:
         """Whether it is proved that no links touch and all distances to the scene exceed the margin."""
-        return all(kind.value > least for kind, least in self._kinds)
+        return all(kind.value > kind.margin for kind in self.kinds.values())
 
     def find_violations(self) -> tuple[Violation, ...]:
         """Return a contact, or a distance that is not proved; empty if the motion is collision-free."""
         if self.proved:
             return ()
-        kind, least = min(self._kinds, key=lambda each: each[0].found - each[1])
+        kind = self.nearest
         where = f"{kind.pair[0]} and {kind.pair[1]} at t = {kind.time:.6g} s"
-        beyond = "" if least == 0.0 else f", and the margin is {1e3 * least:.6g} mm"
-        word = "not_proved" if kind.found > least else "contact"
-        if kind.found > least:
+        beyond = "" if kind.margin == 0.0 else f", and the margin is {1e3 * kind.margin:.6g} mm"
+        word = "not_proved" if kind.room > 0.0 else "contact"
+        if kind.room > 0.0:
             words = f"the clearance is not proved: found {1e3 * kind.found:.6g} mm between {where}{beyond}"
         elif kind.found > 0.0:
             words = f"{1e3 * kind.found:.6g} mm between {where}{beyond}"
@@ -125,16 +122,10 @@ class Clearance:
         return (Violation(words, kind.time, word),)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for files; None for infinite numbers."""
+        """Return plain data for files; None for infinite numbers, and for a kind without a pair."""
         kinds = {"scene": self.scene, "own": self.own}
-        out: dict[str, Any] = {name: None if kind is None else _plain(kind) for name, kind in kinds.items()}
-        whole = Closest(self.value, self.found, self.time, self.pair)
-        return _plain(whole) | out | {"margin": self.margin, "left_out": [list(pair) for pair in self.left_out]}
-
-
-def _plain(kind: Closest) -> dict[str, Any]:
-    finite = {name: x if np.isfinite(x) else None for name, x in zip(kind._fields[:3], kind[:3], strict=True)}
-    return finite | {"pair": list(kind.pair)}
+        plain = {name: None if kind is None else kind.to_dict() for name, kind in kinds.items()}
+        return plain | {"left_out": [list(pair) for pair in self.left_out]}
 
 
 def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
@@ -168,11 +159,12 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     least = np.empty((2, 4))
     search(robot.chain, (robot.shapes.capsules, scene.arrays, pairs.bodies), motion, wanted, least)
     touched = least[0, 0] <= scene.margin or least[1, 0] <= 0.0
-    kinds = []
+    kinds: list[Closest | None] = []
     for found, t, value, pair in least.tolist():
         proved = -np.inf if touched else min(value, found)
-        kinds.append(Closest(proved, found, t, pairs.names[int(pair)]) if pair >= 0 else None)
-    return Clearance(kinds[0], kinds[1], scene.margin, pairs.left_out)
+        margin = scene.margin if not kinds else 0.0
+        kinds.append(Closest(proved, found, t, pairs.names[int(pair)], margin) if pair >= 0 else None)
+    return Clearance(kinds[0], kinds[1], pairs.left_out)
 
 
 def _is_continuous(trajectory: Trajectory) -> Flags:

@@ -55,7 +55,7 @@ class CollisionCheck:
         found = self._clearance(joints.polynomial)
         if not found.touches:
             return None
-        s = np.append(np.linspace(0.0, joints.end, CONTACT_SAMPLES), found.time)
+        s = np.append(np.linspace(0.0, joints.end, CONTACT_SAMPLES), found.nearest.time)
         touching = ~self.are_free(joints(s))
         k = int(np.argmax(touching)) if touching[:-1].any() else CONTACT_SAMPLES
         reason = f"{self._describe(find_contact(self.robot, self.scene, joints(s[k])))} at s = {s[k]:.6g}"

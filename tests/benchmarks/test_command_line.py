@@ -206,6 +206,33 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     assert "is not a URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
 
 
+def test_a_joint_beside_the_arm_is_held_and_one_that_cannot_be_is_named(typed: Any, tmp_path: Path) -> None:
+    finger = (
+        '<link name="finger"><collision><origin xyz="0 0 .1"/><geometry><sphere radius=".02"/></geometry></collision></link>'
+        '<joint name="grip" type="revolute"><parent link="{}"/><child link="finger"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    text = optik.load("kr6").to_urdf()
+    arm = write(tmp_path / "arm.urdf", text.replace("</robot>", finger.format("link6")))
+    words = (
+        "plan", "joints", "-r", f"{arm}#shapes=yes&tip=tool", "--to-deg", "0,-80,90,0,0,0", "--start-deg", "0,-90,90,0,0,0",
+        "--acceleration", "5", "--jerk", "50",
+    )  # fmt: skip
+    out = tmp_path / "motion.json"
+    status, _, said = typed(*words, "--hold", "grip=0.5", "--out", str(out))
+    assert status == 0, said
+    held = planners.load_motion(out).robot.shapes
+    assert held.m == 1 and held == optik.load(f"{arm}#shapes=yes&tip=tool", values={"grip": 0.5}).shapes
+    for text, part in (
+        ("grip=30", "[-1, 1] rad"),
+        ("grp=0", "grip"),
+        ("grip", "JOINT=VALUE"),
+        ("joint2=0", "of the chain"),
+    ):
+        status, _, said = typed(*words, "--hold", text)
+        assert status == 2 and "--hold" in said and part in said and said.strip().count("\n") == 0, said
+
+
 @pytest.mark.parametrize("rate", [50.0, 333.0])
 def test_a_csv_at_a_rate_is_a_table_at_that_rate_and_the_same_motion(typed: Any, tmp_path: Path, rate: float) -> None:
     out, exact = tmp_path / "line.csv", tmp_path / "line.npz"

@@ -285,9 +285,9 @@ def test_collision_elements_become_capsules_of_the_links_that_move_them(folder):
     assert np.min([distances(points, *c) for c in world("arm")], axis=0).max() <= 0.0
     for angle in np.linspace(-3.0, 3.0, 9):  # every position of what the arm does not move
         knob = hand @ se3.pose(se3.exp_so3([0.0, 0.0, angle]), (0.0, 0.0, 0.0)) @ np.array([0.1, 0.0, 0.02, 1.0])
-        assert distances(knob[None, :3], *world("knob")[0])[0] <= -0.01 + 1e-9
+        assert min(distances(knob[None, :3], *c)[0] for c in world("knob")) <= -0.01 + 1e-9
         finger = hand @ np.array([0.0, angle / 75.0, 0.05, 1.0])
-        assert distances(finger[None, :3], *world("finger")[0])[0] <= -0.01 + 1e-9
+        assert min(distances(finger[None, :3], *c)[0] for c in world("finger")) <= -0.01 + 1e-9
     assert np.isnan(rows["knob"][4]).all()
     assert np.isnan(rows["finger"][4]).all()
     assert rows["hand"][4][0] == 0.0

@@ -204,7 +204,7 @@ def test_a_bound_beyond_the_tolerance_is_a_violation_only_if_a_value_is(found: f
     ("found", "value", "word"), [(0.0101, 0.01001, None), (0.0101, 0.0099, "not_proved"), (0.0099, -np.inf, "contact")]
 )
 def test_a_distance_that_is_not_proved_is_no_contact(found: float, value: float, word: Any) -> None:
-    near = Clearance(Closest(value, found, 0.5, ("hand", "box")), None, 0.01, ())
+    near = Clearance(Closest(value, found, 0.5, ("hand", "box"), 0.01), None, ())
     assert [violation.allow for violation in near.find_violations()] == ([] if word is None else [word])
 
 

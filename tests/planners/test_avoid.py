@@ -221,7 +221,7 @@ def test_a_way_around_a_wall_is_found_proved_and_faster_than_stops_at_its_corner
     assert found.freedom.gain > 0.05
     assert found.certificate.clearance is not None
     assert found.certificate.clearance.proved
-    assert found.certificate.clearance.value > wall().margin
+    assert found.certificate.clearance.scene.value > wall().margin
     t = np.linspace(0.0, found.trajectory.duration, 4001)
     assert find_nearest_pairs(robot, wall(), found.trajectory(t))[0].min() > 0.0
     np.testing.assert_allclose(found.trajectory(0.0), REST, atol=1e-12)

@@ -1,6 +1,7 @@
 """The proof of contact against coal: between its instants, at spheres that are grazed once, and where it is cut short."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -14,7 +15,7 @@ import planners
 from optik import Scene
 from optik.errors import InvalidInput
 from optik.ik import IKStatus
-from optik.scene.contact import find_contact, find_nearest_pairs
+from optik.scene.contact import SELF, find_clearances, find_contact, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners import MotionLimits, PlanStatus, Trajectory
 from planners.certificate.clearance import Clearance, clearance
@@ -49,9 +50,10 @@ def check(scene: Scene, motion: Trajectory, rate: float, around: int, oracle: Or
     assert proof.touches or proof.proved, proof
     within = [max(kind.found, 0.0) + 1e-4 for kind in (proof.scene, proof.own)]
     if proof.touches:
-        at = oracle.near(motion(np.array([proof.time])), *within)
+        closest = proof.nearest
+        at = oracle.near(motion(np.array([closest.time])), *within)
         assert min(at.scene[0], at.own[0]) <= COAL_ERROR
-        assert proof.found <= 0.0 and not np.isfinite(proof.value) and proof.find_violations()
+        assert closest.found <= 0.0 and not np.isfinite(closest.value) and proof.find_violations()
         return proof
     t = [instants(motion, rate)]
     t += [kind.time + np.linspace(-5e-3, 5e-3, around) for kind in (proof.scene, proof.own)]
@@ -180,7 +182,7 @@ def test_an_empty_scene_is_for_the_links_alone() -> None:
     folded[3] = -3.05
     found = clearance(panda(), line(REST, folded), Scene())
     assert found.scene is None and found.own is not None
-    assert found.value == found.own.value
+    assert found.nearest == found.own and found.own.margin == 0.0
 
 
 def line(first: Array, last: Array) -> Trajectory:
@@ -218,8 +220,28 @@ def test_the_margin_must_be_exceeded() -> None:
     assert wide.touches and not wide.proved
     assert "margin" in wide.find_violations()[0].words and "box" in wide.find_violations()[0].words
     near = clearance(panda(), motion, replace(table(), margin=0.99 * free.value))
-    assert near.proved and near.scene is not None and near.scene.value > near.margin
-    assert near.own is not None and 0.0 < near.own.value < near.margin, "links need not keep the margin"
+    assert near.proved and near.scene is not None and near.scene.value > near.scene.margin == 0.99 * free.value
+    assert near.own is not None and near.own.margin == 0.0, "links need not keep the margin"
+    assert 0.0 < near.own.value < near.scene.margin
+    assert near.nearest is near.scene and near.own.found < near.scene.found, "the nearest is that with the least room"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clearances_of_configurations_are_those_of_coal_to_the_scene_and_between_links(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    full, q = drawn(rng), panda().limits.sample(rng, 15)
+    scene = Scene(boxes=full.boxes[:1], spheres=full.spheres[:1], capsules=full.capsules[:1], margin=0.03)
+    distance, pair = find_clearances(panda(), scene, q)
+    near, apart = Oracle(panda(), scene).near(q, np.inf, np.inf), distance > 0.0
+    for i, expected in enumerate((near.scene, near.own)):
+        np.testing.assert_allclose(distance[apart[:, i], i], expected[apart[:, i]], rtol=0.0, atol=COAL_ERROR)
+        assert (expected[~apart[:, i]] <= COAL_ERROR).all()
+        assert ((find_pairs(panda(), scene).bodies[pair[:, i], 2] == SELF) == bool(i)).all()
+    assert apart.any(axis=0).all()
+    rooms = find_nearest_pairs(panda(), scene, q)[0]
+    np.testing.assert_allclose((distance - (scene.margin, 0.0)).min(axis=1), rooms, rtol=0.0, atol=1e-12)
+    alone, none = find_clearances(panda(), Scene(), q[0])
+    assert np.isinf(alone[0, 0]) and none[0, 0] == -1 and alone[0, 1] == distance[0, 1]
 
 
 # ---------------------------------------------------------------- certificates, plans, files
@@ -231,15 +253,20 @@ def solved() -> planners.Plan:
 def test_a_plan_carries_its_scene_into_files_and_replans(tmp_path: Any) -> None:
     made = solved()
     assert made and made.certificate.clearance is not None
-    json.dumps(made.to_dict(), allow_nan=False)
+    proof = json.loads(json.dumps(made.to_dict(), allow_nan=False))["certificate"]["clearance"]
+    assert [proof[kind]["margin"] for kind in ("scene", "own")] == [0.002, 0.0]
+    assert proof["scene"]["value"] == made.certificate.clearance.scene.value > 0.002
+    said = str(made)
+    for words, kind in (("to the scene", "margin 2 mm"), ("between links", "margin 0 mm")):
+        assert re.search(rf"{words} at least \d\S* mm \({kind}; found \d\S* mm, ", said), said
     made.save(tmp_path / "motion.json")
     read = planners.load_motion(tmp_path / "motion.json")
     assert read.scene == made.scene == replace(table(), margin=0.002) != table()
     assert read.certify().clearance == made.certificate.clearance
     later = planners.replan(made, 0.3)
-    assert later and later.certificate.clearance is not None and later.certificate.clearance.margin == 0.002
+    assert later and later.certificate.clearance is not None and later.certificate.clearance.scene.margin == 0.002
     other = planners.replan(made, 0.3, scene=replace(table(), margin=0.001))
-    assert other.certificate.clearance is not None and other.certificate.clearance.margin == 0.001
+    assert other.certificate.clearance is not None and other.certificate.clearance.scene.margin == 0.001
     blocked = Scene(boxes=[(pose(panda().fk(REACHED)[:3, 3]), (0.05, 0.05, 0.05))])
     assert planners.replan(made, 0.3, scene=blocked).status is not PlanStatus.SOLVED
     assert planners.plan(panda(), REACHED, REST).certificate.clearance is None
@@ -282,7 +309,7 @@ def test_the_best_branch_is_one_that_is_free() -> None:
     other = planners.plan(arm, path, scene=scene, limits=LIMITS)
     assert other and other.certificate.clearance is not None and other.certificate.clearance.proved
     free = find_nearest_pairs(arm, scene, other.trajectory(np.linspace(0.0, other.trajectory.end, 200)))[0]
-    assert free.min() >= other.certificate.clearance.value - 1e-9
+    assert free.min() >= other.certificate.clearance.nearest.value - 1e-9
 
 
 def test_the_null_space_motion_is_one_that_is_free() -> None:

@@ -95,8 +95,8 @@ def test_a_motion_that_jumps_inside_an_interval_is_not_bounded_by_its_middle(see
     motion = polynomial(*pieces)
     assert bounds_of_one_interval(robot, motion, scene)[0] <= touch
     found = clearance(robot, motion, scene)
-    assert found.touches and not found.proved and found.found <= 0.0
-    assert found.time == pytest.approx(t + 0.05, abs=0.051)
+    assert found.touches and not found.proved and found.nearest.found <= 0.0
+    assert found.nearest.time == pytest.approx(t + 0.05, abs=0.051)
 
 
 @pytest.mark.parametrize(("order", "least"), [(0, POSITION_STEP), (1, VELOCITY_STEP)])
@@ -141,7 +141,9 @@ def test_a_still_ball_is_bounded_by_its_distance_from_a_turned_box(seed: int) ->
             true = float(np.linalg.norm(np.maximum(out, 0.0))) - 0.03
             assert bounds_of_one_interval(robot, motion, scene)[0] == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
             if true > 1e-6:
-                assert clearance(robot, motion, scene).value == pytest.approx(true - DISTANCE_ROUNDING, abs=1e-13)
+                assert clearance(robot, motion, scene).nearest.value == pytest.approx(
+                    true - DISTANCE_ROUNDING, abs=1e-13
+                )
         else:
             assert clearance(robot, motion, scene).touches
 
@@ -159,7 +161,7 @@ def test_a_normal_of_any_length_is_made_one(normal: tuple[float, float, float]) 
     robot = bar(rng, 0.3, 0.02)
     ends = robot.fk(np.zeros(1)) @ np.array([[0.0, 0.0, 0.0, 1.0], [0.3, 0.0, 0.0, 1.0]]).T
     true = float(((ends[:3].T - (0.1, -0.2, 0.3)) @ unit).min()) - 0.02
-    found = clearance(robot, polynomial((1.0, [[0.0], [0.0]])), scene)
+    found = clearance(robot, polynomial((1.0, [[0.0], [0.0]])), scene).nearest
     assert found.found == pytest.approx(true, abs=1e-9)
 
 

@@ -143,18 +143,19 @@ def judged(
     """Judge one motion by every method."""
     begin = time.perf_counter()
     proof = clearance(arm, motion, scene)
+    near = proof.nearest
     rows: list[dict[str, Any]] = [
         {
             "method": PROOF, "says": "free" if proof.proved else "contact" if proof.touches else "undecided",
-            "ms": 1e3 * (time.perf_counter() - begin), "time": proof.time, "pair": " and ".join(proof.pair),
-            "proved": proof.value if np.isfinite(proof.value) else None, "found": proof.found, "samples": None,
+            "ms": 1e3 * (time.perf_counter() - begin), "time": near.time, "pair": " and ".join(near.pair),
+            "proved": near.value if np.isfinite(near.value) else None, "found": near.found, "samples": None,
         }
     ]  # fmt: skip
     if coal is not None:
         rows += [_sampled(coal, motion, label, count) for label, count in _counts(block, motion)]
         contact = any(row["says"] == "contact" for row in rows[1:])
         if proof.touches and not contact:
-            contact = coal.room(motion(proof.time)) <= TOUCHING
+            contact = coal.room(motion(near.time)) <= TOUCHING
     else:
         contact = proof.touches
     for row in rows:

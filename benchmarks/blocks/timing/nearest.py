@@ -9,11 +9,10 @@ import polars as pl
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
-from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, SELF, find_nearest, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, SELF, find_clearances, find_nearest, find_pairs
 from optik.scene.mesh import find_hull
-from optik.types import Array, Indices
+from optik.types import Array
 from planners.cell.view._data import find_near_points
-from planners.certificate.clearance import Clearance
 from planners.plan import Plan
 
 CLEARANCE_INSTANTS = 501
@@ -24,26 +23,15 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
     """Return the least distances over time, by the compiled distances at instants."""
     assert planned.scene is not None
     t = np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
-    columns = {}
-    for name, own in (("scene", False), ("own", True)):
-        distance, _ = _rooms(planned.robot, planned.scene, planned.trajectory(t), own=own)
-        columns[name] = [float(value) if np.isfinite(value) else None for value in distance]
+    distances, _ = find_clearances(planned.robot, planned.scene, planned.trajectory(t))
+    columns = {
+        name: [float(x) if np.isfinite(x) else None for x in distance]
+        for name, distance in zip(("scene", "own"), distances.T, strict=True)
+    }
     return pl.DataFrame(
         {"solver": planned.solver, "law": planned.law, "t": t, **columns},
         schema_overrides=dict.fromkeys(columns, pl.Float64),
     )
-
-
-def _rooms(robot: Robot, scene: Scene, q: Array, *, own: bool) -> tuple[Array, Indices]:
-    """Return the least distance of arm and scene, or of two links, at configurations (k, n) [m], and the pairs (k, 3)."""
-    assert robot.shapes is not None
-    bodies = find_pairs(robot, scene).bodies
-    chosen = bodies[(bodies[:, 2] == SELF) == own].copy()
-    distance, which = np.full(len(q), np.inf), np.zeros(len(q), np.int64)
-    if len(chosen):
-        shapes = (robot.shapes.capsules, scene.arrays, chosen)
-        rooms_batch(robot.chain, shapes, np.ascontiguousarray(q), 0.0, distance, which)
-    return distance, chosen[which] if len(chosen) else chosen
 
 
 def nearest_picture(planned: Plan) -> dict[str, Any] | None:
@@ -54,15 +42,16 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     if closest is None:
         return None
     q = planned.trajectory(closest.time)
-    arm, (_, pairs) = placed(robot, q), _rooms(robot, scene, q[None], own=proof.scene is None)
-    one, other, kind = pairs[0].tolist()
+    arm, which = placed(robot, q), find_clearances(robot, scene, q)[1][0, int(proof.scene is None)]
+    one, other, kind = find_pairs(robot, scene).bodies[which].tolist()
     box_pose, box_half, a, b, radius, *_ = scene.arrays
     points = nearest_points(arm, scene, one, other, kind)
     clouds = [(p.tolist(), p.tolist(), r, False) for q, r in scene.clouds for p in find_near_points(points[1][None], q)]
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
-        "found": closest.found, "margin": proof.margin, "pair": list(closest.pair), "words": _words(proof),
-        "marks": [(kind.time, kind.found) for kind in (proof.scene, proof.own) if kind is not None],
+        "found": closest.found, "margin": closest.margin, "pair": list(closest.pair),
+        "words": "; ".join(f"{words} {kind.describe()}" for words, kind in proof.kinds.items()),
+        "marks": [(kind.time, kind.found) for kind in proof.kinds.values()],
         "points": [p.tolist() for p in points],
         "arm": [
             (p.tolist(), r.tolist(), float(size), i == one or (kind == SELF and i == other))
@@ -85,19 +74,6 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
         ],
         "planes": [(p.tolist(), n.tolist()) for p, n in scene.planes],
     }  # fmt: skip
-
-
-def _words(proof: Clearance) -> str:
-    """Describe the proved bound and the least distance found, of the scene and of the arm's own links."""
-    out = []
-    for words, kind in (("to the scene", proof.scene), ("between links", proof.own)):
-        if kind is not None:
-            proved = f"at least {1e3 * kind.value:.4g} mm is proved" if np.isfinite(kind.value) else "nothing is proved"
-            first, second = kind.pair
-            out.append(
-                f"{words} {proved}, {1e3 * kind.found:.4g} mm found between {first} and {second} at {kind.time:.3f} s"
-            )
-    return "; ".join(out)
 
 
 def placed(robot: Robot, q: Array) -> tuple[Array, Array, Array]:

@@ -311,7 +311,7 @@ def _cut(triangles: Array, others: list[Capsule], tree: Any, most: int) -> list[
             pieces = _slabs(few, u, offsets)
             if min(len(piece) for piece in pieces) == 0:
                 continue
-            capsules = [_fit_roughly(piece) for piece in pieces]
+            capsules = [fit_roughly(piece.reshape(-1, 3)) for piece in pieces]
             worst = _largest_excess(capsules, others, tree, coarse=True) * _size(capsules)
             if worst < (1.0 if len(pieces) == 2 else WORTH_A_CUT) * least:  # a third capsule must reduce it more
                 best, least = (u, offsets), worst
@@ -334,12 +334,13 @@ def _axes(points: Array) -> Array:
     return np.vstack((np.eye(3), principal[np.abs(principal).max(axis=1) < SAME_AXIS]))
 
 
-def _fit_roughly(triangles: Array) -> Capsule:
-    """Return the smallest capsule about a few axes."""
-    corners = _hull(triangles.reshape(-1, 3))
-    return Capsule(
-        *min((_fit_about_line(corners, *start, 0.2) for start in _starts(corners)), key=lambda c: _volume(*c))
+def fit_roughly(points: Array, wider: float = 0.2) -> Capsule:
+    """Return the smallest capsule about a few axes, its radius enlarged by the factor 1 + wider²."""
+    corners = _hull(points)
+    a, b, radius = min(
+        (_fit_about_line(corners, *start, wider) for start in _starts(corners)), key=lambda c: _volume(*c)
     )
+    return Capsule(a, b, radius * (1.0 + ENCLOSURE_ROUNDING) + ENCLOSURE_ROUNDING)
 
 
 def split_mesh(triangles: Array, normal: Array, offset: float) -> tuple[Array, Array]:

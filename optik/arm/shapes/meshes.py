@@ -101,11 +101,15 @@ def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders) -> 
     return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
 
 
+def read_mesh_bytes(file: Path) -> bytes:
+    """Read the content of a mesh's file."""
+    expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
+    return read_bytes(file, argument=f"mesh {file.name!r}", expected=expected, most=MOST_MESH_BYTES)
+
+
 def read_mesh(file: Path) -> Array:
     """Read the triangles of a mesh in STL or OBJ."""
-    where = f"mesh {file.name!r}"
-    expected = f"a mesh in STL or OBJ of at most {MOST_MESH_BYTES // 2**20} MB"
-    content = read_bytes(file, argument=where, expected=expected, most=MOST_MESH_BYTES)
+    where, content = f"mesh {file.name!r}", read_mesh_bytes(file)
     triangles = (_obj if file.suffix.lower() == ".obj" else _stl)(content, where)
     if not 1 <= len(triangles) <= MOST_TRIANGLES:
         raise InvalidInput(where, f"{len(triangles):,} triangles", f"1 to {MOST_TRIANGLES:,} triangles")

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder, enclose_mesh, fit_capsule
-from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh
+from optik.arm.branches import Axis, find_driver, read_range
+from optik.arm.shapes.cache import enclose_once
+from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder, enclose_mesh
+from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh, read_mesh_bytes
 from optik.arm.shapes.model import Shapes
+from optik.arm.shapes.sweep import Step, sweep_capsules
 from optik.arm.urdf_tree import Joint, Tree, joint_origin, origin_pose, read_number, read_triple
 from optik.errors import RobotModelError
 from optik.types import Array
-
-Axis = Callable[[Joint], Array]
-"""Unit axis (3,) of a joint in its own frame."""
 
 
 def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folders: MeshFolders, axis: Axis) -> Shapes:
@@ -25,16 +25,14 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     Branches behind fixed joints move with their link. Branches behind movable joints, such as the fingers of a gripper, are
     enclosed for all positions of these joints, so their excess is unknown.
     """
-    chain = {joint.child for joint, _ in placed}
-    carried: dict[str, list[tuple[str, Capsule]]] = {}
-    for link in reversed(_order_links(tree, base)):  # children before parents
-        found = [(link, c) for c in _read_own(tree, link, folders)]
-        for child in tree.below.get(link, ()):
-            if child not in chain:
-                joint = tree.above[child]
-                T = joint_origin(tree.name, joint)
-                found += [(name, _sweep(tree.name, joint, c, axis).transform(T)) for name, c in carried.pop(child)]
-        carried[link] = found
+    chain = {base, *(joint.child for joint, _ in placed)}
+    carried: dict[str, list[tuple[str, Capsule]]] = {link: [] for link in chain}
+    for link in tree.list_below(base):
+        if found := _read_own(tree, link, folders):
+            carrier, steps, ranges = find_steps(tree, link, chain, axis)
+            if steps:
+                found = enclose_once(partial(sweep_capsules, found, steps, ranges), found, steps, ranges)
+            carried[carrier] += [(link, c) for c in found]
     rows = [(0, np.eye(4), base)]
     for joint, T in placed:
         rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
@@ -59,31 +57,30 @@ def _read_own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
     return found
 
 
-def _order_links(tree: Tree, base: str) -> list[str]:
-    """List a link and the links below it, parents first."""
-    found = [base]
-    for link in found:  # grows while it is read
-        found += tree.below.get(link, ())
-    return found
-
-
-def _sweep(robot: str, joint: Joint, c: Capsule, axis: Axis) -> Capsule:
-    """Return a capsule that encloses another for all positions of its joint, in the frame before the joint."""
-    if joint.kind == "fixed":
-        return c
-    where = f"joint {joint.name!r}"
-    if joint.kind in ("revolute", "continuous"):  # a capsule about the axis contains all rotations
-        u = axis(joint)
-        along = np.array([c.a @ u, c.b @ u])
-        across = max(float(np.linalg.norm(end - (end @ u) * u)) for end in (c.a, c.b))
-        return Capsule(along.min() * u, along.max() * u, c.radius + across)
-    limit = joint.element.get("limit")
-    if joint.kind != "prismatic" or limit is None or limit.get("lower") is None or limit.get("upper") is None:
-        raise RobotModelError(robot, f"{where}: type {joint.kind!r} without limits: the space of its links is unknown")
-    ends = [read_number(robot, where, limit.get(side), f"{side} limit") * axis(joint) for side in ("lower", "upper")]
-    corners = np.array([end + shift for end in (c.a, c.b) for shift in ends])
-    hull = fit_capsule(corners[[[0, 1, 2], [1, 2, 3]]])
-    return Capsule(hull.a, hull.b, hull.radius + c.radius)
+def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str, list[Step], Array]:
+    """Return the link of the chain that carries a link, the joints between them, and the ranges (d, 2) of their drivers."""
+    steps: list[Step] = []
+    drivers: dict[str, tuple[float, float]] = {}
+    while link not in chain:
+        joint, T = tree.above[link], joint_origin(tree.name, tree.above[link])
+        if joint.kind == "fixed":
+            steps.append(Step(T, False, np.array([0.0, 0.0, 1.0]), 0, 0.0, 0.0))
+        else:
+            driver, factor, offset = find_driver(tree, joint)
+            drivers.setdefault(driver.name, read_range(tree.name, driver))
+            number, slides = list(drivers).index(driver.name), joint.kind == "prismatic"
+            if slides and not np.isfinite(drivers[driver.name]).all():
+                problem = f"joint {joint.name!r}: type 'prismatic' without limits: the space of its links is unknown"
+                raise RobotModelError(tree.name, problem)
+            read_range(tree.name, joint)  # a joint of another type, or crossed limits
+            steps.append(Step(T, slides, axis(joint), number, factor, offset))
+        link = joint.parent
+    ranges = np.array(list(drivers.values())).reshape(-1, 2)
+    for i, (low, high) in enumerate(ranges.tolist()):
+        moved = [step for step in steps if step.factor and step.driver == i]
+        if high - low > 2.0 * np.pi and all(abs(step.factor) == 1.0 and not step.slides for step in moved):
+            ranges[i] = -np.pi, np.pi  # one turn is all there is
+    return link, steps, ranges
 
 
 # ---------------------------------------------------------------- geometries
@@ -109,9 +106,19 @@ def read_length(robot: str, where: str, kind: str, shape: Any, name: str) -> flo
 
 def read_triangles(robot: str, shape: Any, where: str, folders: MeshFolders) -> Array:
     """Read the triangles (k, 3, 3) of a <mesh> [m]."""
+    file, scale = _find_mesh(robot, shape, where, folders)
+    return _scale(read_mesh(file), scale)
+
+
+def _find_mesh(robot: str, shape: Any, where: str, folders: MeshFolders) -> tuple[Path, Array]:
+    """Return the file of a <mesh>, and its scale (3,)."""
     scale = read_triple(robot, where, shape.get("scale", "1 1 1"), "mesh scale")
+    return folders.file(shape.get("filename", ""), where), scale
+
+
+def _scale(triangles: Array, scale: Array) -> Array:
     with np.errstate(over="ignore"):
-        return np.asarray(read_mesh(folders.file(shape.get("filename", ""), where)) * scale)
+        return np.asarray(triangles * scale)
 
 
 def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) -> list[Capsule]:
@@ -130,7 +137,7 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         edges = read_triple(tree.name, where, shape.get("size", ""), "box size")
         if (edges <= 0.0).any():
             raise RobotModelError(tree.name, f"{where}: box size {edges.tolist()}, expected lengths above 0")
-        return enclosed(box_triangles(edges))
+        return enclose_once(lambda: enclosed(box_triangles(edges)), edges)
     if kind == "sphere":
         return [Capsule(np.zeros(3), np.zeros(3), length("radius"), 0.0)]
     if kind == "cylinder":
@@ -139,5 +146,6 @@ def read_geometry(tree: Tree, element: Any, where: str, folders: MeshFolders) ->
         end = np.array([0.0, 0.0, 0.5 * length("length")])
         return [Capsule(-end, end, length("radius"), 0.0)]
     if kind == "mesh":
-        return enclosed(read_triangles(tree.name, shape, where, folders))
+        file, scale = _find_mesh(tree.name, shape, where, folders)
+        return enclose_once(lambda: enclosed(_scale(read_mesh(file), scale)), read_mesh_bytes(file), file.suffix, scale)
     raise RobotModelError(tree.name, f"{where}: {kind[:40]!r}, expected a box, sphere, cylinder, capsule or mesh")

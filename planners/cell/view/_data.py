@@ -12,9 +12,9 @@ from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.dynamics import joint_torques
 from optik.scene import Scene
-from optik.scene.contact import BOX, CLOUD, CYLINDER, MESH, PLANE, ROUND, SELF, find_pairs, rooms_batch
+from optik.scene.contact import BOX, CLOUD, CYLINDER, MESH, PLANE, ROUND, SELF, find_clearances, find_pairs
 from optik.scene.mesh import find_hull
-from optik.types import Array, Indices
+from optik.types import Array
 from planners.cell.view.show import Show, Track, thin
 from planners.limits import sides
 
@@ -200,27 +200,25 @@ class NearestPairs:
 
     def __init__(self, show: Show, drawn: dict[str, list[int]]) -> None:
         self._show, self._drawn = show, drawn
-        self._kinds: list[tuple[str, float, Indices]] = []
+        self._kinds: list[tuple[str, float, int]] = []
         self._numbers: dict[int, int] = {}
         if show.scene is not None and show.robot.shapes is not None:
             own = find_pairs(show.robot, show.scene).bodies[:, 2] == SELF
             kinds = (("to the scene", show.scene.margin, ~own), ("between links", 0.0, own))
-            self._kinds = [(name, least, np.flatnonzero(of)) for name, least, of in kinds if of.any()]
+            self._kinds = [(name, least, i) for i, (name, least, of) in enumerate(kinds) if of.any()]
 
     def describe(self, q: Array) -> dict[str, Any]:
         """Return the least distances at configurations (k, n), and the instants from which another pair is the nearest."""
         if not self._kinds:
             return {}
-        robot, scene = self._show.robot, self._show.scene
-        assert robot.shapes is not None and scene is not None
-        bodies, q = find_pairs(robot, scene).bodies, np.ascontiguousarray(q)
-        distances, nearest = np.empty((len(self._kinds), len(q))), []
-        for (_, _, chosen), distance in zip(self._kinds, distances, strict=True):
-            which = np.empty(len(q), np.int64)
-            rooms_batch(robot.chain, (robot.shapes.capsules, scene.arrays, bodies[chosen]), q, 0.0, distance, which)
-            changes = np.flatnonzero(np.diff(which, prepend=-1)).tolist()
-            nearest.append([[k, self._number(int(chosen[which[k]]))] for k in changes])
-        return {"clearance": _pack(distances.T), "nearest": nearest}
+        assert self._show.scene is not None
+        columns = [i for *_, i in self._kinds]
+        distances, pairs = find_clearances(self._show.robot, self._show.scene, q)
+        nearest = [
+            [[k, self._number(int(which[k]))] for k in np.flatnonzero(np.diff(which, prepend=-1)).tolist()]
+            for which in pairs[:, columns].T
+        ]
+        return {"clearance": _pack(distances[:, columns]), "nearest": nearest}
 
     def _number(self, pair: int) -> int:
         """Return the number of a pair among those of the page."""

@@ -55,6 +55,8 @@ def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
             much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
             words = f"{much} at {t:.3f} s, {joint}{enforced}"
             rows.append((f"Largest {name.replace('_', ' ')}", words))
+    if proof.clearance is not None:
+        rows += [(f"Clearance {words}", kind.describe()) for words, kind in proof.clearance.kinds.items()]
     return tuple(rows)
 
 

@@ -23,7 +23,7 @@
   });
   const nearest = (data.clearance?.kinds || []).map((kind, i) => {
     const line = $("nearest").appendChild(document.createElement("li")), output = document.createElement("output");
-    marked(line, `c${i}`, `${kind}: `, output);
+    marked(line, `c${i}`, `${kind} (margin ${decimals(1e3 * data.clearance.least[i], 1)} mm): `, output);
     return output;
   });
 

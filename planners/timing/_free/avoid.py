@@ -185,7 +185,7 @@ def choose_around(
                 break
             if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
                 break
-            proof, t = found.certificate, found.certificate.clearance.time
+            proof, t = found.certificate, found.certificate.clearance.nearest.time
             cuts.add_failed(found.trajectory(t), float(np.interp(t, proof.binding.t, proof.binding.s)), s)
         if not best:
             found = plan_along(choice.path_of(p), near[0, 0])

@@ -119,7 +119,8 @@ LAW_COLUMNS = (
     ),
     Column("energy", "energy without recovery", "J", aside=True),
     Column("power", "peak power", "W", aside=True),
-    Column("clearance", "clearance, proved", "mm", "more"),
+    Column("scene", "clearance to the scene, proved", "mm", "more"),
+    Column("own", "clearance between links, proved", "mm", "more"),
     Column("sampled", "sampled jerk", "rad/s³", aside=True),
     Column("angle", "path deviation", "µrad", aside=True),
     Column("speed", "tool speed", "mm/s", aside=True),
@@ -156,7 +157,7 @@ def law_table(found: LinePlans) -> Table:
         else ""
     )
     rows = tuple(_row(p) | {"place": ranks.get(p["law"])} for p in plans)
-    optional = {*LOADED, *(f"{field}_at" for field in LOADED), "energy", "power", "clearance"}
+    optional = {*LOADED, *(f"{field}_at" for field in LOADED), "energy", "power", "scene", "own"}
     columns = [c for c in LAW_COLUMNS if c.key not in optional or any(row.get(c.key) is not None for row in rows)]
     return Table("laws", "Time laws along the line", tuple(columns), rows, note)
 
@@ -168,11 +169,11 @@ def _row(p: dict[str, Any]) -> dict[str, Any]:
         return row | {"breaks": f"no motion: {p['status'].replace('_', ' ')}{where}"}
     c = p["certificate"]
     at = {f: worst(c, f) for f in JOINT_LIMITS if f in DERIVATIVES or limits_torque(c, f)}
-    energy, clearance = c.get("energy"), c.get("clearance")
+    energy, clearance = c.get("energy"), c.get("clearance") or {}
     if energy:
         row |= {"energy": energy["drawn"], "power": energy["power"]}
-    if clearance and clearance["value"] is not None:
-        row["clearance"] = 1e3 * clearance["value"]
+    kinds = {name: clearance.get(name) for name in ("scene", "own")}
+    row |= {name: 1e3 * kind["value"] for name, kind in kinds.items() if kind and kind["value"] is not None}
     return row | {
         "duration": p["duration"], "breaks": ", ".join(broken_limits(c)) or "none",
         **{f: ratio_words(w) for f, w in at.items()},
