@@ -1,4 +1,4 @@
-"""Errors of optik; an expected failure is the status of a result, not an error."""
+"""Errors and warnings of optik; an expected failure is the status of a result, not an error."""
 
 from __future__ import annotations
 
@@ -58,6 +58,29 @@ class RobotModelError(OptikError, ValueError):
         super().__init__(f"robot {robot!r}: {problem}")
         self.robot = robot
         self.problem = problem
+
+
+class RobotModelWarning(UserWarning):
+    """A robot description that is read, but whose robot may not be the one that was meant.
+
+    Attributes
+    ----------
+    robot, problem : str
+        Name of the robot, and what may be wrong with it.
+    """
+
+    def __init__(self, robot: str, problem: str) -> None:
+        super().__init__(f"robot {robot!r}: {problem}")
+        self.robot = robot
+        self.problem = problem
+
+
+class MovingMountWarning(RobotModelWarning):
+    """Gravity that holds for one position of a joint between the root link and the base link only."""
+
+
+class DegreesWarning(RobotModelWarning):
+    """Position limits that seem to be in degrees where the file format has radians."""
 
 
 class UnknownName(OptikError, LookupError):

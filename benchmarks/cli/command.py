@@ -157,10 +157,17 @@ class RobotCommand(JsonCommand):
     )
     tip: str | None = option("Robot", "Tool link of a URDF; required if it has several ends.")
     base: str | None = option("Robot", "Base link of a URDF, the frame of all poses; by default its root.")
+    gravity: str | None = numbers(
+        "Robot",
+        "Direction of gravity in the base frame: 0,0,-1; by default the file's, for a URDF −z of its root link.",
+    )
 
-    def load(self) -> optik.Robot:
-        """Load the robot."""
-        return optik.load(self.robot, tip=self.tip, base=self.base)
+    def load(self, name: str = "") -> optik.Robot:
+        """Load the robot, or the one that is named."""
+        gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
+        if gravity is not None and not any(gravity):
+            raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
+        return optik.load(name or self.robot, tip=self.tip, base=self.base, gravity=gravity)
 
 
 class Start(NamedTuple):
@@ -345,7 +352,7 @@ def translate(words: str) -> str:
 
     words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = re.sub(r"\b(allow|branch|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
+    words = re.sub(r"\b(allow|branch|gravity|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):
         words = words.replace(python, typed)
     return words.replace(" (max_restarts)", "")  # no option of `optik plan`
