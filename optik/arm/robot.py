@@ -205,8 +205,8 @@ class Robot(ArmDynamics):
         Raises
         ------
         RobotModelError
-            A prismatic joint without limits, a limit on one side only, a joint that cannot move, a payload whose mass is an interval, or a name
-            that XML cannot hold.
+            A prismatic joint without limits, a limit on one side only, a joint that cannot move, a payload whose mass is an
+            interval, or a name that XML cannot hold.
         OutputError
             The file cannot be written.
         """
