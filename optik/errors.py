@@ -74,6 +74,9 @@ class RobotModelWarning(UserWarning):
         self.robot = robot
         self.problem = problem
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem)
+
 
 class MovingMountWarning(RobotModelWarning):
     """Gravity that holds for one position of a joint between the root link and the base link only."""

@@ -108,7 +108,7 @@ def main() -> None:
         _end(f"error: {words}", 2)
 
 
-def _show_warning(message: Warning | str, *_: Any) -> None:
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line on the error stream."""
     err_console.print(f"warning: {translate(str(message))}", style="yellow", soft_wrap=True)
 

@@ -111,8 +111,6 @@ SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 """Keys of a joint's velocity limit, and the factor to rad/s or m/s."""
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
 """Keys of a row; the type of the joint determines the required ones."""
-
-
 CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
 """Keys of a capsule's row besides its link and radius."""
 LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
@@ -120,11 +118,7 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 
 
 def load(
-    name: str | os.PathLike[str],
-    *,
-    tip: str | None = None,
-    base: str | None = None,
-    gravity: ArrayLike | None = None,
+    name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None, gravity: ArrayLike | None = None
 ) -> Robot:
     """Load a robot by name or from a file.
 
@@ -272,8 +266,8 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     names = check_words(data.get("joint_names", ()), "joint_names")
     default = [f"joint{i + 1}" for i in range(len(joints))]
     limits = _limits(joints, data.get("dynamic_limits", {}))
-    ranges = limits.lower, limits.upper
-    warn_of_degrees(name, names or default, ranges, ["range_rad" in joint for joint in joints], stacklevel=5)
+    turns = ["range_rad" in joint for joint in joints]
+    warn_of_degrees(name, names or default, (limits.lower, limits.upper), turns, stacklevel=5)
     _check_home(data, joints, limits)
     source = read_word(data.get("source", file.name), "source")
     return CONVENTIONS[convention](

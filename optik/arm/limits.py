@@ -246,7 +246,7 @@ def warn_of_degrees(
     """Warn of position limits (n,), (n,) of a file [rad, m] that seem to be degrees; infinite ones are none."""
     size = np.abs(np.where(np.isfinite(ranges), ranges, 0.0)).max(axis=0) * np.asarray(turns)
     if (far := np.flatnonzero(size >= DEGREES_FROM)).size:
-        found = ", ".join(f"{names[i]!r} ({size[i]:.6g})" for i in far)
+        found = ", ".join(f"{names[i]!r} ({size[i]:.6g})" for i in far.tolist())
         problem = f"position limits of ten turns and more are read as radians, at joint {found}; were degrees meant?"
         warnings.warn(DegreesWarning(robot, problem), stacklevel=stacklevel)
 

@@ -354,7 +354,8 @@ class Robot(ArmDynamics):
         The tool poses are compared at 40 fixed configurations inside the limits of both. If they differ, the simplest base,
         tool, joint zeros and joint directions that make them agree are searched and verified: other.fk(q) =
         base @ self.fk(signs * q + offsets) @ tool. A zero offset of the first joint equals a rotation of the base, one of
-        the last joint a rotation of the tool; only one of the two is reported.
+        the last joint a rotation of the tool; only one of the two is reported. The angle between the directions of gravity,
+        with this base, is stated too.
 
         Parameters
         ----------

@@ -103,7 +103,7 @@ def _find_gravity(tree: Tree, base: str) -> Array:
     R = np.eye(3)
     for joint in _list_mount(tree, base):
         R = R @ joint_origin(tree.name, joint)[:3, :3]
-    return 0.0 - R[2]
+    return np.asarray(0.0 - R[2])
 
 
 def _list_mount(tree: Tree, base: str) -> list[Joint]:

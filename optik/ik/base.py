@@ -82,7 +82,8 @@ class IKSolver(ABC):
         Largest number of iterations of one attempt.
     max_restarts : int
         Largest number of attempts after the first. Their initial guesses are random configurations inside the limits,
-        the same for the same problem.
+        the same for the same problem. Once 30 attempts have ended at the same residual, no more are made: for an arm with
+        fewer joints than the task has components, or if all attempts have ended there and there is no time limit.
     time_limit : float, optional
         Wall-clock time limit of one solve [s], checked between attempts and, if the method supports it, within them.
     task : Task or str

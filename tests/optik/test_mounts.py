@@ -1,6 +1,7 @@
 """Arms whose base is turned: gravity is down in the frame of the root link, in files, MuJoCo and comparisons too."""
 
 import json
+import pickle
 import warnings
 from math import pi
 
@@ -112,6 +113,8 @@ def test_a_moving_joint_before_the_base_stands_at_zero_and_one_warning_names_it(
     assert len(caught) == 1
     assert issubclass(MovingMountWarning, RobotModelWarning)
     assert (caught[0].filename, caught[0].message.robot) == (__file__, "wall")
+    again = pickle.loads(pickle.dumps(caught[0].message))  # from another process
+    assert (type(again), str(again)) == (MovingMountWarning, str(caught[0].message))
     assert abs(robot.gravity_torques([0.0])[0] - WEIGHT) < 1e-9
 
 

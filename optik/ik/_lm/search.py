@@ -171,7 +171,8 @@ def is_useless(arm: Array, w: Array, l: int) -> bool:
         w[LEAST_END, l], w[SAME, l] = cost, 1.0
     elif cost <= (1.0 + SAME_RESIDUAL) ** 2 * least:
         w[SAME, l] += 1.0
-    return w[SAME, l] >= SAME_ENDS and (arm[AT_FEW] != 0.0 or w[SAME, l] == w[ATTEMPT, l] + 1.0)
+    enough: bool = w[SAME, l] >= SAME_ENDS and (arm[AT_FEW] != 0.0 or w[SAME, l] == w[ATTEMPT, l] + 1.0)
+    return enough
 
 
 @inlined
