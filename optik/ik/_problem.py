@@ -64,8 +64,8 @@ SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECT
 
 SAME_ENDS, SAME_RESIDUAL = 30, 0.01
 """Number of attempts that reach the least residual [1], and the relative difference up to which residuals are the same [1].
-On 16,000 reachable targets of 200 random arms with two to five joints, of 30 such attempts none was before a solution; 20
-were once, 12 eight times."""
+Stopping after 30 lost none of 16,000 reachable targets of 200 random arms with two to five joints; after 20 one, after 12
+eight."""
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,9 @@ class IKSolver(ABC):
 
     def _name_missing(self, result: IKResult) -> IKResult:
         """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components."""
-        if not self._missing or result.status not in (IKStatus.MAX_ITERATIONS, IKStatus.STALLED):
+        # A method that could not take a step says why itself.
+        ended = result.iterations and result.status in (IKStatus.MAX_ITERATIONS, IKStatus.STALLED)
+        if not self._missing or not ended:
             return result
         return result._replace(status=IKStatus.TOO_FEW_JOINTS, message=self._missing)
 

@@ -154,7 +154,8 @@ class LM(IKSolver):
             for _ in pool.map(part, range(0, len(targets), BATCH_CHUNK)):
                 pass  # raises an exception of the thread
         if self._missing:
-            batch.status[np.isin(batch.status, (MAX_ITERATIONS, STALLED))] = TOO_FEW_JOINTS
+            ended = np.isin(batch.status, (MAX_ITERATIONS, STALLED)) & (batch.iterations > 0)
+            batch.status[ended] = TOO_FEW_JOINTS
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
         result = super()._solve(target, q0, trace)
