@@ -1,4 +1,4 @@
-"""Errors of optik; an expected failure is the status of a result, not an error."""
+"""Errors and warnings of optik; an expected failure is the status of a result, not an error."""
 
 from __future__ import annotations
 
@@ -58,6 +58,49 @@ class RobotModelError(OptikError, ValueError):
         super().__init__(f"robot {robot!r}: {problem}")
         self.robot = robot
         self.problem = problem
+
+
+class RobotModelWarning(UserWarning):
+    """A robot description that is read, but whose robot may not be the one that was meant.
+
+    Attributes
+    ----------
+    robot, problem : str
+        Name of the robot, and what may be wrong with it.
+    """
+
+    def __init__(self, robot: str, problem: str) -> None:
+        super().__init__(f"robot {robot!r}: {problem}")
+        self.robot = robot
+        self.problem = problem
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem)
+
+
+class MovingMountWarning(RobotModelWarning):
+    """Gravity that holds for one position of a joint between the root link and the base link only."""
+
+
+class DegreesWarning(RobotModelWarning):
+    """Position limits that seem to be in degrees where the file format has radians."""
+
+
+class EnclosureWarning(RobotModelWarning):
+    """Shapes of two links that are in contact in every sampled configuration: they enclose too much.
+
+    Attributes
+    ----------
+    pairs : tuple of (str, str)
+        Names of the links.
+    """
+
+    def __init__(self, robot: str, problem: str, pairs: Iterable[tuple[str, str]]) -> None:
+        super().__init__(robot, problem)
+        self.pairs = tuple((str(a), str(b)) for a, b in pairs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem, self.pairs)
 
 
 class UnknownName(OptikError, LookupError):
@@ -160,27 +203,6 @@ class OutputError(OptikError, OSError):
 
     def __str__(self) -> str:
         return str(self.args[0])
-
-
-class EnclosureWarning(UserWarning):
-    """Shapes of two links that are in contact in every sampled configuration: they enclose too much.
-
-    Attributes
-    ----------
-    robot, problem : str
-        Name of the robot, and what is wrong with its shapes.
-    pairs : tuple of (str, str)
-        Names of the links.
-    """
-
-    def __init__(self, robot: str, problem: str, pairs: Iterable[tuple[str, str]]) -> None:
-        super().__init__(f"robot {robot!r}: {problem}")
-        self.robot = robot
-        self.problem = problem
-        self.pairs = tuple(pairs)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.robot, self.problem, self.pairs)
 
 
 def _rebuild(kind: type[OptikError], args: tuple[Any, ...], state: dict[str, Any]) -> OptikError:

@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import traceback
+import warnings
 from typing import Annotated, Any
 
 import typer
@@ -88,6 +89,7 @@ def _options(
 def main() -> None:
     """Run the command line: an OptikError is one line with exit status 2, or 1 if there is no solution."""
     guard_output()
+    warnings.showwarning = _show_warning
     try:
         try:
             app()
@@ -104,6 +106,11 @@ def main() -> None:
         if not words:
             raise
         _end(f"error: {words}", 2)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning as one line on the error stream."""
+    err_console.print(f"warning: {translate(str(message))}", style="yellow", soft_wrap=True)
 
 
 def _end(words: str, status: int) -> None:

@@ -15,7 +15,7 @@ from rich.table import Column, Table
 
 from benchmarks.cli.command import JsonCommand, RobotCommand, argument, load_or_error, option, out_console, print_json
 from optik.errors import InvalidInput, OutputError
-from optik.plugins.files import is_path
+from optik.plugins.files import is_path, split_links
 from optik.plugins.usage import record_plugins
 
 if TYPE_CHECKING:
@@ -121,12 +121,19 @@ class NewCommand(RobotCommand):
 
     def _name_robot(self) -> str:
         """Return the robot's name in the suite: a path relative to the suite's folder, with the links of a URDF."""
+        path, links = split_links(self.robot)
+        gravity = self.gravity and ",".join(self.gravity.replace(",", " ").split())
+        if gravity and not path.lower().endswith((".urdf", ".xml")):
+            raise InvalidInput(
+                "--gravity", f"{gravity} for {path}, which is no URDF", "the gravity of the robot's file"
+            )
         if not is_path(self.robot):
             return self.robot
-        path, _, links = self.robot.partition("#")
         relative = Path(os.path.relpath(Path(path).resolve(), self.file.resolve().parent)).as_posix()
-        links = links or "&".join(f"{key}={link}" for key, link in (("tip", self.tip), ("base", self.base)) if link)
-        return (relative if relative.startswith("..") else f"./{relative}") + (f"#{links}" if links else "")
+        given = dict(part.partition("=")[::2] for part in links.split("&") if part)
+        given |= {k: v for k, v in (("tip", self.tip), ("base", self.base), ("gravity", gravity)) if v}
+        options = "&".join(f"{key}={value}" for key, value in given.items())
+        return (relative if relative.startswith("..") else f"./{relative}") + (f"#{options}" if options else "")
 
 
 def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:

@@ -162,14 +162,18 @@ class RobotCommand(JsonCommand):
         "Hold a joint beside the arm of a URDF at a value in the file's units [rad, m]; repeatable: gripper=0.3.", None,
         "--hold", metavar="JOINT=VALUE",
     )  # fmt: skip
+    gravity: str | None = numbers(
+        "Robot",
+        "Direction of gravity in the base frame: 0,0,-1; by default the file's, for a URDF −z of its root link.",
+    )
 
-    def load(self) -> optik.Robot:
-        """Load the robot."""
-        return self.load_named(self.robot)
-
-    def load_named(self, name: str) -> optik.Robot:
-        """Load a robot by a name or a path, with the links and the held joints of this command."""
-        return optik.load(name, tip=self.tip, base=self.base, values=read_held(self.values))
+    def load(self, name: str = "") -> optik.Robot:
+        """Load the robot, or the one that is named."""
+        gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
+        if gravity is not None and not any(gravity):
+            raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
+        held = read_held(self.values)
+        return optik.load(name or self.robot, tip=self.tip, base=self.base, values=held, gravity=gravity)
 
 
 class Start(NamedTuple):
@@ -365,7 +369,7 @@ def translate(words: str) -> str:
 
     words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = re.sub(r"\b(allow|branch|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
+    words = re.sub(r"\b(allow|branch|gravity|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):
         words = words.replace(python, typed)
     return words.replace(" (max_restarts)", "")  # no option of `optik plan`

@@ -140,15 +140,15 @@ class PlanCommand(MotionCommand):
         if self.out is not None:
             out_console.print(f"written to {self.out}")
 
-    def load(self) -> optik.Robot:
+    def load(self, name: str = "") -> optik.Robot:
         """Load the robot with its payload."""
-        name = self.robot
+        name = name or self.robot
         if self.package_dir is not None:
             path, links = split_links(name)
             if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
                 raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
             name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
-        arm = self.load_named(name)
+        arm = super().load(name)
         return arm if self.payload is None else _add_payload(arm, self.payload)
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:

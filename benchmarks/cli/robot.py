@@ -30,6 +30,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik import IKResult
 from optik.registry import short_name
+from optik.task import POSE
 
 TASKS = ("pose", "position", "rotation", "axis_x", "axis_y", "axis_z")
 """Values of ``optik ik --task``."""
@@ -104,13 +105,18 @@ class FkCommand(RobotCommand):
 class IkCommand(StartCommand):
     """Solve inverse kinematics: joint values for a tool pose.
 
-    Without --rpy-deg or --quat, the target has the orientation of the tool at the start configuration.
+    Without --rpy-deg or --quat, the target has the orientation of the tool at the start configuration. For an arm with
+    fewer than six joints it is then a position.
     """
 
     xyz: str = numbers("Target", 'Target position in the base frame [m]: 0.1,0.3,0.2 or "0.1 0.3 0.2".', ...)
     rpy_deg: str = numbers("Target", "Target roll, pitch, yaw [degrees].", "")
     quat: str = numbers("Target", "Target orientation as a quaternion w,x,y,z, in place of --rpy-deg.", "")
-    task: str = option("Target", f"Constrained part of the pose, one of: {', '.join(TASKS)}.", "pose")
+    task: str | None = option(
+        "Target",
+        f"Constrained part of the pose, one of: {', '.join(TASKS)}; by default pose, or position for an arm with fewer than "
+        "six joints if no orientation is given.",
+    )
     closest: bool = option("Method", "If there is no solution, return the nearest pose.", False)
     max_restarts: int = option("Method", "Largest number of restarts.", 200, "--restarts")
 
@@ -121,19 +127,24 @@ class IkCommand(StartCommand):
         position, rpy_deg, quat = read_numbers(self.xyz, "--xyz", 3), self.rpy_deg.strip(), self.quat.strip()
         if rpy_deg and quat:
             raise InvalidInput("--quat", f"{quat} together with --rpy-deg {rpy_deg}", "either --quat or --rpy-deg")
-        if self.task not in TASKS:
+        if self.task not in (None, *TASKS):
             raise InvalidInput("--task", self.task, f"one of: {', '.join(TASKS)}")
         start = self.load_start()
+        oriented = start.arm.n >= POSE.size or rpy_deg or quat
+        task = self.task or ("pose" if oriented else "position")
         R = start.arm.fk(start.q)[:3, :3]
         if rpy_deg:
             R = se3.from_xyz_rpy((0, 0, 0), read_numbers(rpy_deg, "--rpy-deg", 3))[:3, :3]
         if quat:
             R = se3.from_quaternion(read_numbers(quat, "--quat", 4), "--quat")
         result = optik.solve_ik(
-            start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=self.task,
+            start.arm, se3.pose(R, position), start.q, self.solver, max_restarts=self.max_restarts, task=task,
             closest=self.closest,
         )  # fmt: skip
         start.print_default()
+        if self.task is None and not oriented:
+            words = f"{start.arm.name} has {start.arm.n} joints and no orientation is given: --task position"
+            err_console.print(words, soft_wrap=True)
         (_print_ik_json if self.as_json else _print_ik)(start.arm, result, short_name(self.solver))
         if not result:
             if not self.as_json:

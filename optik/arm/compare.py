@@ -55,6 +55,8 @@ class Comparison:
         The explanation in words; if there is none, the differences that no explanation can remove.
     names : tuple of two str
         Names of the robots.
+    gravity : float
+        Angle between the directions of gravity after the explanation [rad]; 0 within the tolerance of rotations.
     """
 
     agree: bool
@@ -69,6 +71,7 @@ class Comparison:
     offsets: Array
     reasons: tuple[str, ...]
     names: tuple[str, str]
+    gravity: float = 0.0
 
     def __bool__(self) -> bool:
         return self.agree
@@ -79,9 +82,10 @@ class Comparison:
         if not np.isfinite(self.position):
             return f"{head} cannot be compared: {'; '.join(self.reasons)}"
         difference = f"by up to {self.position:.3g} m and {degrees(self.rotation):.3g}°"
+        gravity = f"\n  - gravity differs by {degrees(self.gravity):.3g}°" if self.gravity else ""
         if self.agree:
-            return f"{head} agree: they differ {difference}"
-        reasons = "\n".join(f"  - {reason}" for reason in self.reasons)
+            return f"{head} agree: they differ {difference}{gravity}"
+        reasons = "\n".join(f"  - {reason}" for reason in self.reasons) + gravity
         if self.explained:
             left = f"{self.position_left:.2g} m and {degrees(self.rotation_left):.2g}°"
             return f"{head} differ {difference}; this explains it and leaves {left}:\n{reasons}"
@@ -132,12 +136,20 @@ def compare_arms(first: ArmModel, other: ArmModel, *, position: float = 1e-6, ro
     pair = _Pair(first, other, position, rotation)
     plain = pair.differences(_frames(first, pair.q)[:, -1])
     if pair.is_within(*plain):
-        return Comparison(True, True, *plain, *plain, *nothing, (), names)
+        return Comparison(True, True, *plain, *plain, *nothing, (), names, _gravity_angle(pair, other, np.eye(4)))
     against = tuple(_find_axis_differences(pair))
     best = None if against else _find_simplest(pair)
+    gravity = _gravity_angle(pair, other, np.eye(4) if best is None else best.values[0])
     if best is None:
-        return Comparison(False, False, *plain, *plain, *nothing, against or (UNEXPLAINED,), names)
-    return Comparison(False, True, *plain, *best.left, *best.values, tuple(_reasons(pair, best)), names)
+        return Comparison(False, False, *plain, *plain, *nothing, against or (UNEXPLAINED,), names, gravity)
+    return Comparison(False, True, *plain, *best.left, *best.values, tuple(_reasons(pair, best)), names, gravity)
+
+
+def _gravity_angle(pair: _Pair, other: ArmModel, base: Array) -> float:
+    """Return the angle between the directions of gravity with a transform (4, 4) between the bases, 0 within tolerance."""
+    turned = base[:3, :3] @ pair.first.gravity
+    angle = atan2(float(np.linalg.norm(np.cross(turned, other.gravity))), float(turned @ other.gravity))
+    return angle if angle > pair.rotation else 0.0
 
 
 def _find_joint_differences(first: ArmModel, other: ArmModel) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ A TOML file, such as those of optik, describes one arm by a Denavit–Hartenberg
     source = "data sheet, revision 3"    # optional: source of the numbers; by default the file's name
     joint_names = ["elbow", "slide"]     # optional: by default joint1, joint2, …
     home_deg = [0.0, 90.0]               # optional: the default start of commands; sliding joints in millimetres
-    gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame
+    gravity = [0.0, 0.0, -1.0]           # optional: direction of gravity in the base frame; by default its −z
     gravity_magnitude = 9.80665          # optional: acceleration of free fall, m/s²; 0 without weight
     base = { xyz_mm = [0.0, 0.0, 500.0], rpy_deg = [0.0, 0.0, 90.0] }   # optional: before the first row's transform
     tool = { xyz_mm = [0.0, 0.0, 120.0] }                               # optional: after the last row's transform
@@ -74,7 +74,7 @@ from numpy.typing import ArrayLike
 
 from optik import se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia
-from optik.arm.limits import DYNAMIC_LIMITS, JointLimits
+from optik.arm.limits import DYNAMIC_LIMITS, JointLimits, warn_of_degrees
 from optik.arm.model import DHRow
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.robot import Robot
@@ -93,7 +93,7 @@ URDF = (".urdf", ".xml")
 """Suffixes of URDF files."""
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
-URDF_OPTIONS = {"tip", "base", "shapes", "packages", "srdf"}
+URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf"}
 """Options that may follow the path of a URDF."""
 MOST_TOML_BYTES = 2**20
 """Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
@@ -111,8 +111,6 @@ SPEEDS = {"speed_deg": RADIANS_PER_DEGREE, "speed_mm": 1e-3}
 """Keys of a joint's velocity limit, and the factor to rad/s or m/s."""
 JOINT_KEYS = ("type", "a_mm", "alpha_deg", "d_mm", "theta_deg", *RANGES, *SPEEDS)
 """Keys of a row; the type of the joint determines the required ones."""
-
-
 CAPSULE_KEYS = ("a_mm", "b_mm", "centre_mm", "excess_mm", "name")
 """Keys of a capsule's row besides its link and radius."""
 LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
@@ -120,12 +118,9 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 
 
 def load(
-    name: str | os.PathLike[str],
-    *,
-    tip: str | None = None,
-    base: str | None = None,
-    values: Mapping[str, float] | None = None,
-) -> Robot:
+    name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None,
+    values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None,
+) -> Robot:  # fmt: skip
     """Load a robot by name or from a file.
 
     Parameters
@@ -133,12 +128,14 @@ def load(
     name : str or path
         A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file of
         `Robot.to_dict`, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). Options of a URDF can
-        follow its path: ``"./arm.urdf#tip=tool0&base=base_link"``, and ``shapes=yes`` to read its
+        follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, and ``shapes=yes`` to read its
         <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
     tip, base : str, optional
         For a URDF, the links of `Robot.from_urdf`.
     values : mapping of str to float, optional
         For a URDF, values at which joints beside the chain are held, as of `Robot.from_urdf` [rad, m].
+    gravity : (3,) array, optional
+        Direction of gravity in the base frame [1], in place of the file's.
 
     Returns
     -------
@@ -153,16 +150,18 @@ def load(
     RobotModelError
         As `Robot.from_urdf`.
     """
-    if is_path(name):
-        path, links = split_links(os.fspath(name))
-        given = {k: v for k, v in (("tip", tip), ("base", base), ("values", values)) if v is not None}
+    path, links = split_links(os.fspath(name)) if is_path(name) else ("", "")
+    urdf = Path(path).suffix.lower() in URDF
+    if gravity is not None and not urdf:
+        return load(name, tip=tip, base=base, values=values).with_gravity(gravity)
+    given = {k: v for k, v in (("tip", tip), ("base", base), ("values", values), ("gravity", gravity)) if v is not None}
+    if path:
         # A URDF contains the robot's name, so its file may be named like one of our robots.
-        if Path(path).suffix.lower() not in URDF:
+        if not urdf:
             data_file(ROBOTS, path, "robot")
         return _from_file(path, {**_parse_urdf_options(links), **given})
-    for argument, value in (("tip", tip), ("base", base), ("values", values)):
-        if value is not None:
-            raise InvalidInput(argument, format_value(value), f"none: {name!r} is no URDF file")
+    for argument, value in given.items():
+        raise InvalidInput(argument, format_value(value), f"none: {name!r} is no URDF file")
     if name in own_names(ROBOTS):
         return robot_from_toml(data_file(ROBOTS, str(name), "robot"))
     return _resolve_robot(load_method(ROBOTS, name, "robot"), f"robot {name!r}", str(name))
@@ -197,14 +196,20 @@ def _parse_urdf_options(text: str) -> dict[str, str]:
     """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
     if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
-        expected = "tip=LINK, base=LINK, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
+        expected = "tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
         raise InvalidInput("robot", repr(text), f"options of a URDF: {expected}")
     return links
 
 
 def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `Robot.from_urdf` for the options of a path; packages= and srdf= imply shapes=yes."""
-    options: dict[str, Any] = {key: value for key, value in links.items() if key in ("tip", "base", "srdf", "values")}
+    plain = ("tip", "base", "gravity", "srdf", "values")
+    options: dict[str, Any] = {key: value for key, value in links.items() if key in plain}
+    if isinstance(text := links.get("gravity"), str):
+        try:
+            options["gravity"] = [float(word) for word in text.split(",")]
+        except ValueError:
+            raise InvalidInput("gravity", repr(text), "three numbers, X,Y,Z") from None
     if "packages" in links:
         options["package_dirs"] = [links["packages"]]
     if {"srdf", "packages", "shapes"} & set(links):
@@ -263,9 +268,11 @@ def _robot(data: dict[str, Any], file: Path, name: str) -> Robot:
     for i, joint in enumerate(joints):
         read_record(joint, (), f"joints[{i}]", optional=JOINT_KEYS)
     names = check_words(data.get("joint_names", ()), "joint_names")
-    limits = _limits(joints, data.get("dynamic_limits", {}))
-    _check_home(data, joints, limits)
     default = [f"joint{i + 1}" for i in range(len(joints))]
+    limits = _limits(joints, data.get("dynamic_limits", {}))
+    turns = ["range_rad" in joint for joint in joints]
+    warn_of_degrees(name, names or default, (limits.lower, limits.upper), turns, stacklevel=5)
+    _check_home(data, joints, limits)
     source = read_word(data.get("source", file.name), "source")
     return CONVENTIONS[convention](
         [_row(joint, f"joints[{i}]") for i, joint in enumerate(joints)],

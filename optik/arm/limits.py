@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import pi
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik.check import check_count, real_array
-from optik.errors import InvalidInput
+from optik.errors import DegreesWarning, InvalidInput
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -25,9 +26,10 @@ DYNAMIC_LIMITS = ("velocity", "acceleration", "jerk", "torque", "torque_rate")
 LIMIT_TOLERANCE = 1e-9
 """Slack of position limits [rad, m]: rounding errors are not limit violations."""
 
-
 LARGEST_LIMIT = 1e5
 """Largest finite position limit [rad, m]: sines are accurate up to it, and no arm moves so far."""
+DEGREES_FROM = 20.0 * pi
+"""Position limit in a file [rad] from which degrees are suspected: ten turns."""
 
 
 def freeze(value: ArrayLike, argument: str) -> Array:
@@ -236,6 +238,17 @@ class JointLimits:
             A limit that does not exist, or values that `JointLimits` refuses.
         """
         return replace_fields(self, "limits", limits)
+
+
+def warn_of_degrees(
+    robot: str, names: Sequence[str], ranges: tuple[Array, Array], turns: Sequence[bool], *, stacklevel: int
+) -> None:
+    """Warn of position limits (n,), (n,) of a file [rad, m] that seem to be degrees; infinite ones are none."""
+    size = np.abs(np.where(np.isfinite(ranges), ranges, 0.0)).max(axis=0) * np.asarray(turns)
+    if (far := np.flatnonzero(size >= DEGREES_FROM)).size:
+        found = ", ".join(f"{names[i]!r} ({size[i]:.6g})" for i in far.tolist())
+        problem = f"position limits of ten turns and more are read as radians, at joint {found}; were degrees meant?"
+        warnings.warn(DegreesWarning(robot, problem), stacklevel=stacklevel)
 
 
 def check_positive(value: ArrayLike, n: int, argument: str) -> Array:

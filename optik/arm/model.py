@@ -15,7 +15,7 @@ from optik import dynamics, se3
 from optik.arm.inertia import STANDARD_GRAVITY, Inertia, Load, Payload, arm_loads, payload_masses
 from optik.arm.limits import JointLimits, freeze
 from optik.arm.shapes.model import PAYLOAD, Shapes
-from optik.check import check_flag, check_number, check_words, real_array
+from optik.check import check_flag, check_number, check_words, format_value, real_array
 from optik.errors import InvalidInput, RobotModelError
 from optik.kinematics import Chain
 from optik.types import Array, Flags
@@ -278,7 +278,7 @@ def _check_gravity(name: str, value: ArrayLike) -> Array:
     """Check the direction of gravity (3,); return it with length 1."""
     gravity = freeze(value, "gravity")
     if gravity.shape != (3,) or not np.isfinite(gravity).all() or not gravity.any():
-        raise RobotModelError(name, "gravity is not a direction (3,)")
+        raise RobotModelError(name, f"gravity is {format_value(value)}, not a direction (3,)")
     norm = float(np.linalg.norm(gravity))
     if not 0.0 < norm < np.inf:  # the squares overflow or vanish
         gravity = gravity / np.abs(gravity).max()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from optik import kinematics, se3
 from optik.arm.inertia import Inertia
 from optik.arm.limits import JointLimits
-from optik.arm.model import ArmDynamics, ArmModel, DHRow, check_rows, screw_x, screw_z
+from optik.arm.model import UNIT_LENGTH, ArmDynamics, ArmModel, DHRow, check_rows, screw_x, screw_z
 from optik.arm.plain import arm_from_dict, arm_to_dict
 from optik.arm.shapes import Shapes
 from optik.check import real_array
@@ -68,7 +68,9 @@ class Robot(ArmDynamics):
     """
 
     def __repr__(self) -> str:
-        return f"Robot({self.name!r}, {self.n} joints)"
+        turned = np.abs(self.gravity - (0.0, 0.0, -1.0)).max() > UNIT_LENGTH
+        gravity = f", gravity ({', '.join(f'{x + 0.0:.3g}' for x in np.round(self.gravity, 6))})" if turned else ""
+        return f"Robot({self.name!r}, {self.n} joints{gravity})"
 
     # ------------------------------------------------------------ conventions
 
@@ -133,7 +135,7 @@ class Robot(ArmDynamics):
         base: str | None = None,
         *,
         name: str | None = None,
-        gravity: ArrayLike = (0.0, 0.0, -1.0),
+        gravity: ArrayLike | None = None,
         shapes: bool = False,
         package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
         srdf: str | os.PathLike[str] | None = None,
@@ -146,7 +148,7 @@ class Robot(ArmDynamics):
         the links that branch off the chain, whose joints stand at 0. A link without <inertial> has the mass 0; if no link has
         one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); the attribute
         armature, an extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning.
-        Soft limits (<safety_controller>) are not read.
+        Position limits of ten turns and more give a DegreesWarning. Soft limits (<safety_controller>) are not read.
 
         Parameters
         ----------
@@ -159,7 +161,8 @@ class Robot(ArmDynamics):
         name : str, optional
             Name of the arm; by default the file's.
         gravity : (3,) array, optional
-            Direction of gravity in the base frame [1]; −z by default.
+            Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints between
+            the root and the base, which stand at 0. If one of them moves, a MovingMountWarning names it.
         shapes : bool
             Enclose the <collision> elements by capsules (meshes take seconds); by default not.
         package_dirs : mapping of str to path, or sequence of paths, optional
@@ -181,7 +184,7 @@ class Robot(ArmDynamics):
             a held joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
         RobotModelError
             No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
-            planar, mimicking another (<mimic>), without an axis, with crossed or missing limits.
+            planar, mimicking another (<mimic>), without an axis, with crossed, equal or missing limits.
         """
         from optik.arm.urdf import read_urdf
 
@@ -207,8 +210,8 @@ class Robot(ArmDynamics):
         Raises
         ------
         RobotModelError
-            A prismatic joint without limits, a limit on one side only, a payload whose mass is an interval, or a name
-            that XML cannot hold.
+            A prismatic joint without limits, a limit on one side only, a joint that cannot move, a payload whose mass is an
+            interval, or a name that XML cannot hold.
         OutputError
             The file cannot be written.
         """
@@ -356,7 +359,8 @@ class Robot(ArmDynamics):
         The tool poses are compared at 40 fixed configurations inside the limits of both. If they differ, the simplest base,
         tool, joint zeros and joint directions that make them agree are searched and verified: other.fk(q) =
         base @ self.fk(signs * q + offsets) @ tool. A zero offset of the first joint equals a rotation of the base, one of
-        the last joint a rotation of the tool; only one of the two is reported.
+        the last joint a rotation of the tool; only one of the two is reported. The angle between the directions of gravity,
+        with this base, is stated too.
 
         Parameters
         ----------

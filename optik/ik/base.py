@@ -15,7 +15,15 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._gauss_newton import find_nearest_pose
-from optik.ik._problem import IK_TOLERANCE, STATUS_OF_CODE, check_batch, check_problem, sample_restart
+from optik.ik._problem import (
+    IK_TOLERANCE,
+    STATUS_OF_CODE,
+    Ends,
+    check_batch,
+    check_problem,
+    describe_missing_joints,
+    sample_restart,
+)
 from optik.ik._problem import IKBatch as IKBatch
 from optik.ik._problem import IKResult as IKResult
 from optik.ik._problem import IKStatus as IKStatus
@@ -46,6 +54,8 @@ class Attempt(NamedTuple):
         On request, the error twists of the iterates in the base frame [m, rad].
     message : str
         Description in words.
+    residual : float
+        Norm of the error at the end [m, rad], where that is not at `q`; by default 0, for the norm at `q`.
     """
 
     q: Array
@@ -53,6 +63,7 @@ class Attempt(NamedTuple):
     iterations: int
     trace: Array | None = None
     message: str = ""
+    residual: float = 0.0
 
 
 class IKSolver(ABC):
@@ -71,7 +82,8 @@ class IKSolver(ABC):
         Largest number of iterations of one attempt.
     max_restarts : int
         Largest number of attempts after the first. Their initial guesses are random configurations inside the limits,
-        the same for the same problem.
+        the same for the same problem. Once 30 attempts have ended at the same residual, no more are made: for an arm with
+        fewer joints than the task has components, or if all attempts have ended there and there is no time limit.
     time_limit : float, optional
         Wall-clock time limit of one solve [s], checked between attempts and, if the method supports it, within them.
     task : Task or str
@@ -114,6 +126,7 @@ class IKSolver(ABC):
         if not (self.takes_tasks or self.task.is_pose):
             raise Unsupported("task", str(task), f'"pose", the only one {self.name} can; others: dls, lm, ipopt, sqp')
         self._reach = reach_bound(robot, self.task)
+        self._missing = describe_missing_joints(robot, self.task)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -238,6 +251,7 @@ class IKSolver(ABC):
         end = None if self.time_limit is None else time.perf_counter() + self.time_limit
         out = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         best, outcome, iterations = None, None, 0
+        ends = Ends(few_joints=bool(self._missing), timed=end is not None)
         for restart in range(1 if out >= 0.0 else self.max_restarts + 1):
             remaining = None if end is None else end - time.perf_counter()
             if restart and remaining is not None and remaining <= 0.0 and best is not None:
@@ -250,10 +264,11 @@ class IKSolver(ABC):
             if best is None or result or _error_ratio(result, self.tolerance) < _error_ratio(best, self.tolerance):
                 best = result
             best = best._replace(iterations=iterations, restarts=restart)
-            if best:
+            residual = outcome.residual or float(np.hypot(result.position_error, result.rotation_error))
+            if best or ends.add(residual, met=result.status is IKStatus.OUTSIDE_LIMITS):
                 break
         assert best is not None  # the loop runs at least once
-        return self._mark_unreachable(best, target) if out >= 0.0 and not best else best
+        return self._mark_unreachable(best, target) if out >= 0.0 and not best else self._name_missing(best)
 
     def _attempt(
         self, restart: int, target: Array, q0: Array, trace: bool, time_limit: float | None, last: Attempt | None
@@ -272,6 +287,14 @@ class IKSolver(ABC):
             f"the last joint axis or the tool; the links between them allow {side} m"
         )
         return result._replace(status=IKStatus.UNREACHABLE, message=message)
+
+    def _name_missing(self, result: IKResult) -> IKResult:
+        """Return a failure with the status TOO_FEW_JOINTS if the arm has fewer joints than the task has components."""
+        # A method that could not take a step says why itself.
+        ended = result.iterations and result.status in (IKStatus.MAX_ITERATIONS, IKStatus.STALLED)
+        if not self._missing or not ended:
+            return result
+        return result._replace(status=IKStatus.TOO_FEW_JOINTS, message=self._missing)
 
     def _find_closest(self, result: IKResult, target: Array, q0: Array) -> IKResult:
         """Return a failure with the configuration of the nearest pose, searched from it, from `q0` and from restarts."""

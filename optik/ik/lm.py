@@ -19,7 +19,7 @@ from optik.ik._lm import kernels
 from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._lm.partial_pose import attempt_task
 from optik.ik._null_space import Preference
-from optik.ik._problem import SOLVED, STATUS_OF_CODE, check_start
+from optik.ik._problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE, TOO_FEW_JOINTS, check_start
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.se3 import check_pose
@@ -101,7 +101,7 @@ class LM(IKSolver):
         tolerance = self.tolerance
         self._numbers = np.array(
             [tolerance.position, tolerance.rotation, gain, LEAST_DAMPING, max_iterations, 0, max_restarts + 1, PATIENCE,
-             PROGRESS]
+             PROGRESS, bool(self._missing)]
         )  # fmt: skip
         self._rule = (
             tolerance.position, tolerance.rotation, float(max_iterations), float(PATIENCE), PROGRESS, self.gain,
@@ -138,7 +138,7 @@ class LM(IKSolver):
     def _add_message(self, result: IKResult, target: Array) -> IKResult:
         if result.status is IKStatus.UNREACHABLE:
             return self._mark_unreachable(result, target)
-        return result._replace(message=_MESSAGE.get(result.status, ""))
+        return self._name_missing(result._replace(message=_MESSAGE.get(result.status, "")))
 
     def _fill(self, batch: IKBatch, targets: Array, starts: Array, threads: int | None) -> None:
         if not self._fast:
@@ -153,6 +153,9 @@ class LM(IKSolver):
         with ThreadPoolExecutor(threads or _count_cores()) as pool:
             for _ in pool.map(part, range(0, len(targets), BATCH_CHUNK)):
                 pass  # raises an exception of the thread
+        if self._missing:
+            ended = np.isin(batch.status, (MAX_ITERATIONS, STALLED)) & (batch.iterations > 0)
+            batch.status[ended] = TOO_FEW_JOINTS
 
     def _solve(self, target: Array, q0: Array, trace: bool) -> IKResult:
         result = super()._solve(target, q0, trace)
@@ -176,14 +179,13 @@ class LM(IKSolver):
         if last is not None:  # a failed attempt ends with the best iterate of all attempts so far
             position, rotation, _ = self._measure(last.q, target)
             arm[AT_BEST_E], arm[AT_BEST : AT_BEST + n] = 0.5 * (position**2 + rotation**2), last.q
-        out = np.empty(n + (6 * (self.max_iterations + 1) if trace else 0))
+        out = np.empty(n + 6 * (self.max_iterations + 1 if trace else 1))
         code, iterations, *_ = self._kernel(arm, np.array(target, order="C"), np.array(q0, order="C"), out)
-        status = STATUS_OF_CODE[code]
-        errors = None
-        if trace:  # the kernel's twists are seen from the first joint's frame
-            turn = self.robot.fixed[0, :3, :3]
-            errors = (out[n:].reshape(-1, 2, 3)[: iterations + 1] @ turn.T).reshape(-1, 6)
-        return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""))
+        status, twists = STATUS_OF_CODE[code], out[n:].reshape(-1, 2, 3)[: iterations + 1]  # one row without a trace
+        # the kernel's twists are seen from the first joint's frame
+        errors = (twists @ self.robot.fixed[0, :3, :3].T).reshape(-1, 6) if trace else None
+        residual = float(np.linalg.norm(twists[-1]))
+        return Attempt(out[:n].copy(), status, iterations, errors, _MESSAGE.get(status, ""), residual)
 
     def attempt(self, target: Array, start: Array, trace: bool, time_limit: float | None) -> Attempt:
         """Run one attempt; it is so short that the time limit is checked only between attempts."""

@@ -18,7 +18,7 @@ from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.curve import chain_rows
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
-from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 
@@ -61,12 +61,9 @@ class DerivativeLimit(Limit):
 
 def center_rows(rows: Array, bound: Array) -> Array:
     """Return rows over a bound with two sides; the limit is respected where |rows · monomials| ≤ 1."""
-    lower, upper = sides(bound)
-    free = np.isinf(upper)
-    low, high = np.where(free, 0.0, lower), np.where(free, 0.0, upper)
-    half = np.where(free, np.inf, 0.5 * (high - low))
+    middle, half = middle_and_half(*sides(bound))
     out: Array = rows / half[:, None]
-    out[..., 3] -= 0.5 * (low + high) / half
+    out[..., 3] -= middle / half
     return out
 
 

@@ -53,6 +53,13 @@ def sides(bound: Array) -> tuple[Array, Array]:
     return (-bound, bound) if bound.ndim == 1 else (bound[0], bound[1])
 
 
+def middle_and_half(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Return the middles of ranges and half their widths; those of a range without ends are 0 and infinity."""
+    free = np.isinf(upper)
+    low, high = np.where(free, 0.0, lower), np.where(free, 0.0, upper)
+    return 0.5 * (low + high), np.where(free, np.inf, 0.5 * (high - low))
+
+
 def symmetric_bound(bound: Array) -> Array:
     """Return the largest symmetric bound that both sides allow."""
     return bound if bound.ndim == 1 else np.minimum(-bound[0], bound[1])

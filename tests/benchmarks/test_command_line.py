@@ -110,6 +110,51 @@ def test_the_default_start_is_printed_and_can_be_typed(typed: Any) -> None:
     assert "start of" not in quiet
 
 
+WALL = """<robot name="wall"><link name="world"/><link name="plate"/><link name="arm"/>
+<joint name="mount" type="fixed"><parent link="world"/><child link="plate"/><origin rpy="1.5707963267948966 0 0"/></joint>
+<joint name="j" type="revolute"><parent link="plate"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-200" upper="200" velocity="2"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(("options", "gravity"), [((), (0, -1, 0)), (("--gravity", "2,0 0"), (1, 0, 0))])
+@pytest.mark.filterwarnings("default")
+def test_gravity_is_that_of_the_root_link_or_the_typed_one(
+    typed: Any, tmp_path: Path, options: tuple[str, ...], gravity: tuple[int, ...]
+) -> None:
+    robot = ["-r", str(write(tmp_path / "wall.urdf", WALL)), "--base", "plate", *options]
+    limits = ["--acceleration", "5", "--jerk", "50", "--start-deg", "0"]
+    status, _, said = typed("plan", "joints", *robot, "--to-deg", "20", *limits, "--out", str(tmp_path / "motion.json"))
+    assert status == 0, said
+    assert said.startswith("warning: robot 'wall': ")  # one line, of the limits
+    assert "at joint 'j' (200); were degrees meant?" in said
+    np.testing.assert_allclose(planners.load_motion(tmp_path / "motion.json").robot.gravity, gravity, atol=1e-15)
+    assert typed("bench", "new", str(tmp_path / "own.toml"), *robot)[0] == 0
+    named = re.search(r'robot = "(.*)"', (tmp_path / "own.toml").read_text())
+    assert named
+    np.testing.assert_allclose(optik.load(str(tmp_path / named[1])).gravity, gravity, atol=1e-15)
+
+
+def test_a_direction_of_gravity_that_cannot_be_meant_is_refused_by_its_option(typed: Any, tmp_path: Path) -> None:
+    for text in ("0,0", "0,0,0", "down"):
+        status, _, said = typed("fk", "0,0,0,0,0,0", "-r", "ur5e", "--gravity", text)
+        assert (status, said.split(":")[1]) == (2, " --gravity")
+    said = typed("bench", "new", str(tmp_path / "own.toml"), "-r", "ur5e", "--gravity", "0,0,1")[2]
+    assert "--gravity: expected the gravity of the robot's file" in said
+
+
+def test_a_position_alone_is_a_position_for_arms_with_fewer_joints_than_a_pose(typed: Any) -> None:
+    place = ("ik", "-r", "wx200", "--xyz", "0.2,0.1,0.2")
+    status, out, said = typed(*place, "--json")
+    assert status == 0
+    assert "wx200 has 5 joints and no orientation is given: --task position" in said
+    np.testing.assert_allclose(optik.load("wx200").fk(json.loads(out)["q"])[:3, 3], [0.2, 0.1, 0.2], atol=1e-6)
+    status, out, said = typed(*place, "--rpy-deg", "10,20,30")
+    assert status == 1
+    assert "not solved: 5 joints; a pose has 6 components: task position or axis_z" in said
+    assert typed(*place, "--task", "pose")[0] == 1
+    assert "--task" not in typed("ik", "-r", "ur5e", "--xyz", "0.3,0.2,0.4")[2]
+
+
 def test_a_urdf_starts_at_the_best_conditioned_of_some_samples(typed: Any, tmp_path: Path) -> None:
     arm = optik.load("ur5e")
     arm.to_urdf(tmp_path / "arm.urdf")

@@ -277,7 +277,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/timing/_optimal/rows.py", "load.coulomb * np.where(forth, 1.0, -1.0)", "load.coulomb * forth"),
     ("planners/timing/_optimal/rows.py", "back[:-1] | back[1:]", "back[:-1] & back[1:]"),
     ("planners/timing/_optimal/newton.py", "+ 2.0 * y) * v", "+ y) * v"),
-    ("planners/limits/_kinds.py", "out[..., 3] -= 0.5", "out[..., 3] += 0.5"),
+    ("planners/limits/_kinds.py", "out[..., 3] -= middle", "out[..., 3] += middle"),
     ("planners/limits/_kinds.py", "return np.minimum(pieces", "return np.maximum(pieces"),
     ("planners/certificate/segment_speed.py", "on_pieces[crossed + 1]", "on_pieces[crossed]"),
     ("planners/certificate/segment_speed.py", "last[k] + 1].min()", "last[k] + 1].max()"),

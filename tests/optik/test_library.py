@@ -13,7 +13,7 @@ import optik
 from optik import DHRow, JointLimits, Robot
 from optik.arm import library
 from optik.arm.library import robot_from_toml
-from optik.errors import InvalidInput, OptikError, RobotModelError, UnknownName
+from optik.errors import DegreesWarning, InvalidInput, OptikError, RobotModelError, UnknownName
 from tests import oracles
 
 ARM = {
@@ -84,6 +84,14 @@ def test_what_may_be_left_out_has_the_stated_value(tmp_path):
     free = JointLimits([-np.inf], [np.inf])
     assert robot == Robot.from_mdh([{}], free, name="mine")
     assert robot.source == "mine.toml"
+
+
+def test_radians_that_seem_to_be_degrees_are_named(tmp_path):
+    rows = [{"range_rad": [-170.0, 10.0]}, {"range_deg": [-7200.0, 7200.0]}, {"range_rad": [-62.8, 62.8]}]
+    file = written(tmp_path, {"convention": "dh", "joints": rows})
+    with pytest.warns(DegreesWarning, match=r"at joint 'joint1' \(170\); were degrees meant") as caught:
+        robot_from_toml(file)
+    assert len(caught) == 1
 
 
 def test_the_documented_example_is_read(tmp_path):

@@ -17,7 +17,15 @@ from scipy.spatial.transform import Rotation
 import optik
 from optik import DHRow, JointLimits, Robot
 from optik.arm.urdf import roll_pitch_yaw
-from optik.errors import InvalidInput, OptikError, OutputError, RobotModelError
+from optik.errors import (
+    DegreesWarning,
+    InvalidInput,
+    MovingMountWarning,
+    OptikError,
+    OutputError,
+    RobotModelError,
+    RobotModelWarning,
+)
 from tests import oracles
 
 LIMIT = '<limit lower="-2" upper="3" effort="1" velocity="1.5"/>'
@@ -132,7 +140,8 @@ def test_a_part_of_the_tree_is_an_arm_too():
     assert (whole.name, whole.gravity.tolist()) == ("mine", [0, 1, 0])
     upper = Robot.from_urdf(PLAIN, tip="camera")
     assert upper.joint_names == ("shoulder",)
-    lower = Robot.from_urdf(PLAIN, base="upper", tip="tool0")
+    with pytest.warns(MovingMountWarning, match="'upper'"):  # gravity is that of the shoulder's zero position
+        lower = Robot.from_urdf(PLAIN, base="upper", tip="tool0")
     assert lower.joint_names == ("slide",)
     assert np.abs(upper.fk([0.7]) @ lower.fk([0.2]) - whole.fk([0.7, 0.2])).max() < 1e-15
 
@@ -173,8 +182,6 @@ def test_what_urdf_leaves_out_has_urdfs_defaults():
     free = Robot.from_urdf(one("", "continuous")).limits
     assert (free.lower[0], free.upper[0]) == (-np.inf, np.inf)
     assert Robot.from_urdf(one('<limit effort="1" velocity="2"/>', "continuous")).limits.velocity.tolist() == [2]
-    locked = Robot.from_urdf(one('<limit lower="0" upper="0"/>')).limits
-    assert locked.lower[0] == locked.upper[0] == 0.0
 
 
 @pytest.mark.parametrize("axis", ["1e200 0 1e200", "1e-200 0 1e-200", "7 0 7", "0.5 0 0.5"])
@@ -211,7 +218,7 @@ def test_reading_loads_xml_and_importing_optik_does_not():
 positions = st.floats(-1, 1)
 turns = st.floats(-7, 7) | st.integers(-4, 4).map(lambda k: k * pi / 2)
 rows = st.builds(DHRow, a=positions, alpha=turns, d=positions, theta=turns, prismatic=st.booleans())
-ranges = st.tuples(st.floats(-5, 5), st.floats(-5, 5)).map(sorted)
+ranges = st.tuples(st.floats(-5, 5), st.floats(-5, 5)).map(sorted).filter(lambda r: r[0] < r[1])
 speeds = st.floats(1e-3, 1e3) | st.just(np.inf)
 poses = st.builds(oracles.pose, st.tuples(turns, turns, turns), st.tuples(positions, positions, positions))
 
@@ -299,6 +306,7 @@ ONE = JointLimits([-1.0], [1.0])
 UNWRITABLE = {
     "a slide without limits": (Robot.from_mdh([DHRow(prismatic=True)], JointLimits([-np.inf], [np.inf])), "joint1"),
     "a limit on one side": (Robot.from_mdh([DHRow()], JointLimits([-np.inf], [1.0])), "joint1"),
+    "a locked joint": (Robot.from_mdh([DHRow()], JointLimits([0.5], [0.5])), "'joint1': lower = upper = 0.5"),
     "no name": (Robot.from_mdh([DHRow()], ONE, name=""), "''"),
     "a name with a bell": (Robot.from_mdh([DHRow()], ONE, name="ding\a"), "ding"),
     "a joint without a name": (Robot.from_mdh([DHRow()], ONE, joint_names=("",)), "''"),
@@ -397,6 +405,12 @@ BAD_ARMS = {
     "no limit": (one(""), {}, "joint 'j0': no <limit>, which URDF requires of a revolute joint"),
     "a slide without limit": (one("", "prismatic"), {}, "requires of a prismatic joint"),
     "an empty limit": (one('<limit effort="1" velocity="1"/>'), {}, "without lower and upper"),
+    "a locked joint": (one('<limit lower="0.2" upper="0.2"/>'), {}, "joint 'j0' (lower = upper = 0.2) cannot move"),
+    "locked joints of a CAD program": (
+        arm(*[joint(i, inside='<limit lower="0" upper="0" effort="0" velocity="0"/>') for i in range(3)]),
+        {},
+        "joint 'j0' (lower = upper = 0), 'j1' (lower = upper = 0), 'j2' (lower = upper = 0) cannot move",
+    ),
     "crossed limits": (one('<limit lower="1" upper="-1"/>'), {}, "lower limit 1 above upper -1"),
     "crossed by default": (one('<limit lower="1"/>'), {}, "lower limit 1 above upper 0"),
     "NaN limit": (one('<limit lower="nan" upper="1"/>'), {}, "lower limit is 'nan'"),
@@ -494,13 +508,27 @@ def test_shapes_without_bound_are_refused_by_name(tmp_path, geometry):
     assert len(str(caught.value)) < 2100
 
 
+def test_limits_that_seem_to_be_degrees_are_named_in_one_warning():
+    def limit(size):
+        return f'<axis xyz="0 0 1"/><limit lower="-{size!r}" upper="{size!r}" velocity="2"/>'
+
+    joints = [joint(0, inside=limit(170)), joint(1, "prismatic", limit(170)), joint(2, inside=limit(20 * pi))]
+    with pytest.warns(DegreesWarning, match=r"joint 'j0' \(170\), 'j2' \(62.8319\); were degrees meant") as caught:
+        robot = Robot.from_urdf(arm(*joints))
+    assert (len(caught), caught[0].filename) == (1, __file__)
+    assert issubclass(DegreesWarning, RobotModelWarning)
+    assert robot.limits.upper.tolist() == [170.0, 170.0, 20 * pi]
+    Robot.from_urdf(arm(joint(0, inside=limit(62.83)), joint(1, "continuous", limit(170)), links=3))  # neither is
+
+
 def test_limits_beyond_any_turn_make_a_joint_free():
     """Exporters write 1e16 for a joint without limits."""
     for size in ("1e300", "1e16", "1.1e5"):
         robot = Robot.from_urdf(one(f'<limit lower="-{size}" upper="{size}" velocity="1"/>'))
         assert (robot.limits.lower[0], robot.limits.upper[0]) == (-np.inf, np.inf)
         assert optik.solve_ik(robot, robot.fk([0.3]), [0.0])
-    assert Robot.from_urdf(one('<limit lower="-1e5" upper="1e5" velocity="1"/>')).limits.upper[0] == 1e5
+    with pytest.warns(DegreesWarning, match="j0"):
+        assert Robot.from_urdf(one('<limit lower="-1e5" upper="1e5" velocity="1"/>')).limits.upper[0] == 1e5
     with pytest.raises(OptikError, match="infinity"):
         JointLimits([-1e300], [1e300])
 

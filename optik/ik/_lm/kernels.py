@@ -19,6 +19,7 @@ from optik.ik._lm.lanes import (
     GOAL,
     HELD_JOINTS,
     ITERATION,
+    LEAST_END,
     MOVED,
     PROBLEM,
     ROWS,
@@ -83,7 +84,7 @@ def load(arm: Array, w: Array, targets: Array, problem: int, l: int) -> None:
     aim(arm, targets[problem], w, l)
     for i in range(PROBLEM, ROWS):
         w[i, l] = 0.0
-    w[PROBLEM, l], w[ATTEMPT, l], w[BEST_E, l] = problem, arm[AT_FIRST], np.inf
+    w[PROBLEM, l], w[ATTEMPT, l], w[BEST_E, l], w[LEAST_END, l] = problem, arm[AT_FIRST], np.inf, np.inf
     w[BEGINS, l], w[MOVED, l] = 1.0, 1.0
 
 
@@ -100,14 +101,15 @@ def write_answer(w: Array, n: int, answers: Answers, l: int, status: int) -> Non
 
 @inlined
 def write_trace(w: Array, trace: Array) -> None:
-    """Write the error of the first lane into the trace of its attempt.
+    """Write the error of the first lane into the trace of its attempt; a trace of one row keeps the last error.
 
     Shapes and units: w (ROWS, L) [as the rows say], trace (m,) [m, rad] (overwritten).
     """
     correct_half_turn(w, 0)
     if w[ENDING, 0] <= 0.0:
+        row = int(w[ITERATION, 0]) if trace.shape[0] > 6 else 0
         for i in range(6):
-            trace[6 * int(w[ITERATION, 0]) + i] = w[e + i, 0]
+            trace[6 * row + i] = w[e + i, 0]
 
 
 @inlined

@@ -45,7 +45,9 @@ PICKS = 105
 (OUTSIDE, BEST_E, ENDING, BEGINS, MOVED, FLAG, HELD_JOINTS) = range(144, 151)
 PICKED, NEXT = 151, 153
 """Rows of the flags whether PICKS are known, for each of two kinds, and of the configuration to which a lane moves."""
-ROWS = 165
+LEAST_END, SAME = 165, 166
+"""Rows of the least E at the end of an attempt, and of the number of attempts that ended there; see `Ends`."""
+ROWS = 167
 """Rows of the work array."""
 PUSHED = -1.0
 """Value of HELD_JOINTS for a lane that holds, in each step, the joints that its error pushes out of their bounds."""

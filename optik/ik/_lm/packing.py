@@ -11,21 +11,22 @@ from optik.arm.robot import Robot
 from optik.se3 import inverse
 from optik.types import Array
 
-# Positions in the flat array. First the options of the search, then the reach bound (8), rotation (9) and position (3) of
-# the base, rotation (9) and position (3) of the tool, and the number of redundant joints.
+# Positions in the flat array. First the options of the search and whether the arm has fewer joints than a pose components,
+# then the reach bound (8), rotation (9) and position (3) of the base, rotation (9) and position (3) of the tool, and the
+# number of redundant joints.
 (AT_TOLERANCE_P, AT_TOLERANCE_R, AT_GAIN, AT_LEAST_DAMPING, AT_ITERATIONS) = range(5)
-(AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS) = range(5, 9)
-AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 9, 17, 26, 29, 38, 41
+(AT_FIRST, AT_ATTEMPTS, AT_PATIENCE, AT_PROGRESS, AT_FEW) = range(5, 10)
+AT_REACH, AT_BASE_R, AT_BASE_P, AT_TOOL_R, AT_TOOL_P, AT_SPARE = 10, 18, 27, 30, 39, 42
 
 MOST_JOINTS = 12
 """Largest number of joints: the size of the kernels' work arrays."""
 
 # For all joints: p (three values), cos α, sin α, θ, 1 if prismatic, 1 if not locked, lower limit, upper limit.
-AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(42, 162, MOST_JOINTS)
+AT_PX, AT_PY, AT_PZ, AT_COS_A, AT_SIN_A, AT_ZERO, AT_SLIDES, AT_MOVES, AT_LOWER, AT_UPPER = range(43, 163, MOST_JOINTS)
 
 COMPARED_SEEDS, SEEDS = 256, 1024
 """Number of seeds whose poses are compared with the target, and number of all seeds."""
-AT_BEST_E, AT_BEST, AT_SEEDS = 162, 163, 175
+AT_BEST_E, AT_BEST, AT_SEEDS = 163, 164, 176
 """Positions of ½|e|² and of the configuration of the best iterate of earlier attempts, if AT_FIRST is not the first attempt.
 Then follow the seeds' poses (13, COMPARED_SEEDS) and configurations (SEEDS, n), first of the seeds anywhere inside the
 limits. For arms with redundant joints, those of the seeds with joints at limits follow."""

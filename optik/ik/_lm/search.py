@@ -28,12 +28,14 @@ from optik.ik._lm.lanes import (
     HIGH,
     ITERATION,
     LEAST_E,
+    LEAST_END,
     LOW,
     MOVED,
     NEARLY_HALF_TURN,
     NEXT,
     OUTSIDE,
     PUSHED,
+    SAME,
     STALL,
     TOTAL,
     E,
@@ -43,6 +45,7 @@ from optik.ik._lm.lanes import (
 )  # fmt: skip
 from optik.ik._lm.packing import (
     AT_ATTEMPTS,
+    AT_FEW,
     AT_ITERATIONS,
     AT_LOWER,
     AT_PATIENCE,
@@ -54,7 +57,7 @@ from optik.ik._lm.packing import (
     AT_UPPER,
 )  # fmt: skip
 from optik.ik._lm.winding import inside_winding
-from optik.ik._problem import MAX_ITERATIONS, OUTSIDE_LIMITS, SOLVED, STALLED, UNREACHABLE
+from optik.ik._problem import MAX_ITERATIONS, OUTSIDE_LIMITS, SAME_ENDS, SAME_RESIDUAL, SOLVED, STALLED, UNREACHABLE
 from optik.types import Array
 
 BOUNDED_PATIENCE = 2.0
@@ -156,6 +159,23 @@ def judge_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
 
 
 @inlined
+def is_useless(arm: Array, w: Array, l: int) -> bool:
+    """Count the end of a lane's attempt, and return whether more attempts are of no use: `optik.ik._problem.Ends`.
+
+    Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
+    """
+    if w[OUTSIDE, l] != 0.0:
+        return False
+    least, cost = w[LEAST_END, l], w[E, l]
+    if cost < (1.0 - SAME_RESIDUAL) ** 2 * least:
+        w[LEAST_END, l], w[SAME, l] = cost, 1.0
+    elif cost <= (1.0 + SAME_RESIDUAL) ** 2 * least:
+        w[SAME, l] += 1.0
+    enough: bool = w[SAME, l] >= SAME_ENDS and (arm[AT_FEW] != 0.0 or w[SAME, l] == w[ATTEMPT, l] + 1.0)
+    return enough
+
+
+@inlined
 def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: float) -> bool:
     """Begin the next attempt, or return True and move the lane to the best configuration if there is none.
 
@@ -165,7 +185,7 @@ def next_attempt(arm: Array, w: Array, n: int, start: Array, l: int, attempts: f
         w[BEST_E, l] = w[E, l]
         for i in range(n):
             w[BEST + i, l] = w[Q + i, l]
-    if w[ATTEMPT, l] + 1.0 < attempts:
+    if w[ATTEMPT, l] + 1.0 < attempts and not is_useless(arm, w, l):
         w[ATTEMPT, l] += 1.0
         w[BEGINS, l], w[MOVED, l] = 1.0, 1.0
         return False

@@ -12,7 +12,7 @@ from optik.types import Array, Flags, Indices
 from planners.limits import PathPoints
 from planners.limits._kinds import torque_rate_rows, torque_rows
 from planners.limits._motion_limits import tool_limits_at
-from planners.limits.base import sides
+from planners.limits.base import middle_and_half, sides
 from planners.paths._screws import move_along
 from planners.paths._spline import DEGREE, Basis
 from planners.paths.base import Path
@@ -155,10 +155,7 @@ class FreeProgramme:
     def _make_scales(self, given: Programme) -> tuple[Scales, Array, Array]:
         """Return the factors of the limits; the offsets of accelerations (n,), and those of torques (L, K + 1, n)."""
         robot, n, K, bounds = self.robot, self.n, self.K, self.bounds
-        low, high = sides(bounds["acceleration"])
-        free = np.isinf(high)
-        least, most = np.where(free, -1.0, low), np.where(free, 1.0, high)
-        half, middle = np.where(free, np.inf, 0.5 * (most - least)), 0.5 * (most + least)
+        middle, half = middle_and_half(*sides(bounds["acceleration"]))
         loads = robot.loads if self.has["torque"] or self.has["torque_rate"] else ()
         torque, offset = np.zeros((len(loads), K + 1, n)), np.zeros((len(loads), K + 1, n))
         q1 = given.joint_path(given.s, 1)
@@ -168,16 +165,14 @@ class FreeProgramme:
             # Coulomb friction may have either sign where another path may reverse a joint.
             least = least - load.coulomb * np.where(sure & (q1 > 0.0), 1.0, -1.0)
             most = most - load.coulomb * np.where(sure & (q1 < 0.0), -1.0, 1.0)
-            limited = np.isfinite(most - least)
-            out[:] = np.where(limited, 2.0 / np.maximum(np.where(limited, most - least, 1.0), LEAST_RANGE), 0.0)
-            centre[:] = np.where(limited, 0.5 * (least + most), 0.0)
+            centre[:], width = middle_and_half(least, most)
+            out[:] = 2.0 / np.maximum(2.0 * width, LEAST_RANGE)
         with np.errstate(divide="ignore"):
             rate = np.tile(1.0 / bounds["torque_rate"], (len(loads) if self.has["torque_rate"] else 0, 1))
             tool = 1.0 / self.tool_limits**2
         lower, upper = robot.limits.lower, robot.limits.upper
         ranged = self.tool is not None and np.isfinite(upper - lower).any()
-        with np.errstate(invalid="ignore"):
-            span = np.where(np.isfinite(upper - lower), 2.0 / np.maximum(upper - lower, LEAST_RANGE), 0.0)
+        span = 2.0 / np.maximum(upper - lower, LEAST_RANGE)
         loaded = self.has["torque"] or self.has["torque_rate"]
         tools: Flags = np.asarray(np.isfinite(self.tool_limits).any(axis=0))
         counts = [

@@ -16,7 +16,7 @@ from planners.certificate.bounds import instants
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits, PathPoints
 from planners.limits._kinds import torque_rate_rows, torque_rows
-from planners.limits.base import sides
+from planners.limits.base import middle_and_half, sides
 from planners.trajectory import Trajectory
 
 
@@ -180,13 +180,11 @@ def _center(row: Array, lower: Array, upper: Array, at: PathPoints) -> Array:
     """Return the rows of torques (K + 1, m, 4), limited to [−1, 1] by the limits of both adjacent intervals."""
     low = np.maximum(np.vstack([lower[:1], lower]), np.vstack([lower, lower[-1:]]))
     high = np.minimum(np.vstack([upper[:1], upper]), np.vstack([upper, upper[-1:]]))
-    half = 0.5 * (high - low)
+    middle, half = middle_and_half(low, high)
     centred = row.copy()
-    free = ~np.isfinite(half)
-    with np.errstate(invalid="ignore"):
-        centred[..., 3] -= np.where(free, 0.0, 0.5 * (high + low))
-        centred /= np.where(free, np.inf, half)[..., None]
-    over = np.where(free, 0.0, np.where(half > 0.0, np.abs(centred[..., 3]), np.inf))
+    centred[..., 3] -= middle
+    centred /= np.where(half > 0.0, half, 1.0)[..., None]
+    over = np.where(half > 0.0, np.abs(centred[..., 3]), np.inf)
     if over.max() >= 1.0:
         _refuse(over, row[..., 3], at)
     return centred
@@ -251,10 +249,7 @@ def torque_excess(
     found = np.concatenate([_torques_of(robot.chain, load, states) for load in loads], axis=2)
     found = found.reshape(BETWEEN_PLACES.size, some.size, 2, -1)
     if m:
-        low, high = given.lower[some], given.upper[some]
-        half, middle = 0.5 * (high - low), 0.5 * (high + low)
-        free = ~np.isfinite(half)
-        half, middle = np.where(free, np.inf, half), np.where(free, 0.0, middle)
+        middle, half = middle_and_half(given.lower[some], given.upper[some])
         share = BETWEEN_PLACES[:, None, None]
         static = (1.0 - share) * given.static[some] + share * given.static[some + 1]
         torque[some] = dynamic_excess((found[:, :, 0] - middle) / half, (static - middle) / half).max(axis=0)
