@@ -12,7 +12,7 @@ from planners.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at
-from planners.timing._brake import Brake, Course
+from planners.timing._brake import Brake, RunningMotion
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
@@ -61,7 +61,7 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
     plan, rest, rate = start.plan, start.rest, start.clock[0]
     running = plan.trajectory
-    brake = Brake(Course(plan.robot, running), request.limits, compute_limit_scales(request, plan))
+    brake = Brake(RunningMotion(plan.robot, running), request.limits, compute_limit_scales(request, plan))
     for fraction in LIMIT_FRACTIONS:
         braking = brake.run(start.t, start.clock, fraction)
         if braking.end > running.end:

@@ -24,7 +24,7 @@ from planners.timing._brake.rows import (
     CLOCK_RATES,
     NO_BOUND,
     Cells,
-    Course,
+    RunningMotion,
     bound_at,
     cells_of,
     derivatives_at,
@@ -255,14 +255,14 @@ NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0), BrakingMotion(None, np.inf)
 class Brake(NamedTuple):
     """A running motion, and the limits with which it brakes, each multiplied by its scale."""
 
-    course: Course
+    running: RunningMotion
     limits: MotionLimits
     scales: dict[str, float]
 
     @property
     def _kinds(self) -> list[Limit]:
         """The limits of second and third order."""
-        bounds = self.limits.bounds(self.course.robot.n)
+        bounds = self.limits.bounds(self.running.robot.n)
         chosen = (kind for kind in self.limits.kinds if kind.order > 1 and kind.name in self.scales)
         return [kind for kind in chosen if np.isfinite(bounds[kind.name]).any()]
 
@@ -271,23 +271,23 @@ class Brake(NamedTuple):
 
         It uses the fraction `share` of the limits, or as much as the running motion uses.
         """
-        left, (w, b) = self.course.end - t, clock
+        left, (w, b) = self.running.end - t, clock
         if w <= goal or left <= 0.0:
             return NONE_FOUND
         jerk, length = self._rough(t, clock)
-        cells, rounds = cells_of(self.course, self.limits, t, min(length, left), self.scales), 0
+        cells, rounds = cells_of(self.running, self.limits, t, min(length, left), self.scales), 0
         out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
         while rounds < ROUNDS:
             least = np.zeros((cells.x.size, CLOCK_RATES + 1))
             end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
             if end == TOO_SHORT and length < left:
                 length, before = 2.0 * length, cells
-                cells = cells_of(self.course, self.limits, t, min(length, left), self.scales)
+                cells = cells_of(self.running, self.limits, t, min(length, left), self.scales)
                 cells.take(before)
                 continue
             if end != AT_GOAL:
                 return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
-            motion, stopped = _braking(self.course.trajectory, t, out[:, : count + 1])
+            motion, stopped = _braking(self.running.trajectory, t, out[:, : count + 1])
             rounds += 1
             if not self._tighten(cells, motion, out[0, : count + 1], rounds):
                 return BrakingMotion(motion, stopped)
@@ -295,11 +295,11 @@ class Brake(NamedTuple):
 
     def stop_time(self, t: float, clock: tuple[float, float]) -> float:
         """Return the approximate duration [s] of a stop from time t, with the limits that hold at t."""
-        return min(self._rough(t, clock)[1], self.course.end - t)
+        return min(self._rough(t, clock)[1], self.running.end - t)
 
     def _tighten(self, cells: Cells, motion: Trajectory, x: Array, rounds: int) -> bool:
         """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
-        robot, more, done = self.course.robot, TIGHTER * rounds, False
+        robot, more, done = self.running.robot, TIGHTER * rounds, False
         analysis, bounds = MotionAnalysis(robot, motion), self.limits.bounds(robot.n)
         first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
         last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
@@ -318,10 +318,11 @@ class Brake(NamedTuple):
 
     def _rough(self, t: float, clock: tuple[float, float]) -> tuple[float, float]:
         """Return the greatest |j|, and the part of the motion [s] that a stop needs, with the limits that hold at its start."""
-        left, (w, b) = self.course.end - t, clock
-        cells = cells_of(self.course, self.limits, t, 1e-3 * left, self.scales, 1)
+        left, (w, b) = self.running.end - t, clock
+        cells = cells_of(self.running, self.limits, t, 1e-3 * left, self.scales, 1)
         with np.errstate(divide="ignore"):
-            most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
+            p = cells.node[0, 0, :, 0]
+            most = float((np.where(p > 0.0, -cells.sides[0], cells.sides[1]) / np.abs(p)).min(initial=np.inf))
             jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
         most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
         quickest = most * most / (QUICK_RAMP * w)
