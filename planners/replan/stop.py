@@ -59,7 +59,7 @@ def _find_stop(request: PlanRequest, start: MovingState, time_limit: float) -> P
 
 def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, with ever smaller fractions of the limits; then after a part of the remaining motion."""
-    plan, rest, rate = start.plan, start.rest, start.clock[0]
+    plan, rate = start.plan, start.clock[0]
     running = plan.trajectory
     brake = Brake(RunningMotion(plan.robot, running), request.limits, compute_limit_scales(request, plan))
     for fraction in LIMIT_FRACTIONS:
@@ -69,6 +69,7 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
         if braking.motion is not None:
             motion = match_start(braking.motion, start.joints, request.limits)
             yield certify_motion(request, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+    rest = start.rest
     if rest is None:
         return
     usual = brake.stop_time(start.t, start.clock)

@@ -31,7 +31,7 @@ from planners.timing._brake.rows import (
     jerks_at,
     lines_at,
     piece_at,
-    viable,
+    find_viable,
 )
 from planners.trajectory import Trajectory
 
@@ -39,6 +39,8 @@ SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 300
 """Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""
 RAMP_STEPS = 8
 """Number of steps of the last ramp."""
+LONGEST_RAMP_STEP = 0.25
+"""Longest step of the last ramp, as a fraction of the examined part of the motion."""
 REPAIRS, SOFTER = 12, 0.5
 """Largest number of dead ends that a sweep avoids by braking more gently before them, and the factor on b for that."""
 NEGLIGIBLE = 2e-3
@@ -81,7 +83,7 @@ def _ramp(
 ) -> tuple[float, int]:
     """Let b < 0 rise to 0 with a fraction of the greatest j; return w − goal at its end (< 0 if w falls below) and the knot.
 
-    The value is `NO_BOUND` if no j above 0 is allowed on the way. If `k` is at least 0, knots are written after knot k.
+    The value is `NO_BOUND` if no j above 0, or hardly any, is allowed on the way. If `k` is at least 0, knots are written after knot k.
     """
     x, w, b, t = start
     first, i = b, _cell(cells.x, x, 0)
@@ -93,7 +95,10 @@ def _ramp(
             return NO_BOUND, k
         until = first * (1.0 - (step + 1.0) / RAMP_STEPS)
         h = (until - b) / j
-        x += h * (w + h * (0.5 * b + h * j / 6.0))
+        d = h * (w + h * (0.5 * b + h * j / 6.0))
+        if part == 1.0 and (d > LONGEST_RAMP_STEP * cells.x[-1] or x + d > cells.x[-1]):
+            return NO_BOUND, k  # hardly any j is allowed here: the limits of this place are not those of the ramp
+        x += d
         w += h * (b + 0.5 * h * j)
         b, t = until, t + h
         if w < goal and step < RAMP_STEPS - 1:
@@ -127,9 +132,9 @@ def _last_ramp(
 def sweep_clock(
     cells: Cells, begin: tuple[float, float, float], share: float, jerk: float, least: Array, out: Array
 ) -> tuple[int, int]:
-    """Find the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""
+    """Update the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""
     w, _, goal = begin
-    viable(cells, max(w, 1.0), share, jerk, least)
+    find_viable(cells, max(w, 1.0), share, jerk, least)
     low = 0.0
     for i in range(min(4, cells.x.shape[0])):
         low = min(low, least[i, CLOCK_RATES])
@@ -140,7 +145,8 @@ def sweep_clock(
         if end == DEAD_END:  # avoid it by braking more gently: the nearer to b = 0, the safer
             first, last = _cell(cells.x, out[0, max(k - softer, 0)], 0), _cell(cells.x, out[0, k], 0)
             cells.soft[first : last + 3] *= SOFTER
-            viable(cells, max(w, 1.0), share, jerk, least)
+            cells.stale[first : last + 3] = True
+            find_viable(cells, max(w, 1.0), share, jerk, least)
             softer += 1
         elif end == AT_GOAL and k < FEWEST_STEPS and rounds < 2:
             total, rounds = out[3, k], rounds + 1
@@ -277,13 +283,14 @@ class Brake(NamedTuple):
         jerk, length = self._rough(t, clock)
         cells, rounds = cells_of(self.running, self.limits, t, min(length, left), self.scales), 0
         out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
+        least = np.zeros((cells.x.size, CLOCK_RATES + 1))
         while rounds < ROUNDS:
-            least = np.zeros((cells.x.size, CLOCK_RATES + 1))
             end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
             if end == TOO_SHORT and length < left:
                 length, before = 2.0 * length, cells
                 cells = cells_of(self.running, self.limits, t, min(length, left), self.scales)
                 cells.take(before)
+                least = np.zeros((cells.x.size, CLOCK_RATES + 1))
                 continue
             if end != AT_GOAL:
                 return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array, Indices
+from optik.types import Array, Flags, Indices
 from planners.limits import MotionLimits, PathPoints, sides
 from planners.trajectory import Trajectory
 
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
     ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
     coefficients of b, w², w and 1, each value limited to its ``sides`` (2, m), on both sides of 0; ``edge`` (k, 2, e, 6) of
     j, w b, w³, w, b and w², each value limited to [−1, 1]. ``tight`` (2, k) are the factors of `tighten` on both so far;
-    ``soft`` (k + 1,) are factors on the least b that avoid dead ends.
+    ``soft`` (k + 1,) are factors on the least b that avoid dead ends; ``stale`` (k + 1,) are the ends whose least b is not known.
     """
 
     x: Array
@@ -63,20 +63,23 @@ class Cells(NamedTuple):
     edge: Array
     tight: Array
     soft: Array
+    stale: Flags
 
     def tighten(self, order: int, which: slice, factor: float) -> None:
         """Scale the rows of acceleration (order 2) or jerk (order 3) in some cells."""
         (self.node if order == 2 else self.edge)[which] *= factor
         self.tight[order - 2, which] *= factor
+        self.stale[which.start : which.stop + 1] = True
 
     def take(self, other: Cells) -> None:
         """Take over the factors of cells that cover a shorter part of this motion."""
         middle = 0.5 * (self.x[1:] + self.x[:-1])
-        for k in np.flatnonzero(middle < other.x[-1]):
-            i = int(np.searchsorted(other.x[1:], middle[k]))
-            for order in (2, 3):
-                self.tighten(order, slice(k, k + 1), other.tight[order - 2, i])
-            self.soft[k] = other.soft[i]
+        k = np.flatnonzero(middle < other.x[-1])
+        i = np.searchsorted(other.x[1:], middle[k])
+        for rows, factors, known in zip((self.node, self.edge), self.tight, other.tight, strict=True):
+            rows[k] *= known[i, None, None, None]
+            factors[k] *= known[i]
+        self.soft[k] = other.soft[i]
 
 
 def cells_of(
@@ -113,7 +116,7 @@ def cells_of(
     node, edge = (np.concatenate(each, axis=1) for each in rows.values())
     node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in (node, edge))
     rooms = np.concatenate(centres) + np.array([[-1.0], [1.0]])
-    return Cells(x, last[which], node, rooms, edge, np.ones((2, x.size - 1)), np.ones(x.size))
+    return Cells(x, last[which], node, rooms, edge, np.ones((2, x.size - 1)), np.ones(x.size), np.ones(x.size, dtype=bool))
 
 
 def _centre_of(bound: Array) -> Array:
@@ -149,7 +152,7 @@ def _evaluate(c: Array, piece: Indices, u: Array, out: Array) -> None:
 @compiled
 def _used_sides(known: float, lower: float, upper: float, share: float) -> tuple[float, float]:
     """Return the used sides of a row: the fraction `share`, or the motion's own value plus half of the remaining range."""
-    ratio = max(known / lower, known / upper)
+    ratio = known / lower if known < 0.0 else known / upper
     used = max(share, ratio, 0.5 + 0.5 * min(ratio, 1.0))
     return lower * (used if known < 0.0 else share), upper * (used if known > 0.0 else share)
 
@@ -206,6 +209,9 @@ def jerks_at(line: Array, n: int, b: float) -> tuple[float, float]:
 @compiled
 def least_acceleration(line: Array, n: int, low: float) -> float:
     """Return the least b ≥ `low` at which some j is allowed; each pair of lines bounds b (Fourier–Motzkin elimination)."""
+    least, most = jerks_at(line, n, low)
+    if least <= most:
+        return low
     for e in range(n):
         for f in range(e):
             d, off, room = line[2, e] - line[2, f], line[0, e] - line[0, f], line[1, e] + line[1, f]
@@ -218,14 +224,22 @@ CLOCK_RATES = 8
 """Number of clock rates for which the least b is found."""
 BISECTIONS = 7
 """Number of bisections of the interval of b in that search."""
+SAME_BOUND = 1e-6
+"""Relative change of a least b below which those before it are not computed again."""
 
 
 @compiled
-def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -> None:
-    """Fill in the least b (k + 1, CLOCK_RATES + 1) from which b = 0 is reached, at the cells' ends, for rates up to `top`."""
+def find_viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -> None:
+    """Update the least b (k + 1, CLOCK_RATES + 1) from which b = 0 is reached, at the cells' ends, for rates up to `top`.
+
+    Only at the ends that are stale, and before those whose least b changes.
+    """
     line, after = np.empty((2, 3, 2 * cells.edge.shape[2] + 2))
-    last = cells.x.shape[0] - 1
+    last, changes = cells.x.shape[0] - 1, False
     for i in range(last, -1, -1):
+        if not (cells.stale[i] or changes):
+            continue
+        changes, cells.stale[i] = False, False
         cell, part = (i, 0.0) if i < last else (i - 1, 1.0)
         for r in range(1, CLOCK_RATES + 1):
             w = top * r / CLOCK_RATES
@@ -244,7 +258,9 @@ def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) ->
                     else:
                         low = b
                 low = high
-            least[i, r] = low * cells.soft[i]
+            low *= cells.soft[i]
+            changes |= abs(low - least[i, r]) > SAME_BOUND * abs(low)
+            least[i, r] = low
 
 
 @compiled
