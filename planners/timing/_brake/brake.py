@@ -35,7 +35,7 @@ from planners.timing._brake.rows import (
 )
 from planners.trajectory import Trajectory
 
-SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 300
+SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 1000
 """Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""
 RAMP_STEPS = 8
 """Number of steps of the last ramp."""
@@ -96,7 +96,7 @@ def _ramp(
         until = first * (1.0 - (step + 1.0) / RAMP_STEPS)
         h = (until - b) / j
         d = h * (w + h * (0.5 * b + h * j / 6.0))
-        if part == 1.0 and (d > LONGEST_RAMP_STEP * cells.x[-1] or x + d > cells.x[-1]):
+        if d > LONGEST_RAMP_STEP * cells.x[-1] or x + d > cells.x[-1]:
             return NO_BOUND, k  # hardly any j is allowed here: the limits of this place are not those of the ramp
         x += d
         w += h * (b + 0.5 * h * j)
@@ -117,7 +117,7 @@ def _last_ramp(
     low, high = 0.0, 1.0
     for _ in range(50):
         part = 0.5 * (low + high)
-        if _ramp(cells, start, goal, use, part, line, out, -1)[0] > 0.0:
+        if 0.0 < _ramp(cells, start, goal, use, part, line, out, -1)[0] < NO_BOUND:
             high = part
         else:
             low = part
@@ -234,8 +234,11 @@ def _sweep(
     return TOO_MANY_STEPS, k
 
 
-ROUNDS, TIGHTER = 10, 5e-3
+ROUNDS, TIGHTER = 20, 5e-3
 """Largest number of sweeps, and a margin: each sweep tightens the rows where the last one exceeds a limit between knots."""
+LONGER, MUCH_LONGER = 1.1, 1.3
+"""Growth of the duration by tightening above which a smaller fraction of the limits may stop earlier, and above which the
+search ends: rows tightened on a motion that uses its limits leave the clock no room to brake."""
 QUICK_RAMP = 0.02
 """Fraction of a stop's duration in which b reaches its bound if there is no jerk limit."""
 STOP_AHEAD = 1.5
@@ -247,14 +250,16 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 class BrakingMotion(NamedTuple):
     """The joints' motion while they brake, None if none was found, and the time of the running motion at which it ends.
 
-    The time is infinite if the running motion ends before the clock can reach its goal.
+    The time is infinite if the running motion ends before the clock can reach its goal. ``smooth`` is whether the sweep met
+    no dead end and was tightened little; if not, a smaller fraction of the limits may stop earlier.
     """
 
     motion: Trajectory | None
     end: float
+    smooth: bool
 
 
-NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0), BrakingMotion(None, np.inf)
+NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0, False), BrakingMotion(None, np.inf, False)
 """No braking was found, or the running motion ends before it."""
 
 
@@ -282,6 +287,7 @@ class Brake(NamedTuple):
             return NONE_FOUND
         jerk, length = self._rough(t, clock)
         cells, rounds = cells_of(self.running, self.limits, t, min(length, left), self.scales), 0
+        first = np.inf
         out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
         least = np.zeros((cells.x.size, CLOCK_RATES + 1))
         while rounds < ROUNDS:
@@ -295,9 +301,11 @@ class Brake(NamedTuple):
             if end != AT_GOAL:
                 return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
             motion, stopped = _braking(self.running.trajectory, t, out[:, : count + 1])
-            rounds += 1
+            rounds, first = rounds + 1, min(first, motion.end)
+            if motion.end > MUCH_LONGER * first:
+                return NONE_FOUND
             if not self._tighten(cells, motion, out[0, : count + 1], rounds):
-                return BrakingMotion(motion, stopped)
+                return BrakingMotion(motion, stopped, motion.end <= LONGER * first and bool(cells.soft.min() == 1.0))
         return NONE_FOUND
 
     def stop_time(self, t: float, clock: tuple[float, float]) -> float:
