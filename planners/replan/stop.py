@@ -69,7 +69,8 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
         found.append(brake.run(start.t, start.clock, fraction))
         if found[-1].smooth or found[-1].end > running.end:
             break
-    for motion, end, _ in sorted((each for each in found if each.motion is not None), key=lambda each: each.motion.end):
+    stops = [(braking.motion, braking.end) for braking in found if braking.motion is not None]
+    for motion, end in sorted(stops, key=lambda stop: stop[0].end):
         matched = match_start(motion, start.joints, request.limits)
         yield certify_motion(request, start, matched, StopKind.SWEEP, s_at(plan, end))
     if found[-1].end > running.end:

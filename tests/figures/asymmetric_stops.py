@@ -111,7 +111,9 @@ def solve(made: Plan, state: Array, limits: tuple[Array, ...], T: float, guess: 
         ])  # fmt: skip
         b = np.concatenate([sides[1] - rest, rest - sides[0], free[1:, 1], [end - free[-1, 0]]])
         at_rest = np.hstack([forced[-1, 1:], still[:, :1]]) / h, -free[-1, 1:] / h
-        room = np.inf if number == 0 else 0.5**number * np.abs(jerk).max()  # a trust region, so that the passes converge
+        room = (
+            np.inf if number == 0 else 0.5**number * np.abs(jerk).max()
+        )  # a trust region, so that the passes converge
         near = np.stack([np.append(jerk - room, 0.0), np.append(jerk + room, np.inf)], axis=1)
         found = linprog(np.append(np.zeros(N), 1.0), A, b, *at_rest, bounds=near, method="highs")
         if found.status != 0:
@@ -141,7 +143,10 @@ def linearise(
         q1, q2, q3 = (x[part][..., None] for x in q)
         w, b, j = v[part][..., None], a[part][..., None], jerk[:, None, None]
         rows.append(
-            q1 * each + 3.0 * q2 * w * A[part] + 3.0 * (q2 * b + q3 * w**2) * V[part] + (q2 * j + 3.0 * q3 * w * b) * S[part]
+            q1 * each
+            + 3.0 * q2 * w * A[part]
+            + 3.0 * (q2 * b + q3 * w**2) * V[part]
+            + (q2 * j + 3.0 * q3 * w * b) * S[part]
         )
         values.append((q1 * j + 3.0 * q2 * w * b + q3 * w**3)[..., 0])
     kinds = (limits[0], limits[1], limits[2], limits[2])
@@ -155,11 +160,17 @@ def judge(rows: list[Row]) -> list[Value]:
     change = max((abs(row["wide"] / row["best"] - 1.0) for row in valid), default=np.nan)
     late = np.array([row["duration"] / row["oracle"] for row in valid])  # 0 where the oracle found no stop as short
     kinds = {kind: sum(row["kind"] == kind for row in valid) for kind in ("optimum", "sweep", "end")}
+    none = int((late == 0.0).sum())
     median, p90 = (float(np.quantile(late, level)) for level in (0.5, 0.9))
     return [
         Value("stops valid", "all", f"{len(valid)} of {len(rows)}", len(valid) == len(rows)),
         Value("largest change by a wider unused side", "≤ 0.5 %", f"{100.0 * change:.3g} %", change <= 0.005),
-        Value("duration over the oracle's, median", "≤ 1.05", f"{median:.4g} of {late.size}, {int((late == 0.0).sum())} without one of the oracle", median <= 1.05),
+        Value(
+            "duration over the oracle's, median",
+            "≤ 1.05",
+            f"{median:.4g} of {late.size}, {none} without an oracle",
+            median <= 1.05,
+        ),
         Value("duration over the oracle's, nine in ten", "stated", f"≤ {p90:.4g}", True),
         Value("kinds", "stated", str(kinds), True),
     ]

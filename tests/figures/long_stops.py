@@ -82,7 +82,8 @@ def processes() -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
     earlier = Path(os.environ.get("FIGURES", root / ".figures")).absolute() / EARLIER
     if not earlier.exists():
         packed = subprocess.run(["git", "archive", EARLIER], cwd=root, capture_output=True, check=True).stdout
-        tarfile.open(fileobj=BytesIO(packed)).extractall(earlier, filter="data")
+        with tarfile.open(fileobj=BytesIO(packed)) as archive:
+            archive.extractall(earlier, filter="data")
     first, second = (
         subprocess.Popen(
             [sys.executable, __file__, "answer"],

@@ -118,9 +118,7 @@ class Run:
             self.notes.append("the drive already had the set-points up to the end of the plan: no stop was needed")
             return
         resting = is_at_rest(self.motion, t)
-        found = (
-            plan_hold(self.plan, t, self.stream.period) if resting else plan_stop(self.plan, t, allow=self.allow)
-        )
+        found = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop(self.plan, t, allow=self.allow)
         if not found and not resting:
             assert found.failure is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"

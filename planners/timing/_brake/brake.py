@@ -28,10 +28,10 @@ from planners.timing._brake.rows import (
     bound_at,
     cells_of,
     derivatives_at,
+    find_viable,
     jerks_at,
     lines_at,
     piece_at,
-    find_viable,
 )
 from planners.trajectory import Trajectory
 
@@ -83,7 +83,8 @@ def _ramp(
 ) -> tuple[float, int]:
     """Let b < 0 rise to 0 with a fraction of the greatest j; return w − goal at its end (< 0 if w falls below) and the knot.
 
-    The value is `NO_BOUND` if no j above 0, or hardly any, is allowed on the way. If `k` is at least 0, knots are written after knot k.
+    The value is `NO_BOUND` if no j above 0, or hardly any, is allowed on the way. If `k` is at least 0, knots are written after
+    knot k.
     """
     x, w, b, t = start
     first, i = b, _cell(cells.x, x, 0)

@@ -44,7 +44,7 @@ class MotionPoints(PathPoints):
     @cached_property
     def twist(self) -> Array:
         """Twists (k, 6) of the tool: (v, ω) [m/s, rad/s], linear first."""
-        return np.einsum("kij,kj->ki", self.joint_path.robot.jacobian(self.q()), self.q(1))
+        return np.asarray(np.einsum("kij,kj->ki", self.joint_path.robot.jacobian(self.q()), self.q(1)))
 
 
 class Cells(NamedTuple):
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
     ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
     coefficients of b, w², w and 1, each value limited to its ``sides`` (2, m), on both sides of 0; ``edge`` (k, 2, e, 6) of
     j, w b, w³, w, b and w², each value limited to [−1, 1]. ``tight`` (2, k) are the factors of `tighten` on both so far;
-    ``soft`` (k + 1,) are factors on the least b that avoid dead ends; ``stale`` (k + 1,) are the ends whose least b is not known.
+    ``soft`` (k + 1,) are factors on the least b that avoid dead ends; ``stale`` (k + 1,) are ends whose least b is unknown.
     """
 
     x: Array
@@ -83,7 +83,12 @@ class Cells(NamedTuple):
 
 
 def cells_of(
-    motion: RunningMotion, limits: MotionLimits, t: float, length: float, scales: dict[str, float], least: int = LEAST_CELLS
+    motion: RunningMotion,
+    limits: MotionLimits,
+    t: float,
+    length: float,
+    scales: dict[str, float],
+    least: int = LEAST_CELLS,
 ) -> Cells:
     """Return the part of a motion from t on, divided at its knots, and its limits."""
     knots = motion.trajectory.knots
@@ -116,7 +121,9 @@ def cells_of(
     node, edge = (np.concatenate(each, axis=1) for each in rows.values())
     node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in (node, edge))
     rooms = np.concatenate(centres) + np.array([[-1.0], [1.0]])
-    return Cells(x, last[which], node, rooms, edge, np.ones((2, x.size - 1)), np.ones(x.size), np.ones(x.size, dtype=bool))
+    return Cells(
+        x, last[which], node, rooms, edge, np.ones((2, x.size - 1)), np.ones(x.size), np.ones(x.size, dtype=bool)
+    )
 
 
 def _centre_of(bound: Array) -> Array:

@@ -63,7 +63,8 @@ def moving_programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
 ) -> Programme | None:  # fmt: skip
     """Return the programme from a moving state to rest at a path parameter."""
-    bound, accelerations = limits.arrays(joint_path.robot.n), sides(limits.bounds(joint_path.robot.n)["acceleration"])
+    bound = limits.arrays(joint_path.robot.n)
+    lower, upper = sides(limits.bounds(joint_path.robot.n)["acceleration"])
     begin, first = state.s, state.speed
     s = joint_path.path.grid(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
@@ -71,10 +72,9 @@ def moving_programme(
         s = np.linspace(begin, end, START_PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     _, q1, q2, q3 = derivatives(joint_path, s)
-    lower, upper = accelerations
     braking = np.where(q1 > 0.0, -lower, upper).max(axis=0)  # whatever the other side allows
-    peak, usable, ramp = _ramps(joint_path, bound | {"acceleration": braking}, q1, s)
-    usable = -np.minimum(-lower, usable), np.minimum(upper, usable)
+    peak, most, ramp = _ramps(joint_path, bound | {"acceleration": braking}, q1, s)
+    usable = -np.minimum(-lower, most), np.minimum(upper, most)
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
