@@ -325,8 +325,15 @@ def join(first: Trajectory, second: Trajectory) -> Trajectory:
     )
 
 
+def make_rest(q: Array, duration: float, s: float | None = None) -> Trajectory:
+    """Return a motion that stays at a configuration (n,), at a path parameter if it has one, for a duration [s]."""
+    still = np.zeros((6, 1, q.size))
+    still[5] = q
+    return Trajectory(
+        scipy.interpolate.PPoly(still, np.array([0.0, duration])), None if s is None else np.array([s, s])
+    )
+
+
 def append_rest(trajectory: Trajectory, duration: float) -> Trajectory:
     """Return a motion that ends at rest, prolonged by a time at rest [s]."""
-    still = np.zeros((6, 1, trajectory.n))
-    still[5] = trajectory(trajectory.end)
-    return join(trajectory, Trajectory(scipy.interpolate.PPoly(still, np.array([0.0, duration]))))
+    return join(trajectory, make_rest(trajectory(trajectory.end), duration))

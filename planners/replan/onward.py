@@ -16,7 +16,7 @@ from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
-from planners.timing._brake import Brake, Course
+from planners.timing._brake import Brake, RunningMotion
 from planners.timing.base import PathState, refit
 from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory, cut_after, cut_before, join
@@ -75,7 +75,7 @@ def _meet_limits_later(request: PlanRequest, start: MovingState) -> Plan | None:
     if not np.isfinite(slower):
         return None
     rate = start.clock[0]
-    brake = Brake(Course(plan.robot, running), limits, compute_limit_scales(old, plan))
+    brake = Brake(RunningMotion(plan.robot, running), limits, compute_limit_scales(old, plan))
     usual = brake.stop_time(start.t, start.clock)
     for delay, fraction in itertools.product((0.0, *(usual * np.array(DELAYS))), LIMIT_FRACTIONS[:2]):
         t, clock = start.t + delay * rate, start.clock if delay == 0.0 else (rate, 0.0)

@@ -28,6 +28,8 @@ NOISE_SPREADS = 6.0
 """Noise that no reading exceeds, in standard deviations [1]."""
 AT_STANDSTILL = (0.02, 0.002)
 """Largest velocity of a joint at rest [rad/s, m/s]; a servo that follows encoder noise is slower."""
+BRAKED = (1e-4, 1e-5)
+"""Largest velocity of a joint at rest with its brake applied [rad/s, m/s]."""
 ENCODER_ADVICE = "repair the encoder; then resume"
 """Advice for a false reading."""
 START_ADVICE = "plan from the arm's present configuration, drive.measure()"
@@ -201,8 +203,12 @@ def find_false_reading(read: Array, actual: Array, options: Options) -> int | No
 
 
 def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
-    """Return whether the arm is at rest when the set-points end; if it moves, record a fault."""
-    speed = np.abs(dq) / np.where(robot.prismatic, *reversed(AT_STANDSTILL))
+    """Return whether the arm is at rest when the set-points end; if it moves, record a fault.
+
+    After a fault, and with a false encoder, it is at rest only as far as its brakes hold it.
+    """
+    slowest = AT_STANDSTILL if run.fault is None and false is None else BRAKED
+    speed = np.abs(dq) / np.where(robot.prismatic, *reversed(slowest))
     i = int(speed.argmax())
     if speed[i] <= 1.0:
         return True

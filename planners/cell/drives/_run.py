@@ -9,7 +9,7 @@ import numpy as np
 
 from optik.types import Array
 from planners.cell.drives._setpoints import Setpoints, make_setpoints
-from planners.cell.drives._stop import ends_at_goal, plan_stop
+from planners.cell.drives._stop import ends_at_goal, is_at_rest, plan_hold, plan_stop
 from planners.cell.drives.base import Fault
 from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory, cut_after, join
@@ -117,8 +117,9 @@ class Run:
         if tick >= self.last or t >= self.motion.end:
             self.notes.append("the drive already had the set-points up to the end of the plan: no stop was needed")
             return
-        found = plan_stop(self.plan, t, allow=self.allow)
-        if not found:
+        resting = is_at_rest(self.motion, t)
+        found = plan_hold(self.plan, t, self.stream.period) if resting else plan_stop(self.plan, t, allow=self.allow)
+        if not found and not resting:
             assert found.failure is not None
             why = f"no stop from t = {t:.6g} s could be certified: {found.failure.reason}"
             if self.fault is None or found.status is not PlanStatus.NOT_PROVED:
@@ -126,7 +127,7 @@ class Run:
                 return
             self.notes.append(f"{why}; it was sent anyway, because of the fault")
         self.stop = found
-        self.motion = join(cut_after(self.motion, t), found.trajectory)
+        self.motion = join(cut_after(self.motion, t), found.trajectory) if tick else found.trajectory
         self.stream = make_setpoints(self.motion, self.stream.period)
         if ends_at_goal(found):
             self.notes.append("the shortest stop within the limits ends at the end of the path")

@@ -173,7 +173,7 @@ class SimulatedDrive(Drive):
         _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
 
     def _comes_to_rest(self, run: Run, k: int, reading: Array) -> bool:
-        """Return whether the arm is at rest when the set-points end; apply the brakes if it moves."""
+        """Return whether the arm is at rest when the set-points end; apply the brakes if it moves, and after a fault."""
         dq = run.dq[-1][-1]
         if _checks.judge_standing(
             run, k, dq, _checks.find_false_reading(reading, self._actual(), self.options), self.options, self.robot

@@ -11,11 +11,15 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives._setpoints import slow_to
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
+from planners.certificate.checks import AT_REST
 from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import MotionLimits
 from planners.plan import Plan, plan
 from planners.replan import replan
+from planners.replan.state import s_at
+from planners.timing.base import StopKind
+from planners.trajectory import Trajectory, make_rest
 
 END_FRACTION = 2e-9
 """Fraction of the path length from its end that counts as its end [1]: `replan` plans nothing from half of that."""
@@ -55,6 +59,22 @@ def plan_stop(running: Plan, t: float, fraction: float = 1.0, allow: Allow = ())
     # a law without jerk limits may stop with any jerk
     found = replan(plan, t, stop=True) if fraction == 1.0 else stops[-1]
     return replace(found, scene=running.scene) if found else stops[-1]
+
+
+def plan_hold(running: Plan, t: float, period: float) -> Plan:
+    """Return the stop of a plan from a time at which the arm is at rest: it stays there for one period."""
+    place = s_at(running, t)
+    motion = make_rest(running.trajectory(t), period, place)
+    held = replace(running.motion, trajectory=motion, span=(place, place), before=None)
+    return replace(
+        running, _trajectory=motion, _certificate=held.certify(rate=running.certificate.rate), span=held.span, before=None,
+        stop_kind=StopKind.SWEEP,
+    )  # fmt: skip
+
+
+def is_at_rest(motion: Trajectory, t: float) -> bool:
+    """Return whether a motion that begins at rest stands still at a time, within rounding error."""
+    return t == 0.0 or bool((np.abs(motion(t, 1)) <= AT_REST * motion.extrema(1).worst).all())
 
 
 def ends_at_goal(plan: Plan) -> bool:
@@ -162,9 +182,10 @@ def fill_period(found: Plan, period: float) -> Plan:
 
 
 def refuse(drive: Drive, plan: Plan, reason: str, advice: str, *, placed: bool = True) -> Execution:
-    """Return the record of a refused execution: nothing was sent."""
-    at = drive.measure() if placed else np.full(drive.robot.n, np.nan)
+    """Return the record of a refused execution: nothing was sent. A simulated arm has no position before it is placed."""
+    nowhere = np.full(drive.robot.n, np.nan)
+    at, measured = (drive._actual(), drive.measure()) if placed else (nowhere, nowhere)
     return Execution(
         drive.name, drive.robot, ExecutionStatus.REFUSED, reason, advice, plan, None, None, None,
-        np.zeros(1), at[None], np.zeros((1, at.size)), None, at[None],
+        np.zeros(1), at[None], np.zeros((1, at.size)), None, measured[None],
     )  # fmt: skip

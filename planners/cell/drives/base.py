@@ -106,6 +106,7 @@ class Execution:
         Times of the plant's steps from 0, or of the ticks of a real drive [s].
     q, dq : (m, n) arrays
         True positions [rad, m] and velocities [rad/s, m/s] of the arm at these times; the measured ones of a real drive.
+        NaN of a simulated arm that was refused its first plan and has no configuration yet.
     torque : (m, n) array or None
         Torques of the motors at these times [N·m, N]; None if the plant has no torques.
     measured : (k, n) array
@@ -219,6 +220,10 @@ class Drive(ABC):
         InvalidInput
             An execution that was not stopped.
         """
+
+    def _actual(self) -> Array:
+        """Return the true configuration of the arm (n,) [rad, m]; of a real arm the measured one."""
+        return self.measure()
 
     def carry(self, robot: Robot) -> None:
         """Change tool, payload and shapes of the arm at rest.

@@ -1,6 +1,6 @@
 """Brake a running motion as hard as its limits allow."""
 
-from planners.timing._brake.brake import Brake
-from planners.timing._brake.rows import Course
+from planners.timing._brake.brake import Brake, BrakingMotion
+from planners.timing._brake.rows import RunningMotion
 
-__all__ = ["Brake", "Course"]
+__all__ = ["Brake", "BrakingMotion", "RunningMotion"]

@@ -24,21 +24,23 @@ from planners.timing._brake.rows import (
     CLOCK_RATES,
     NO_BOUND,
     Cells,
-    Course,
+    RunningMotion,
     bound_at,
     cells_of,
     derivatives_at,
+    find_viable,
     jerks_at,
     lines_at,
     piece_at,
-    viable,
 )
 from planners.trajectory import Trajectory
 
-SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 300
+SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 1000
 """Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""
 RAMP_STEPS = 8
 """Number of steps of the last ramp."""
+LONGEST_RAMP_STEP = 0.25
+"""Longest step of the last ramp, as a fraction of the examined part of the motion."""
 REPAIRS, SOFTER = 12, 0.5
 """Largest number of dead ends that a sweep avoids by braking more gently before them, and the factor on b for that."""
 NEGLIGIBLE = 2e-3
@@ -81,7 +83,8 @@ def _ramp(
 ) -> tuple[float, int]:
     """Let b < 0 rise to 0 with a fraction of the greatest j; return w − goal at its end (< 0 if w falls below) and the knot.
 
-    The value is `NO_BOUND` if no j above 0 is allowed on the way. If `k` is at least 0, knots are written after knot k.
+    The value is `NO_BOUND` if no j above 0, or hardly any, is allowed on the way. If `k` is at least 0, knots are written after
+    knot k.
     """
     x, w, b, t = start
     first, i = b, _cell(cells.x, x, 0)
@@ -93,7 +96,10 @@ def _ramp(
             return NO_BOUND, k
         until = first * (1.0 - (step + 1.0) / RAMP_STEPS)
         h = (until - b) / j
-        x += h * (w + h * (0.5 * b + h * j / 6.0))
+        d = h * (w + h * (0.5 * b + h * j / 6.0))
+        if d > LONGEST_RAMP_STEP * cells.x[-1] or x + d > cells.x[-1]:
+            return NO_BOUND, k  # hardly any j is allowed here: the limits of this place are not those of the ramp
+        x += d
         w += h * (b + 0.5 * h * j)
         b, t = until, t + h
         if w < goal and step < RAMP_STEPS - 1:
@@ -112,7 +118,7 @@ def _last_ramp(
     low, high = 0.0, 1.0
     for _ in range(50):
         part = 0.5 * (low + high)
-        if _ramp(cells, start, goal, use, part, line, out, -1)[0] > 0.0:
+        if 0.0 < _ramp(cells, start, goal, use, part, line, out, -1)[0] < NO_BOUND:
             high = part
         else:
             low = part
@@ -127,9 +133,9 @@ def _last_ramp(
 def sweep_clock(
     cells: Cells, begin: tuple[float, float, float], share: float, jerk: float, least: Array, out: Array
 ) -> tuple[int, int]:
-    """Find the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""
+    """Update the least b, and sweep from w and b to the goal; return how the sweep ended, and the last knot."""
     w, _, goal = begin
-    viable(cells, max(w, 1.0), share, jerk, least)
+    find_viable(cells, max(w, 1.0), share, jerk, least)
     low = 0.0
     for i in range(min(4, cells.x.shape[0])):
         low = min(low, least[i, CLOCK_RATES])
@@ -140,7 +146,8 @@ def sweep_clock(
         if end == DEAD_END:  # avoid it by braking more gently: the nearer to b = 0, the safer
             first, last = _cell(cells.x, out[0, max(k - softer, 0)], 0), _cell(cells.x, out[0, k], 0)
             cells.soft[first : last + 3] *= SOFTER
-            viable(cells, max(w, 1.0), share, jerk, least)
+            cells.stale[first : last + 3] = True
+            find_viable(cells, max(w, 1.0), share, jerk, least)
             softer += 1
         elif end == AT_GOAL and k < FEWEST_STEPS and rounds < 2:
             total, rounds = out[3, k], rounds + 1
@@ -228,8 +235,11 @@ def _sweep(
     return TOO_MANY_STEPS, k
 
 
-ROUNDS, TIGHTER = 10, 5e-3
+ROUNDS, TIGHTER = 20, 5e-3
 """Largest number of sweeps, and a margin: each sweep tightens the rows where the last one exceeds a limit between knots."""
+LONGER, MUCH_LONGER = 1.1, 1.3
+"""Growth of the duration by tightening above which a smaller fraction of the limits may stop earlier, and above which the
+search ends: rows tightened on a motion that uses its limits leave the clock no room to brake."""
 QUICK_RAMP = 0.02
 """Fraction of a stop's duration in which b reaches its bound if there is no jerk limit."""
 STOP_AHEAD = 1.5
@@ -241,28 +251,30 @@ GAUSS = np.polynomial.legendre.leggauss(4)
 class BrakingMotion(NamedTuple):
     """The joints' motion while they brake, None if none was found, and the time of the running motion at which it ends.
 
-    The time is infinite if the running motion ends before the clock can reach its goal.
+    The time is infinite if the running motion ends before the clock can reach its goal. ``smooth`` is whether the sweep met
+    no dead end and was tightened little; if not, a smaller fraction of the limits may stop earlier.
     """
 
     motion: Trajectory | None
     end: float
+    smooth: bool
 
 
-NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0), BrakingMotion(None, np.inf)
+NONE_FOUND, ENDS_BEFORE = BrakingMotion(None, 0.0, False), BrakingMotion(None, np.inf, False)
 """No braking was found, or the running motion ends before it."""
 
 
 class Brake(NamedTuple):
     """A running motion, and the limits with which it brakes, each multiplied by its scale."""
 
-    course: Course
+    running: RunningMotion
     limits: MotionLimits
     scales: dict[str, float]
 
     @property
     def _kinds(self) -> list[Limit]:
         """The limits of second and third order."""
-        bounds = self.limits.bounds(self.course.robot.n)
+        bounds = self.limits.bounds(self.running.robot.n)
         chosen = (kind for kind in self.limits.kinds if kind.order > 1 and kind.name in self.scales)
         return [kind for kind in chosen if np.isfinite(bounds[kind.name]).any()]
 
@@ -271,35 +283,39 @@ class Brake(NamedTuple):
 
         It uses the fraction `share` of the limits, or as much as the running motion uses.
         """
-        left, (w, b) = self.course.end - t, clock
+        left, (w, b) = self.running.end - t, clock
         if w <= goal or left <= 0.0:
             return NONE_FOUND
         jerk, length = self._rough(t, clock)
-        cells, rounds = cells_of(self.course, self.limits, t, min(length, left), self.scales), 0
+        cells, rounds = cells_of(self.running, self.limits, t, min(length, left), self.scales), 0
+        first = np.inf
         out = np.zeros((4, MOST_SWEEP_STEPS + RAMP_STEPS + 2))
+        least = np.zeros((cells.x.size, CLOCK_RATES + 1))
         while rounds < ROUNDS:
-            least = np.zeros((cells.x.size, CLOCK_RATES + 1))
             end, count = sweep_clock(cells, (w, b, goal), share, jerk, least, out)
             if end == TOO_SHORT and length < left:
                 length, before = 2.0 * length, cells
-                cells = cells_of(self.course, self.limits, t, min(length, left), self.scales)
+                cells = cells_of(self.running, self.limits, t, min(length, left), self.scales)
                 cells.take(before)
+                least = np.zeros((cells.x.size, CLOCK_RATES + 1))
                 continue
             if end != AT_GOAL:
                 return ENDS_BEFORE if end == TOO_SHORT else NONE_FOUND
-            motion, stopped = _braking(self.course.trajectory, t, out[:, : count + 1])
-            rounds += 1
+            motion, stopped = _braking(self.running.trajectory, t, out[:, : count + 1])
+            rounds, first = rounds + 1, min(first, motion.end)
+            if motion.end > MUCH_LONGER * first:
+                return NONE_FOUND
             if not self._tighten(cells, motion, out[0, : count + 1], rounds):
-                return BrakingMotion(motion, stopped)
+                return BrakingMotion(motion, stopped, motion.end <= LONGER * first and bool(cells.soft.min() == 1.0))
         return NONE_FOUND
 
     def stop_time(self, t: float, clock: tuple[float, float]) -> float:
         """Return the approximate duration [s] of a stop from time t, with the limits that hold at t."""
-        return min(self._rough(t, clock)[1], self.course.end - t)
+        return min(self._rough(t, clock)[1], self.running.end - t)
 
     def _tighten(self, cells: Cells, motion: Trajectory, x: Array, rounds: int) -> bool:
         """Tighten the rows where the motion exceeds a limit inside its pieces; return whether it does."""
-        robot, more, done = self.course.robot, TIGHTER * rounds, False
+        robot, more, done = self.running.robot, TIGHTER * rounds, False
         analysis, bounds = MotionAnalysis(robot, motion), self.limits.bounds(robot.n)
         first = np.searchsorted(cells.x[1:], x[:-1] + 1e-9 * cells.x[-1])
         last = np.searchsorted(cells.x[1:], x[1:] - 1e-9 * cells.x[-1])
@@ -318,10 +334,11 @@ class Brake(NamedTuple):
 
     def _rough(self, t: float, clock: tuple[float, float]) -> tuple[float, float]:
         """Return the greatest |j|, and the part of the motion [s] that a stop needs, with the limits that hold at its start."""
-        left, (w, b) = self.course.end - t, clock
-        cells = cells_of(self.course, self.limits, t, 1e-3 * left, self.scales, 1)
+        left, (w, b) = self.running.end - t, clock
+        cells = cells_of(self.running, self.limits, t, 1e-3 * left, self.scales, 1)
         with np.errstate(divide="ignore"):
-            most = float((1.0 / np.abs(cells.node[0, 0, :, 0])).min(initial=np.inf))
+            p = cells.node[0, 0, :, 0]
+            most = float((np.where(p > 0.0, -cells.sides[0], cells.sides[1]) / np.abs(p)).min(initial=np.inf))
             jerk = float((1.0 / np.abs(cells.edge[0, 0, :, 0])).min(initial=np.inf))
         most = max(min(most, 1e15 * w * w / left), abs(b), 1e-100)
         quickest = most * most / (QUICK_RAMP * w)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.types import Array, Indices
-from planners.limits import MotionLimits, PathPoints
+from optik.types import Array, Flags, Indices
+from planners.limits import MotionLimits, PathPoints, sides
 from planners.trajectory import Trajectory
 
 CELLS_PER_PIECE = 2
@@ -20,8 +22,8 @@ NO_BOUND = 1e300
 """Value that stands for no bound."""
 
 
-class Course(NamedTuple):
-    """A running motion for the evaluation of limits: points of a curve of the robot's joints."""
+class RunningMotion(NamedTuple):
+    """A motion of the robot's joints while it runs: for the rows of limits a joint path whose parameter is the time."""
 
     robot: Robot
     trajectory: Trajectory
@@ -31,43 +33,65 @@ class Course(NamedTuple):
         """Return the duration of the motion [s]."""
         return self.trajectory.end
 
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return q or one of its derivatives in time (k, n)."""
+        return self.trajectory(t, order)
+
+
+class MotionPoints(PathPoints):
+    """Instants of a running motion."""
+
+    @cached_property
+    def twist(self) -> Array:
+        """Twists (k, 6) of the tool: (v, ω) [m/s, rad/s], linear first."""
+        return np.asarray(np.einsum("kij,kj->ki", self.joint_path.robot.jacobian(self.q()), self.q(1)))
+
 
 class Cells(NamedTuple):
     """A part of the motion, divided into cells, and the limits at both ends of each cell.
 
     ``x`` (k + 1,) are times from its start; ``last`` (k,) is the end of the piece with each cell; ``node`` (k, 2, m, 4)
-    coefficients of b, w², w and 1; ``edge`` (k, 2, e, 6) of j, w b, w³, w, b and w²: each value is limited to [−1, 1].
-    ``tight`` (2, k) are the factors of `tighten` on both so far; ``soft`` (k + 1,) are factors on the least b that avoid dead
-    ends.
+    coefficients of b, w², w and 1, each value limited to its ``sides`` (2, m), on both sides of 0; ``edge`` (k, 2, e, 6) of
+    j, w b, w³, w, b and w², each value limited to [−1, 1]. ``tight`` (2, k) are the factors of `tighten` on both so far;
+    ``soft`` (k + 1,) are factors on the least b that avoid dead ends; ``stale`` (k + 1,) are ends whose least b is unknown.
     """
 
     x: Array
     last: Indices
     node: Array
+    sides: Array
     edge: Array
     tight: Array
     soft: Array
+    stale: Flags
 
     def tighten(self, order: int, which: slice, factor: float) -> None:
         """Scale the rows of acceleration (order 2) or jerk (order 3) in some cells."""
         (self.node if order == 2 else self.edge)[which] *= factor
         self.tight[order - 2, which] *= factor
+        self.stale[which.start : which.stop + 1] = True
 
     def take(self, other: Cells) -> None:
         """Take over the factors of cells that cover a shorter part of this motion."""
         middle = 0.5 * (self.x[1:] + self.x[:-1])
-        for k in np.flatnonzero(middle < other.x[-1]):
-            i = int(np.searchsorted(other.x[1:], middle[k]))
-            for order in (2, 3):
-                self.tighten(order, slice(k, k + 1), other.tight[order - 2, i])
-            self.soft[k] = other.soft[i]
+        k = np.flatnonzero(middle < other.x[-1])
+        i = np.searchsorted(other.x[1:], middle[k])
+        for rows, factors, known in zip((self.node, self.edge), self.tight, other.tight, strict=True):
+            rows[k] *= known[i, None, None, None]
+            factors[k] *= known[i]
+        self.soft[k] = other.soft[i]
 
 
 def cells_of(
-    course: Course, limits: MotionLimits, t: float, length: float, scales: dict[str, float], least: int = LEAST_CELLS
+    motion: RunningMotion,
+    limits: MotionLimits,
+    t: float,
+    length: float,
+    scales: dict[str, float],
+    least: int = LEAST_CELLS,
 ) -> Cells:
     """Return the part of a motion from t on, divided at its knots, and its limits."""
-    knots = course.trajectory.knots
+    knots = motion.trajectory.knots
     inner = knots[(knots > t) & (knots < t + length)] - t
     inner = inner[np.diff(inner, prepend=0.0) > 1e-6 * length]
     x = np.concatenate([[0.0], inner[inner < (1.0 - 1e-6) * length], [length]])
@@ -77,20 +101,35 @@ def cells_of(
     x = np.append(x[which] + (np.diff(x) / parts)[which] * within, length)
     ends, middle = np.repeat(x, 2)[1:-1], t + 0.5 * (x[1:] + x[:-1])
     piece = np.repeat(piece_at(knots, middle), 2)
-    at = PathPoints(
-        course,  # type: ignore[arg-type]  # rows need only `robot` and `end` of a joint path
+    at = MotionPoints(
+        motion,  # type: ignore[arg-type]  # no path: the points have the twists
         t + ends,
-        derivatives_at(course.trajectory.padded, piece, t - knots[piece] + ends),
+        derivatives_at(motion.trajectory.padded, piece, t - knots[piece] + ends),
     )
-    bounds, rows = limits.bounds(course.robot.n), {2: np.empty((ends.size, 0, 4)), 3: np.empty((ends.size, 0, 6))}
+    bounds, rows = limits.bounds(motion.robot.n), {2: [np.empty((ends.size, 0, 4))], 3: [np.empty((ends.size, 0, 6))]}
+    centres = [np.empty(0)]
     for kind in limits.kinds:
         if kind.order > 1 and kind.name in scales and np.isfinite(bounds[kind.name]).any():
-            found, wide = kind.rows(at, bounds[kind.name]) / scales[kind.name], rows[kind.order]
-            padded = np.zeros((ends.size, found.shape[1], wide.shape[2]))
+            found = kind.rows(at, bounds[kind.name])
+            padded = np.zeros((ends.size, found.shape[1], rows[kind.order][0].shape[2]))
             padded[..., : found.shape[2]] = found
-            rows[kind.order] = np.concatenate([wide, padded], axis=1)
-    node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in rows.values())
-    return Cells(x, last[which], node, edge, np.ones((2, x.size - 1)), np.ones(x.size))
+            if kind.order == 2:  # rows of a pair are 0 in its middle
+                centre = _centre_of(bounds[kind.name])
+                centres.append(np.tile(centre, found.shape[1] // centre.size))
+                padded[..., 3] += centres[-1]
+            rows[kind.order].append(padded / scales[kind.name])
+    node, edge = (np.concatenate(each, axis=1) for each in rows.values())
+    node, edge = (each.reshape(x.size - 1, 2, *each.shape[1:]) for each in (node, edge))
+    rooms = np.concatenate(centres) + np.array([[-1.0], [1.0]])
+    return Cells(
+        x, last[which], node, rooms, edge, np.ones((2, x.size - 1)), np.ones(x.size), np.ones(x.size, dtype=bool)
+    )
+
+
+def _centre_of(bound: Array) -> Array:
+    """Return the middle of a bound (n,), over half of its width."""
+    lower, upper = (np.where(np.isinf(side), side / np.abs(side), side) for side in sides(bound))
+    return np.asarray((lower + upper) / (upper - lower))
 
 
 def piece_at(knots: Array, t: Array) -> Indices:
@@ -118,10 +157,11 @@ def _evaluate(c: Array, piece: Indices, u: Array, out: Array) -> None:
 
 
 @compiled
-def _sides(known: float, share: float) -> tuple[float, float]:
-    """Return the sides of a row: the fraction `share`, or the motion's own value plus half of the remaining range."""
-    used = max(share, abs(known), 0.5 + 0.5 * min(abs(known), 1.0))
-    return (-used if known < 0.0 else -share), (used if known > 0.0 else share)
+def _used_sides(known: float, lower: float, upper: float, share: float) -> tuple[float, float]:
+    """Return the used sides of a row: the fraction `share`, or the motion's own value plus half of the remaining range."""
+    ratio = known / lower if known < 0.0 else known / upper
+    used = max(share, ratio, 0.5 + 0.5 * min(ratio, 1.0))
+    return lower * (used if known < 0.0 else share), upper * (used if known > 0.0 else share)
 
 
 @compiled
@@ -138,7 +178,7 @@ def lines_at(
         c2 = (1.0 - part) * R[i, 0, m, 2] + part * R[i, 1, m, 2]
         c3 = (1.0 - part) * R[i, 0, m, 3] + part * R[i, 1, m, 3]
         known = w * (c1 * w + c2) + c3
-        down, up = _sides(known, share)
+        down, up = _used_sides(known, cells.sides[0, m], cells.sides[1, m], share)
         one, other = (down - known) / p, (up - known) / p
         low, high = max(low, min(one, other)), min(high, max(one, other))
     line[0, 0], line[1, 0], line[2, 0] = 0.0, jerk, 0.0
@@ -153,7 +193,7 @@ def lines_at(
         c4 = (1.0 - part) * E[i, 0, e, 4] + part * E[i, 1, e, 4]
         c5 = (1.0 - part) * E[i, 0, e, 5] + part * E[i, 1, e, 5]
         known = w * (c2 * w * w + c3 + c5 * w)
-        down, up = _sides(known, share)
+        down, up = _used_sides(known, -1.0, 1.0, share)
         line[0, n], line[1, n], line[2, n] = (
             (0.5 * (down + up) - known) / p,
             0.5 * (up - down) / abs(p),
@@ -176,6 +216,9 @@ def jerks_at(line: Array, n: int, b: float) -> tuple[float, float]:
 @compiled
 def least_acceleration(line: Array, n: int, low: float) -> float:
     """Return the least b ≥ `low` at which some j is allowed; each pair of lines bounds b (Fourier–Motzkin elimination)."""
+    least, most = jerks_at(line, n, low)
+    if least <= most:
+        return low
     for e in range(n):
         for f in range(e):
             d, off, room = line[2, e] - line[2, f], line[0, e] - line[0, f], line[1, e] + line[1, f]
@@ -188,14 +231,22 @@ CLOCK_RATES = 8
 """Number of clock rates for which the least b is found."""
 BISECTIONS = 7
 """Number of bisections of the interval of b in that search."""
+SAME_BOUND = 1e-6
+"""Relative change of a least b below which those before it are not computed again."""
 
 
 @compiled
-def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -> None:
-    """Fill in the least b (k + 1, CLOCK_RATES + 1) from which b = 0 is reached, at the cells' ends, for rates up to `top`."""
+def find_viable(cells: Cells, top: float, share: float, jerk: float, least: Array) -> None:
+    """Update the least b (k + 1, CLOCK_RATES + 1) from which b = 0 is reached, at the cells' ends, for rates up to `top`.
+
+    Only at the ends that are stale, and before those whose least b changes.
+    """
     line, after = np.empty((2, 3, 2 * cells.edge.shape[2] + 2))
-    last = cells.x.shape[0] - 1
+    last, changes = cells.x.shape[0] - 1, False
     for i in range(last, -1, -1):
+        if not (cells.stale[i] or changes):
+            continue
+        changes, cells.stale[i] = False, False
         cell, part = (i, 0.0) if i < last else (i - 1, 1.0)
         for r in range(1, CLOCK_RATES + 1):
             w = top * r / CLOCK_RATES
@@ -214,7 +265,9 @@ def viable(cells: Cells, top: float, share: float, jerk: float, least: Array) ->
                     else:
                         low = b
                 low = high
-            least[i, r] = low * cells.soft[i]
+            low *= cells.soft[i]
+            changes |= abs(low - least[i, r]) > SAME_BOUND * abs(low)
+            least[i, r] = low
 
 
 @compiled

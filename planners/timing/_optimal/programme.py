@@ -11,7 +11,7 @@ from optik.errors import NoSolution
 from optik.types import Array
 from planners.curve import find_times
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes
+from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes, sides
 from planners.timing import _sweep
 from planners.timing._optimal import reach
 from planners.timing._optimal.newton import Problem
@@ -64,6 +64,7 @@ def moving_programme(
 ) -> Programme | None:  # fmt: skip
     """Return the programme from a moving state to rest at a path parameter."""
     bound = limits.arrays(joint_path.robot.n)
+    lower, upper = sides(limits.bounds(joint_path.robot.n)["acceleration"])
     begin, first = state.s, state.speed
     s = joint_path.path.grid(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
@@ -71,11 +72,13 @@ def moving_programme(
         s = np.linspace(begin, end, START_PER_PIECE + 1)
     x, t = np.empty(s.size), np.empty(s.size)
     _, q1, q2, q3 = derivatives(joint_path, s)
-    peak, acceleration, ramp = _ramps(joint_path, bound, q1, s)
+    braking = np.where(q1 > 0.0, -lower, upper).max(axis=0)  # whatever the other side allows
+    peak, most, ramp = _ramps(joint_path, bound | {"acceleration": braking}, q1, s)
+    usable = -np.minimum(-lower, most), np.minimum(upper, most)
     with np.errstate(divide="ignore"):
         speed = np.fmin(speed_bound(joint_path, limits, s), (peak / np.abs(q1)).min(axis=1))
         speed = np.fmin(speed, STEADY * np.cbrt(bound["jerk"] / np.abs(q3)).min(axis=1))
-    if not reach.find_fastest(s, q1, q2, speed, acceleration, first * first, x):
+    if not reach.find_fastest(s, q1, q2, speed, usable, first * first, x):
         return None
     reach.compute_times(s, x, t)
     width = max(ramp, SMOOTHEST * float(t[-1]))

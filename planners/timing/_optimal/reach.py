@@ -15,27 +15,30 @@ from optik.types import Array
 
 
 @compiled
-def _room(q1: Array, q2: Array, bound: Array, x: float) -> tuple[float, float]:
+def _room(q1: Array, q2: Array, bound: tuple[Array, Array], x: float) -> tuple[float, float]:
     """Return the least and the greatest s̈ that the joints allow at x = ṡ²; least > greatest if none."""
     low, high = -1e300, 1e300
     for i in range(q1.shape[0]):
-        if bound[i] == np.inf:
+        down, up = bound[0][i], bound[1][i]
+        if up == np.inf:
             continue
-        if abs(q1[i]) * 1e12 < bound[i] and abs(q1[i]) < 1e-12:
-            if abs(q2[i]) * x > bound[i]:
+        if abs(q1[i]) * 1e12 < min(-down, up) and abs(q1[i]) < 1e-12:
+            if not down <= q2[i] * x <= up:
                 return 1.0, -1.0
             continue
-        a, b = (-bound[i] - q2[i] * x) / q1[i], (bound[i] - q2[i] * x) / q1[i]
+        a, b = (down - q2[i] * x) / q1[i], (up - q2[i] * x) / q1[i]
         low, high = max(low, min(a, b)), min(high, max(a, b))
     return low, high
 
 
 @compiled
-def find_fastest(s: Array, q1: Array, q2: Array, speed: Array, bound: Array, first: float, x: Array) -> bool:
+def find_fastest(
+    s: Array, q1: Array, q2: Array, speed: Array, bound: tuple[Array, Array], first: float, x: Array
+) -> bool:
     """Compute the greatest x = ṡ² from a speed to rest, under bounds on q̈ and on ṡ; return whether the first speed is feasible.
 
-    Shapes and units: s (k,) [m, rad], q1, q2 (k, n) [as q over powers of s], speed (k,) [m/s, rad/s], bound (n,)
-    [rad/s², m/s²], x (k,) [m²/s², rad²/s²].
+    Shapes and units: s (k,) [m, rad], q1, q2 (k, n) [as q over powers of s], speed (k,) [m/s, rad/s], bound: the
+    lower and the upper side (n,) [rad/s², m/s²], x (k,) [m²/s², rad²/s²].
     """
     k = s.shape[0]
     x[k - 1] = 0.0
