@@ -24,7 +24,7 @@ from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
-from planners.paths._spline import DEGREE, Spline
+from planners.paths._spline import Spline
 from planners.paths._waypoints import read_joint_waypoints
 from planners.paths.base import Path, fields
 
@@ -128,7 +128,8 @@ class PointToPoint(Path):
         if not legs.min() > SHORTEST_LEG:
             i = int(legs.argmin())
             raise InvalidInput("points", f"point {i} equal to the one before it", "points that differ in joint space")
-        s = np.append(0.0, np.cumsum(legs))
+        s = np.append(0.0, np.cumsum(np.sqrt(legs)))
+        s *= legs.sum() / s[-1]
         poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(given, q[1:], strict=True)]
         self.vias = tuple(
             Via(float(at), x, se3.nearest_pose(pose), point.tolerance)
@@ -224,11 +225,10 @@ class PointToPoint(Path):
         s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
         at = s[np.cumsum([len(leg) - 1 for leg in legs])]
         spline = Spline(float(s[-1]), 0, inner)
-        greville = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(spline.count)])
         path = object.__new__(PointToPoint)
         path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
         path.vias = tuple(via._replace(s=float(x)) for via, x in zip(self.vias, at[:-1], strict=True))
-        path.coefficients = np.stack([np.interp(greville, s, x) for x in corners.T], axis=1)
+        path.coefficients = np.stack([np.interp(spline.greville, s, x) for x in corners.T], axis=1)
         return path
 
     @property
