@@ -1,4 +1,4 @@
-"""Configurations of points on the way: branches and windings of poses, chosen together for the shortest line through all points."""
+"""Configurations of points on the way: branches and windings of poses that make the line through all points short."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from optik.ik._problem import check_start
 from optik.types import Array, Flags
 
 SEEDS, IDLE_SEEDS = 2000, 250
-"""Most random initial guesses for the roots of a pose, and how many in a row without a new root end the search. It misses a root
-to which a fraction p of the guesses leads with probability (1 − p)²⁵⁰: 0.6 % for p = 0.02."""
+"""Most random initial guesses for the roots of a pose, and how many in a row without a new root end the search. It misses a
+root to which a fraction p of the guesses leads with probability (1 − p)²⁵⁰: 0.6 % for p = 0.02."""
 MOST_ROOTS = 64
 """Roots that end the search: a redundant arm, or a singular pose, has infinitely many."""
 MISSED = 1e-9
@@ -29,7 +29,7 @@ MOST_WINDINGS = 2000
 LENGTH_ROUNDING = 1e-9
 """Rounding error of a length [rad, m]."""
 SWEEPS, LEAST_SHORTENING = 30, 1e-4
-"""Most sweeps along the null spaces of the chosen configurations, and the fraction of the length below which the next is omitted."""
+"""Most sweeps along the null spaces of the chosen configurations, and the fraction of the length that the next one must gain."""
 
 
 def choose_configurations(
@@ -96,7 +96,7 @@ def _turns(robot: Robot) -> Flags:
 def _choose_between(
     robot: Robot, poses: dict[str, Array], ends: tuple[Array, Array | None], usable: Callable[[Array], Flags] | None
 ) -> Array:  # fmt: skip
-    """Return one configuration for each pose (k, n) on the shortest line from a configuration to another one, or to the last pose."""
+    """Return one configuration for each pose (k, n) on the shortest line between two configurations, or to the last pose."""
     layers, (start, goal) = list[Array](), ends
     for which, pose in poses.items():
         found = find_configurations(robot, pose, np.array([x for x in ends if x is not None]), which)
@@ -136,13 +136,14 @@ def _find_shortest(robot: Robot, layers: list[Array], start: Array, goal: Array 
 
 
 def _expand(robot: Robot, layer: Array, start: Array, goal: Array | None, most: float) -> Array:
-    """Return configurations (k, n) with all windings inside the limits through which a line of a length leads from start to goal."""
+    """Return all windings (k, n) inside the limits through which a line of a length leads from start to goal."""
     lower, upper, turn = robot.limits.lower, robot.limits.upper, 2.0 * np.pi
     rows, done = layer, ~_turns(robot)
     for j in [None, *np.flatnonzero(~done)]:
         if j is not None:
-            low, high = max(lower[j] - LIMIT_TOLERANCE, start[j] - most), min(upper[j] + LIMIT_TOLERANCE, start[j] + most)
-            first, last = np.ceil((low - rows[:, j]) / turn), np.floor((high - rows[:, j]) / turn)
+            low, high = max(lower[j], start[j] - most), min(upper[j], start[j] + most)
+            first = np.ceil((low - LIMIT_TOLERANCE - rows[:, j]) / turn)
+            last = np.floor((high + LIMIT_TOLERANCE - rows[:, j]) / turn)
             count = np.maximum(last - first + 1.0, 0.0).astype(np.int64)
             number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
             turns = np.repeat(first, count) + number

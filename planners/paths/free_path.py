@@ -356,7 +356,7 @@ def free(
         The given path of tool poses.
     coefficients : int, optional
         Coefficients of each coordinate's spline; by default 8, or 3 for each segment of the path if these are more, but at most
-        a third of the grid points of the timing.
+        a third of the grid points of the timing. Around obstacles up to 5 times as many are tried where these find no motion.
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int

@@ -82,9 +82,11 @@ class Via(NamedTuple):
 class PointToPoint(Path):
     """Joint path from a configuration to a goal, through via points that are passed without a stop.
 
-    q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the smoothest curve through the via
-    points. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s is the length of the
-    line through the via points in joint space. The control points stay inside the joint limits, so the path does.
+    q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the curve through the via points with
+    the least ∫ |q''|² ds. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s ends
+    at the length of the line through the points in joint space. Between two points it grows with the square root of their distance
+    (centripetal), so a short leg between long ones does not make the curve overshoot. The control points stay inside the joint
+    limits, so the path does.
 
     Parameters
     ----------
@@ -93,8 +95,8 @@ class PointToPoint(Path):
     q_start : (n,) array
         Configuration at the start [rad, m].
     *points : ViaPoint, (n,) or (4, 4) array
-        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits with the
-        least joint motion over all points are chosen.
+        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits are
+        chosen for which the line through all points is the shortest in joint space.
     usable : callable, optional
         Says which of configurations (k, n) may be chosen for a pose; by default all. If none may, all may.
 
