@@ -21,7 +21,7 @@ SEEDS, IDLE_SEEDS = 2000, 250
 """Most random initial guesses for the roots of a pose, and how many in a row without a new root end the search. It misses a
 root to which a fraction p of the guesses leads with probability (1 − p)²⁵⁰: 0.6 % for p = 0.02."""
 MOST_ROOTS = 64
-"""Roots that end the search: a redundant arm, or a singular pose, has infinitely many."""
+"""Roots from random guesses that end the search: a redundant arm, or a singular pose, has infinitely many."""
 MISSED = 1e-9
 """Largest distance of the joints from a via configuration that is passed exactly [rad, m], and error of a pose [m, rad]."""
 MOST_WINDINGS = 2000
@@ -29,7 +29,7 @@ MOST_WINDINGS = 2000
 LENGTH_ROUNDING = 1e-9
 """Rounding error of a length [rad, m]."""
 SWEEPS, LEAST_SHORTENING = 30, 1e-4
-"""Most sweeps along the null spaces of the chosen configurations, and the fraction of the length that the next one must gain."""
+"""Most sweeps along the null spaces of the chosen configurations, and the fraction of the length that each must gain."""
 
 
 def choose_configurations(
@@ -48,7 +48,10 @@ def choose_configurations(
 
 
 def find_configurations(robot: Robot, pose: Array, before: Array, which: str) -> Array:
-    """Return different configurations (k, n) of a pose inside the limits, each with the winding nearest to the point before."""
+    """Return different configurations (k, n) of a pose inside the limits, from given initial guesses (m, n) and random ones.
+
+    Each has the winding that is nearest to the first guess.
+    """
     target, bounds = se3.nearest_pose(pose), (robot.limits.lower, robot.limits.upper)
     moving = bounds[0] < bounds[1]
     if moving.sum() <= 6:  # a redundant arm has roots everywhere: they are searched inside the limits
@@ -56,7 +59,7 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
         for bound in bounds:
             bound.flags.writeable = False  # as those of the limits: kernels are compiled once
     seeds = np.concatenate([before, robot.limits.sample(np.random.default_rng(0), SEEDS)])
-    roots = np.empty((MOST_ROOTS, robot.n))
+    roots = np.empty((MOST_ROOTS + len(before), robot.n))
     count, _steps = enumerate_roots(
         robot.chain, bounds, target, (MISSED, MISSED), seeds, POLISHING_STEPS, roots, IDLE_SEEDS
     )
@@ -99,7 +102,8 @@ def _choose_between(
     """Return one configuration for each pose (k, n) on the shortest line between two configurations, or to the last pose."""
     layers, (start, goal) = list[Array](), ends
     for which, pose in poses.items():
-        found = find_configurations(robot, pose, np.array([x for x in ends if x is not None]), which)
+        near = layers[-1][np.linalg.norm(layers[-1] - start, axis=1).argsort()[:MOST_ROOTS]] if layers else []
+        found = find_configurations(robot, pose, np.array([*(x for x in ends if x is not None), *near]), which)
         may = np.ones(len(found), np.bool_) if usable is None else usable(found)
         layers.append(found[may] if may.any() else found)
     if not layers:

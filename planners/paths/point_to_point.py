@@ -84,9 +84,9 @@ class PointToPoint(Path):
 
     q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the curve through the via points with
     the least ∫ |q''|² ds. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s ends
-    at the length of the line through the points in joint space. Between two points it grows with the square root of their distance
-    (centripetal), so a short leg between long ones does not make the curve overshoot. The control points stay inside the joint
-    limits, so the path does.
+    at the length of the line through the points in joint space. Between two points it grows with the square root of their
+    distance (centripetal), so a short leg between long ones does not make the curve overshoot. The control points stay inside
+    the joint limits, so the path does.
 
     Parameters
     ----------
