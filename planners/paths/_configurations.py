@@ -17,14 +17,14 @@ from optik.ik._closed_form.roots import LIMIT_BAND, POLISHING_STEPS, enumerate_r
 from optik.ik._problem import check_start
 from optik.types import Array, Flags
 
-SEEDS, IDLE_SEEDS = 2000, 250
+ROOT_GUESSES, IDLE_GUESSES = 2000, 250
 """Most random initial guesses for the roots of a pose, and how many in a row without a new root end the search. It misses a
 root to which a fraction p of the guesses leads with probability (1 − p)²⁵⁰: 0.6 % for p = 0.02."""
-MOST_ROOTS = 64
+ENOUGH_SAMPLES = 64
 """Roots from random guesses that end the search: a redundant arm, or a singular pose, has infinitely many."""
 MISSED = 1e-9
 """Largest distance of the joints from a via configuration that is passed exactly [rad, m], and error of a pose [m, rad]."""
-MOST_WINDINGS = 2000
+MOST_WOUND = 2000
 """Most configurations of a pose, windings included, among which the line is chosen: those nearest to the fixed points."""
 LENGTH_ROUNDING = 1e-9
 """Rounding error of a length [rad, m]."""
@@ -58,10 +58,10 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
         bounds = np.where(moving, -np.inf, bounds[0]), np.where(moving, np.inf, bounds[1])
         for bound in bounds:
             bound.flags.writeable = False  # as those of the limits: kernels are compiled once
-    seeds = np.concatenate([before, robot.limits.sample(np.random.default_rng(0), SEEDS)])
-    roots = np.empty((MOST_ROOTS + len(before), robot.n))
+    seeds = np.concatenate([before, robot.limits.sample(np.random.default_rng(0), ROOT_GUESSES)])
+    roots = np.empty((ENOUGH_SAMPLES + len(before), robot.n))
     count, _steps = enumerate_roots(
-        robot.chain, bounds, target, (MISSED, MISSED), seeds, POLISHING_STEPS, roots, IDLE_SEEDS
+        robot.chain, bounds, target, (MISSED, MISSED), seeds, POLISHING_STEPS, roots, IDLE_GUESSES
     )
     found = _find_inside(robot, target, roots[:count], before[0])
     if not len(found):
@@ -69,7 +69,7 @@ def find_configurations(robot: Robot, pose: Array, before: Array, which: str) ->
         found = _find_inside(robot, target, solved.q[None] if solved else roots[:0], before[0])
     if not len(found):
         raise NoSolution(
-            f"no configuration inside the limits reaches the pose of {which}, from {SEEDS} initial guesses",
+            f"no configuration inside the limits reaches the pose of {which}, from {ROOT_GUESSES} initial guesses",
             advice="a pose within reach; optik.solve_ik with closest=True returns the nearest pose",
         )
     return found
@@ -102,7 +102,7 @@ def _choose_between(
     """Return one configuration for each pose (k, n) on the shortest line between two configurations, or to the last pose."""
     layers, (start, goal) = list[Array](), ends
     for which, pose in poses.items():
-        near = layers[-1][np.linalg.norm(layers[-1] - start, axis=1).argsort()[:MOST_ROOTS]] if layers else []
+        near = layers[-1][np.linalg.norm(layers[-1] - start, axis=1).argsort()[:ENOUGH_SAMPLES]] if layers else []
         found = find_configurations(robot, pose, np.array([*(x for x in ends if x is not None), *near]), which)
         may = np.ones(len(found), np.bool_) if usable is None else usable(found)
         layers.append(found[may] if may.any() else found)
@@ -156,7 +156,7 @@ def _expand(robot: Robot, layer: Array, start: Array, goal: Array | None, most: 
             done[j] = True
         length = np.linalg.norm((rows - start)[:, done], axis=1)
         length = length if goal is None else length + np.linalg.norm((rows - goal)[:, done], axis=1)
-        near = np.argsort(length, kind="stable")[:MOST_WINDINGS]
+        near = np.argsort(length, kind="stable")[:MOST_WOUND]
         rows = rows[near[length[near] <= most]]
     return np.asarray(robot.limits.clip(rows))
 

@@ -116,7 +116,18 @@ class FreePath(Path):
                 raise InvalidInput("coefficients", at, f"{one.allowed[0]:.6g} to {one.allowed[1]:.6g}")
 
     def with_count(self, count: int) -> FreePath:
-        """Return the path with another number of coefficients, which are inside the convex hull of the present ones."""
+        """Return the path with another number of coefficients, inside the convex hull of the present ones.
+
+        Parameters
+        ----------
+        count : int
+            Coefficients of each coordinate.
+
+        Returns
+        -------
+        FreePath
+            The path, nearly the same; without null-space coordinates.
+        """
         spline = Spline(self.end, count)
         coefficients = [np.interp(spline.greville, self.spline.greville, x) for x in self.coefficients.T]
         return self._copy(count, np.reshape(coefficients, (len(coefficients), count)).T, None)
