@@ -79,6 +79,11 @@ class Spline:
         """The distinct knots."""
         return self.knots[DEGREE : self.count + 1]
 
+    @cached_property
+    def greville(self) -> Array:
+        """The parameters of the control points (count,), means of knots: control points of a line at them are on it."""
+        return np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.count)])
+
     def basis(self, s: Array) -> Basis:
         """Return the basis functions and their first three derivatives, by de Boor's recursion."""
         span = np.clip(np.searchsorted(self.knots, s, side="right") - 1, DEGREE, self.count - 1)
@@ -114,19 +119,18 @@ class Spline:
         return np.concatenate([values[:1], inner, values[-1:]])
 
     def interpolate(self, s: Array, q: Array) -> Array:
-        """Return the control points (C, n) of the line, or of the curve with the least ∫ |q'''|² ds, through values at s."""
+        """Return the control points (C, n) of the line, or of the curve with the least ∫ |q''|² ds, through values at s."""
         C = self.count
-        if len(s) == 2:  # at the means of the knots (Greville), control points of a line are on it
-            at = np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(C)])
-            return np.asarray(q[0] + at[:, None] / self.end * (q[1] - q[0]))
+        if len(s) == 2:
+            return np.asarray(q[0] + self.greville[:, None] / self.end * (q[1] - q[0]))
         u, width = (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1), np.diff(self.breaks)
         at = (self.breaks[:-1, None] + width[:, None] * u).ravel()
         basis, through = self.basis(at), self.basis(s)
-        third, A = np.zeros((at.size, C)), np.zeros((s.size, C))
+        bend, A = np.zeros((at.size, C)), np.zeros((s.size, C))
         weights = np.sqrt(np.repeat(width, u.size))[:, None]
-        np.put_along_axis(third, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 3], axis=1)
+        np.put_along_axis(bend, basis.first[:, None] + np.arange(DEGREE + 1), weights * basis.values[:, 2], axis=1)
         np.put_along_axis(A, through.first[:, None] + np.arange(DEGREE + 1), through.values[:, 0], axis=1)
-        H = third.T @ third * self.end**5
+        H = bend.T @ bend * self.end**3
         system = np.block([[H, A.T], [A, np.zeros((s.size, s.size))]])
         found = np.linalg.solve(system, np.concatenate([np.zeros((C, q.shape[1])), q]))[:C]
         found[[0, -1]] = q[[0, -1]]  # to the last bit; `move_inside` removes the rounding error of the other values

@@ -115,6 +115,23 @@ class FreePath(Path):
                 at = f"{one.reached[0]:.6g} to {one.reached[1]:.6g} {one.unit} for {one.name}"
                 raise InvalidInput("coefficients", at, f"{one.allowed[0]:.6g} to {one.allowed[1]:.6g}")
 
+    def with_count(self, count: int) -> FreePath:
+        """Return the path with another number of coefficients, inside the convex hull of the present ones.
+
+        Parameters
+        ----------
+        count : int
+            Coefficients of each coordinate.
+
+        Returns
+        -------
+        FreePath
+            The path, nearly the same; without null-space coordinates.
+        """
+        spline = Spline(self.end, count)
+        coefficients = [np.interp(spline.greville, self.spline.greville, x) for x in self.coefficients.T]
+        return self._copy(count, np.reshape(coefficients, (len(coefficients), count)).T, None)
+
     def with_coefficients(self, coefficients: Array, null_space: NullSpace | None) -> FreePath:
         """Return the path with other coefficients of its coordinates.
 
@@ -130,10 +147,16 @@ class FreePath(Path):
         FreePath
             The path.
         """
-        return FreePath(
-            self.given, self.bounds, count=self.spline.count, hold_start=self.hold_start, starts=self.starts,
-            coefficients=coefficients, null_space=null_space,
+        return self._copy(self.spline.count, coefficients, null_space)
+
+    def _copy(self, count: int, coefficients: Array, null_space: NullSpace | None) -> FreePath:
+        """Return the path with other coefficients (count, d)."""
+        path = FreePath(
+            self.given, self.bounds, count=count, hold_start=self.hold_start, starts=self.starts, coefficients=coefficients,
+            null_space=null_space,
         )  # fmt: skip
+        path.counts_itself = self.counts_itself
+        return path
 
     @property
     def end(self) -> float:
@@ -344,7 +367,7 @@ def free(
         The given path of tool poses.
     coefficients : int, optional
         Coefficients of each coordinate's spline; by default 8, or 3 for each segment of the path if these are more, but at most
-        a third of the grid points of the timing.
+        a third of the grid points of the timing. Around obstacles up to 5 times as many are tried where these find no motion.
     hold_start : bool
         Whether a ``q_start`` of the plan is the start of the motion; else only its branch and first guess.
     starts : int

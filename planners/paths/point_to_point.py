@@ -24,7 +24,7 @@ from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
-from planners.paths._spline import DEGREE, Spline
+from planners.paths._spline import Spline
 from planners.paths._waypoints import read_joint_waypoints
 from planners.paths.base import Path, check_arm, fields
 
@@ -82,9 +82,11 @@ class Via(NamedTuple):
 class PointToPoint(Path):
     """Joint path from a configuration to a goal, through via points that are passed without a stop.
 
-    q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the smoothest curve through the via
-    points. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s is the length of the
-    line through the via points in joint space. The control points stay inside the joint limits, so the path does.
+    q(s) is a B-spline of degree 5. At first it is the straight line in joint space, or the curve through the via points with
+    the least ∫ |q''|² ds. A plan with the law ``optimal`` chooses its shape together with the timing (`Plan.freedom`). s ends
+    at the length of the line through the points in joint space. Between two points it grows with the square root of their
+    distance (centripetal), so a short leg between long ones does not make the curve overshoot. The control points stay inside
+    the joint limits, so the path does.
 
     Parameters
     ----------
@@ -93,8 +95,8 @@ class PointToPoint(Path):
     q_start : (n,) array
         Configuration at the start [rad, m].
     *points : ViaPoint, (n,) or (4, 4) array
-        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits with the
-        least joint motion over all points are chosen.
+        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits are
+        chosen for which the line through all points is the shortest in joint space.
     usable : callable, optional
         Says which of configurations (k, n) may be chosen for a pose; by default all. If none may, all may.
 
@@ -128,7 +130,8 @@ class PointToPoint(Path):
         if not legs.min() > SHORTEST_LEG:
             i = int(legs.argmin())
             raise InvalidInput("points", f"point {i} equal to the one before it", "points that differ in joint space")
-        s = np.append(0.0, np.cumsum(legs))
+        s = np.append(0.0, np.cumsum(np.sqrt(legs)))
+        s *= legs.sum() / s[-1]
         poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(given, q[1:], strict=True)]
         self.vias = tuple(
             Via(float(at), x, se3.nearest_pose(pose), point.tolerance)
@@ -224,11 +227,10 @@ class PointToPoint(Path):
         s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
         at = s[np.cumsum([len(leg) - 1 for leg in legs])]
         spline = Spline(float(s[-1]), 0, inner)
-        greville = np.array([spline.knots[i + 1 : i + DEGREE + 1].mean() for i in range(spline.count)])
         path = object.__new__(PointToPoint)
         path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
         path.vias = tuple(via._replace(s=float(x)) for via, x in zip(self.vias, at[:-1], strict=True))
-        path.coefficients = np.stack([np.interp(greville, s, x) for x in corners.T], axis=1)
+        path.coefficients = np.stack([np.interp(spline.greville, s, x) for x in corners.T], axis=1)
         return path
 
     @property

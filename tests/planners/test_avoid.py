@@ -15,6 +15,7 @@ from optik.types import Array
 from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
 from planners.cell.view._data import describe_show
 from planners.cell.view.show import show_motion
+from planners.paths.free_path import FreePath
 from planners.timing._free import avoid
 from planners.timing._free.choose import Choice, JointChoice
 from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
@@ -323,6 +324,28 @@ def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
             t = np.linspace(0.0, found.trajectory.duration, 2001)
             assert find_nearest_pairs(robot, scene, found.trajectory(t))[0].min() > 0.0
     assert solved >= 3
+
+
+def test_more_coefficients_are_tried_where_the_default_ones_find_no_way_between_balls() -> None:
+    robot, q = panda(), np.array([0.044, -0.557, -0.278, -2.443, 0.03, 1.67, 0.716])
+    T, balls = robot.fk(q), [(0.327, -0.183, 0.610, 0.0125), (0.523, -0.229, 0.530, 0.0719)]
+    goal = T.copy()
+    goal[:3, 3] += [0.087, -0.214, 0.169]
+    balls += [(0.449, -0.057, 0.473, 0.0501), (0.304, -0.216, 0.783, 0.0401)]
+    scene = Scene(spheres=[(np.array(ball[:3]), ball[3]) for ball in balls], margin=1e-3)
+
+    def planned(count: int | None) -> Plan:
+        freed = free(Line(T, goal), elbow=True, turn=(-1.0, 1.0), tilt=0.3, coefficients=count)
+        return plan(robot, freed, q, limits=LIMITS, scene=scene, avoid=True, timing=Optimal(intervals=40))
+
+    assert planned(8).status is PlanStatus.CONTACT
+    assert planned(12)
+    found = planned(None)
+    assert found
+    assert isinstance(found.path, FreePath)
+    assert found.path.spline.count == 12
+    t = np.linspace(0.0, found.trajectory.duration, 2001)
+    assert find_nearest_pairs(robot, scene, found.trajectory(t))[0].min() > 0.0
 
 
 def test_a_cut_that_asks_for_too_little_room_is_found_by_the_certificate(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -158,39 +158,52 @@ def choose_around(
 ) -> tuple[P, FreedomResult, int]:
     """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
 
-    Every round starts from its initial path: from a path inside an obstacle no way leads out.
+    Every round starts from its initial path: from a path inside an obstacle no way leads out. Where nothing valid is found,
+    more coefficients are tried if their number was not given.
     """
-    best, path, s, tried, rounds, steps = fixed, choice.initial, choice.optimum.programme.s, 0, 0, 0
-    for p, near in itertools.chain(choice.guesses(), choice.swings()):
-        if best and tried >= ENOUGH_GUESSES:
-            break
-        tried, pushed = tried + 1, push_out(choice, scene, p, near)
-        if pushed is None:
-            continue
-        p, near = pushed
-        cuts = Cuts(choice.robot, scene, near[0])
-        for _ in range(MOST_CUTS):
-            programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
-            solution, rounds = solve(programme, p, choice.bounds, near, damping=choice.damping), rounds + 1
-            if solution is None:
+    best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
+    for finer in itertools.chain([choice], choice.refine()):
+        before = tried
+        for p, near in itertools.chain(finer.guesses(), finer.swings()):
+            if best and tried - before >= ENOUGH_GUESSES:
                 break
-            steps += solution.steps
-            if cuts.add_touched(_between(solution.path, s)):
+            tried, pushed = tried + 1, push_out(finer, scene, p, near)
+            if pushed is None:
                 continue
-            chosen = choice.path_of(solution.p)
-            found = plan_along(chosen, solution.path[0, 0])
-            if found:
-                if not best or found.trajectory.duration < best.trajectory.duration:
-                    best, path = found, chosen
-                break
-            if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
-                break
-            proof, t = found.certificate, found.certificate.clearance.nearest.time
-            cuts.add_failed(found.trajectory(t), float(np.interp(t, proof.binding.t, proof.binding.s)), s)
-        if not best:
-            found = plan_along(choice.path_of(p), near[0, 0])
-            if found:
-                best, path = found, choice.path_of(p)
+            found, chosen, spent = _clear(finer, scene, pushed, plan_along)
+            rounds, steps = rounds + spent[0], steps + spent[1]
+            if not (best or found):
+                chosen = finer.path_of(pushed[0])
+                found = plan_along(chosen, pushed[1][0, 0])
+            if found and (not best or found.trajectory.duration < best.trajectory.duration):
+                best, path = found, chosen
+        if best:
+            break
     outcome = "the initial path: no other is proved and shorter in time" if best is fixed else "chosen"
     duration = fixed.trajectory.duration if fixed else best.trajectory.duration
     return best, report(path, duration, best, outcome, np.nan, tried, steps), rounds
+
+
+def _clear(
+    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P]
+) -> tuple[P | None, FreePath | PointToPoint, tuple[int, int]]:  # fmt: skip
+    """Return the fastest plan from a free initial path or None if none is valid, its path, and the rounds and Newton steps."""
+    (p, near), s, steps = first, choice.optimum.programme.s, 0
+    cuts, chosen = Cuts(choice.robot, scene, near[0]), choice.initial
+    for rounds in range(1, MOST_CUTS + 1):
+        programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
+        solution = solve(programme, p, choice.bounds, near, damping=choice.damping)
+        if solution is None:
+            break
+        steps += solution.steps
+        if cuts.add_touched(_between(solution.path, s)):
+            continue
+        chosen = choice.path_of(solution.p)
+        found = plan_along(chosen, solution.path[0, 0])
+        if found:
+            return found, chosen, (rounds, steps)
+        if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
+            break
+        proof, t = found.certificate, found.certificate.clearance.nearest.time
+        cuts.add_failed(found.trajectory(t), float(np.interp(t, proof.binding.t, proof.binding.s)), s)
+    return None, chosen, (rounds, steps)

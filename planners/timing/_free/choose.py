@@ -40,6 +40,8 @@ ELBOW_SWINGS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
 """Constant changes of the null-space coordinate [rad] at which guesses begin where the others stay in contact."""
 POINTS_PER_COEFFICIENT = 3
 """Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
+MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
+"""Numbers of coefficients, over the default one, that are tried where nothing is found around obstacles."""
 NULL_STATIONS = 25
 """Configurations along the path whose null spaces are averaged."""
 
@@ -207,6 +209,13 @@ class Choice:
                 if found is not None:
                     yield found
 
+    def refine(self) -> Iterator[Choice]:
+        """Yield choices with more coefficients, unless their number was given."""
+        for factor in MORE_COEFFICIENTS:
+            count = int(factor * self.path.spline.count)
+            if self.path.counts_itself and count <= self.optimum.programme.s.size // POINTS_PER_COEFFICIENT:
+                yield Choice(self.path.with_count(count), self.joint_path, self.optimum, held=self.held)
+
     def _turn(self, column: int, turn: float) -> tuple[Array, Array] | None:
         """Return the path turned by a constant angle, by continuation; None if the arm cannot follow it inside its limits."""
         p, near, limits = self.p.copy(), self.near, self.robot.limits
@@ -255,6 +264,9 @@ class JointChoice(Choice):
     def swings(self) -> Iterator[tuple[Array, Array]]:
         return iter(())
 
+    def refine(self) -> Iterator[Choice]:
+        return iter(())
+
     def path_of(self, p: Array) -> PointToPoint:
         """Return the path with the control points of a solution, through the via points."""
         return self.joints.with_coefficients(pass_through(self.joints, p))
@@ -284,7 +296,7 @@ def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Op
         )
     most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
     if path.counts_itself and path.spline.count > most:
-        path = FreePath(path.given, path.bounds, count=most, hold_start=path.hold_start, starts=path.starts)
+        path = path.with_count(most)
     return Choice(path, joint_path, optimum, held=held and path.hold_start)
 
 
