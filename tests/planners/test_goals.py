@@ -7,11 +7,24 @@ from functools import cache
 import numpy as np
 import pytest
 
+import optik
 from optik import JointLimits, Robot, Scene, Shapes, se3
 from optik.errors import InvalidInput
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
-from planners import JointLine, MotionLimits, Plan, PlanStatus, PointToPoint, SearchStatus, ViaPoint, find_path, plan
+from planners import (
+    JointLine,
+    Line,
+    MotionLimits,
+    Plan,
+    PlanStatus,
+    PointToPoint,
+    SearchStatus,
+    ViaPoint,
+    find_path,
+    free,
+    plan,
+)
 from planners.paths._configurations import find_configurations
 from planners.search import _goals
 from planners.search.base import JointSpace
@@ -27,6 +40,11 @@ CONTINUOUS = """<robot name="c"><link name="b"/>
 <joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.45 0 0"/><axis xyz="0 0 1"/>
 <limit lower="-2.5" upper="2.5" effort="0" velocity="0"/></joint>
 <joint name="f" type="fixed"><parent link="l2"/><child link="t"/><origin xyz="0.3 0 0"/></joint></robot>"""
+ELBOWS = {
+    "ur10e": np.array([0.3, -1.2, 1.6, -1.9, -1.4, 0.2]),
+    "panda_hand": np.array([0.3, -0.5, 0.2, -2.2, 0.1, 1.8, 0.6]),
+}
+"""Configurations whose elbows are bent."""
 START, GOAL = np.array([3.0, 0.3]), np.array([-3.0, 0.3])
 SHORT = TURN - 6.0
 """The way from 3 to −3 rad through π."""
@@ -184,3 +202,34 @@ def test_a_pose_without_a_free_configuration_or_out_of_reach_is_a_status_with_it
     assert far.status is PlanStatus.UNREACHABLE
     assert far.failure is not None
     assert "the pose of the goal" in far.failure.reason
+
+
+# ---------------------------------------------------------------- starts
+def elbow_ball(robot: Robot, q: Array, gap: float) -> Scene:
+    """A ball beside the elbow of a configuration: in contact, or at a distance."""
+    assert robot.shapes is not None
+    link, a, b, radius = robot.shapes.capsules
+    i = int(np.flatnonzero(link == 3)[0])
+    T = robot.frames(q)[2]
+    middle, up = T[:3, :3] @ (0.5 * (a[i] + b[i])) + T[:3, 3], np.cross(T[:3, :3] @ (b[i] - a[i]), [0.3, 0.5, 0.8])
+    return Scene(spheres=[(middle + (radius[i] + 0.02 + gap) * up / np.linalg.norm(up), 0.02)])
+
+
+@pytest.mark.parametrize("name", ["ur10e", "panda_hand"])
+def test_a_path_without_a_start_begins_in_a_free_configuration_away_from_contact(name: str) -> None:
+    robot = optik.load(name)
+    T = robot.fk(ELBOWS[name])
+    goal = T.copy()
+    goal[:3, 3] += [0.05, 0.08, -0.05]
+    path = Line(T, goal)
+    alone = plan(robot, path, limits=LIMITS, scene=Scene())
+    assert alone
+    begin = alone.trajectory(0.0)
+    own = find_nearest_pairs(robot, Scene(), begin)[0][0]
+    for gap, given in itertools.product((-0.015, 0.002), (path, free(path, turn=0.3))):
+        scene = elbow_ball(robot, begin, gap)
+        assert find_nearest_pairs(robot, scene, begin)[0][0] < min(own, gap + 1e-3)
+        found = plan(robot, given, limits=LIMITS, scene=scene, avoid=given is not path)
+        assert found
+        assert_free(found, scene)
+        assert find_nearest_pairs(robot, scene, found.trajectory(0.0))[0][0] > 0.005
