@@ -162,7 +162,7 @@ class JointsCommand(PlanCommand):
 
     def make_path(self, start: Start) -> Array:
         """Return the goal."""
-        goal = read_configuration(start.arm, self.to_deg, "--to-deg")
+        goal: Array = read_configuration(start.arm, self.to_deg, "--to-deg")
         if self.avoid and np.array_equal(goal, start.q):
             raise InvalidInput("--to-deg", "the start", "another configuration")
         return goal

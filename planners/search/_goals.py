@@ -51,7 +51,7 @@ def list_goals(space: JointSpace, start: Array, goal: ArrayLike, winding: str) -
 
 def _find_configurations(space: JointSpace, start: Array, pose: Array) -> Array:
     """Return configurations (k, n) of a pose: more if few are collision-free."""
-    robot, rng, rounds = space.robot, np.random.default_rng(0), []
+    robot, rng, rounds = space.robot, np.random.default_rng(0), list[Array]()
     fewest, count = FEWEST_GOALS if robot.n > 6 else 1, 0
     for _ in range(MOST_ROUNDS):
         guesses = robot.limits.sample(rng, ROUND_GUESSES) if rounds else np.empty((0, robot.n))
