@@ -74,11 +74,9 @@ def plan(
     q_start: ArrayLike | None = None,
     *,
     solver: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
-    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
-    duration: float | None = None, strict: bool = False,
-    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
-    scene: Scene | None = None, allow: Allow = (), avoid: bool | str | os.PathLike[str] | Search = False,
-    winding: str = "nearest",
+    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None, rate: float = 1000.0,
+    duration: float | None = None, strict: bool = False, tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (),
+    scene: Scene | None = None, avoid: bool | str | os.PathLike[str] | Search = False, winding: str = "nearest",
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -88,7 +86,6 @@ def plan(
         The arm.
     path : Path, or (4, 4) array, or (n,) array
         The path of the tool. A pose means the straight line to it; joints [rad, m] mean the line in joint space.
-        With ``avoid``, both are goals that are reached in any way, a pose in any of its configurations.
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, or IKSolver and TimeLaw
@@ -113,11 +110,10 @@ def plan(
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
     avoid : bool, or str or Search
-        Search a way around the obstacles of the scene, for a goal or a `PointToPoint`; keep clear of them by the freedoms of
+        Search a way around obstacles to joints, any configuration of a pose or along a `PointToPoint`, or use the freedoms of
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
-        Whether a joint without limits reaches joints as goal modulo whole turns, the nearest way that is free, or exactly. A
-        `JointLine` and a `PointToPoint` are exact. `Plan.goal` is the goal taken.
+        Let joints without limits end whole turns away from joints as goal, the nearest way (`Plan.goal`), or exactly there.
 
     Returns
     -------
@@ -129,15 +125,9 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    options = tolerance, rate, scene, allow, avoid, check_winding(winding)
-    _check_options(duration, strict)
-    try:
-        solver, request = _build_request(robot, path, q_start, solver, timing, limits, options)
-    except NoSolution as error:  # no configuration reaches the pose of a goal: there is no path but the straight line
-        options = tolerance, rate, scene, allow, False, winding
-        request = _build_request(robot, path, q_start, solver, timing, limits, options)[1]
-        return request.infeasible(None, error, PlanStatus.UNREACHABLE)
-    return _Planner(solver, request, samples, strict).run(q_start, branch, duration)
+    options = tolerance, rate, scene, allow, avoid, winding
+    built = _build_request(robot, path, q_start, solver, timing, limits, options)
+    return _Planner(*built, samples, strict).run(q_start, branch, duration)
 
 
 def _build_request(
@@ -153,9 +143,13 @@ def _build_request(
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
     tolerance, rate, scene, allow, avoid, winding = options
-    avoid, winding = check_avoid(avoid), "exact" if isinstance(path, Path) else winding
+    avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
+    winding = "exact" if isinstance(path, Path) else winding
     if avoid is not False:
-        path = check_avoidable(robot, path, q_start, scene, winding)
+        try:
+            path = check_avoidable(robot, path, q_start, scene, winding)
+        except NoSolution as error:  # no configuration reaches a pose as goal: only the straight line remains
+            path, unreachable = path_to(robot, path, q_start), error
     elif not isinstance(path, Path):
         path = path_to(robot, path, q_start, winding)
     if solver.robot != robot:
@@ -166,6 +160,7 @@ def _build_request(
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS), avoid=avoid, winding=winding,
+        unreachable=unreachable,
     )  # fmt: skip
 
 
@@ -215,6 +210,7 @@ class PlanRequest:
     allow: tuple[str, ...] = ()
     avoid: bool | str | os.PathLike[str] | Search = False
     winding: str = "exact"
+    unreachable: NoSolution | None = None
 
     @property
     def enforced(self) -> tuple[str, ...]:
@@ -276,6 +272,9 @@ class _Planner:
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
         started, path = perf_counter(), self.request.path
+        _check_options(duration, self.strict)
+        if self.request.unreachable is not None:
+            return self.request.infeasible(None, self.request.unreachable, PlanStatus.UNREACHABLE)
         if isinstance(path, FreePath) and not path.hold_start and q_start is not None and branch != "best":
             q_start = self._reach_start(path, q_start)
         around = self.request.avoid is not False

@@ -31,7 +31,7 @@ KEEP_OFF_FACTOR = 8.0
 """Factor on the weight of the distance to the limits, if the null-space motion reached a limit."""
 RETREATS = (0.7, 0.4, 0.2, 0.1, 0.0)
 """Fractions of the smoothing that are tried where all of it leads into contact."""
-FEWEST_FREE, MOST_ROUNDS = 8, 20
+FEWEST_FREE, MOST_START_ROUNDS = 8, 20
 """Collision-free configurations that are enough at the first station (at others one is), and most rounds of initial guesses."""
 SELF_MOTION = 0.1
 """Motion along the null space to the configurations that are continued beside those of the station before [rad or m]."""
@@ -208,7 +208,7 @@ def _spread(robot: Robot, q: Array) -> Array:
 def _find_free(robot: Robot, pose: Array, q: Array, rooms: Rooms, fewest: int) -> Array:
     """Return collision-free configurations (k, n) of a pose: those given and others, if they are too few."""
     rng = np.random.default_rng(1)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_START_ROUNDS):
         if len(q) >= fewest:
             break
         starts = robot.limits.sample(rng, STATION_DRAWS)

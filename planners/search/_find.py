@@ -38,8 +38,7 @@ def find_path(
 ) -> SearchResult:  # fmt: skip
     """Find joint paths that are proved to be collision-free, and shorten them.
 
-    Each path consists of straight joint motions. Each motion is proved by bounds on how far links move, without a step size.
-    Equal arguments give equal paths.
+    Each path consists of straight joint motions, proved by bounds on how far links move. Equal arguments give equal paths.
 
     Parameters
     ----------
@@ -61,10 +60,10 @@ def find_path(
     shortcuts : int
         Number of random shortcuts that are tried on each path; 0 returns the path as found.
     paths : int
-        Number of searches, each with random numbers of its own. The shortest of three paths is 6 % shorter than one (mean of
-        MotionBenchMaker's problems). Equal paths are returned once. A free straight line to the nearest goal ends the searches.
+        Number of searches. The shortest of three paths is 6 % shorter than one (mean of MotionBenchMaker's problems). Equal
+        paths are returned once. A free straight line to the nearest goal ends the searches.
     winding : {"nearest", "exact"}
-        Whether a joint without limits may reach its goal modulo whole turns, from either side, or must end at the exact value.
+        Whether joints without limits reach joints as goal modulo whole turns, from either side, or exactly.
 
     Returns
     -------
@@ -73,29 +72,20 @@ def find_path(
 
     Raises
     ------
-    InvalidInput
-        An invalid argument; a start or goal outside the limits; an arm without shapes.
-    UnknownName
-        An unknown method.
+    InvalidInput, UnknownName
+        An invalid argument or unknown method; a start or goal outside the limits; an arm without shapes.
     """
     space, start = JointSpace(robot, scene), np.ascontiguousarray(check_start(robot, q_start, "q_start"))
-    for name, count, least, most in (
-        ("seed", seed, 0, None), ("shortcuts", shortcuts, 0, MOST_SHORTCUTS), ("paths", paths, 1, MOST_PATHS),
-    ):  # fmt: skip
-        check_count(count, name, least, most)
+    check_count(seed, "seed", 0)
+    check_count(shortcuts, "shortcuts", 0, MOST_SHORTCUTS)
+    check_count(paths, "paths", 1, MOST_PATHS)
     method = _get_search(search, max_samples)
-    check_winding(winding)
     try:
-        goals, configurations = list_goals(space, start, goal, winding)
+        goals, every = list_goals(space, start, goal, check_winding(winding))
     except NoSolution as error:
         return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, error.reason, error.advice)
-    if not space.is_free(start):
-        return _refuse(space, SearchStatus.START_IN_CONTACT, "the start is in collision", start)
-    if not len(goals):
-        q, words = configurations, "the goal is in collision"
-        if len(q) > 1:
-            words = f"all {len(q)} configurations found for the goal are in collision, the nearest one"
-        return _refuse(space, SearchStatus.GOAL_IN_CONTACT, words, q[np.linalg.norm(q - start, axis=1).argmin()])
+    if not (starts := space.is_free(start)) or not len(goals):
+        return _refuse(space, every if starts else start[None], start)
     return _search(space, start, goals, method, (seed, shortcuts, paths, winding))
 
 
@@ -166,9 +156,15 @@ def _get_search(search: str | os.PathLike[str] | Search, max_samples: int | None
     return built
 
 
-def _refuse(space: JointSpace, status: SearchStatus, words: str, q: Array) -> SearchResult:
-    """Return the result for a start or goal in contact."""
-    near = find_contact(space.robot, space.scene, q)
+def _refuse(space: JointSpace, q: Array, start: Array) -> SearchResult:
+    """Return the result for configurations (k, n) of a goal that are in contact, or for the start."""
+    starts = len(q) == 1 and bool((q[0] == start).all())
+    status, words = SearchStatus.GOAL_IN_CONTACT, "the goal is in collision"
+    if starts:
+        status, words = SearchStatus.START_IN_CONTACT, "the start is in collision"
+    if len(q) > 1:
+        words = f"all {len(q)} configurations found for the goal are in collision, the nearest one"
+    near = find_contact(space.robot, space.scene, q[np.linalg.norm(q - start, axis=1).argmin()])
     margin = f", and the margin is {1e3 * space.scene.margin:.3g} mm" if near.distance > 0.0 else ""
     gap = f"{1e3 * near.distance:.3g} mm" if near.distance > 0.0 else "contact"
     reason = f"{words}: {gap} between {near.pair[0]} and {near.pair[1]}{margin}"

@@ -15,12 +15,12 @@ from planners.paths._configurations import find_configurations
 from planners.paths._goal import find_continuous
 from planners.search.base import JointSpace
 
-FEWEST_GOALS, MOST_ROUNDS, ROUND_GUESSES = 8, 12, 60
+FEWEST_GOALS, MOST_GUESSING_ROUNDS, ROUND_GUESSES = 8, 12, 60
 """Collision-free configurations of a pose that are enough for a redundant arm (for others one is), most rounds that search more
 of them, and the initial guesses of each round."""
 MOST_GOALS = 500
 """Most goals of a search, windings included: those nearest to the start."""
-WHOLE_TURN = 2.0 * np.pi * (1.0 + 1e-9)
+FARTHEST_WINDING = 2.0 * np.pi * (1.0 + 1e-9)
 """Largest motion of a joint from the start to a winding that is a goal [rad]: further turns lead to the same places."""
 EQUAL_DECIMALS = 7
 """Decimals within which goals are equal [rad, m]."""
@@ -53,7 +53,7 @@ def _find_configurations(space: JointSpace, start: Array, pose: Array) -> Array:
     """Return configurations (k, n) of a pose: more if few are collision-free."""
     robot, rng, rounds = space.robot, np.random.default_rng(0), list[Array]()
     fewest, count = FEWEST_GOALS if robot.n > 6 else 1, 0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_GUESSING_ROUNDS):
         guesses = robot.limits.sample(rng, ROUND_GUESSES) if rounds else np.empty((0, robot.n))
         rounds.append(find_configurations(robot, pose, np.concatenate([start[None], guesses]), "the goal"))
         count += sum(space.is_free(q) for q in np.ascontiguousarray(rounds[-1]))
@@ -72,7 +72,9 @@ def _wind(robot: Robot, q: Array, near: Array, turning: Flags) -> Array:
         others = np.concatenate([wound, wound])
         others[:, i] += turn * np.repeat([-1.0, 1.0], len(wound))
         x = others[:, i]
-        wound = np.concatenate([wound, others[(x >= lower[i]) & (x <= upper[i]) & (np.abs(x - near[i]) <= WHOLE_TURN)]])
+        wound = np.concatenate(
+            [wound, others[(x >= lower[i]) & (x <= upper[i]) & (np.abs(x - near[i]) <= FARTHEST_WINDING)]]
+        )
         wound = wound[np.argsort(np.linalg.norm(wound - near, axis=1), kind="stable")[:MOST_GOALS]]
     wound = _drop_equal(wound)
     return np.ascontiguousarray(wound[np.argsort(np.linalg.norm(wound - near, axis=1), kind="stable")])
