@@ -26,10 +26,18 @@ from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
 from planners.fit import check_statics, fit, stretch_factor
 from planners.following.collision import CollisionCheck
-from planners.following.follow import DEFAULT_TOLERANCE, START_TOLERANCE, FollowResult, JointPath, PlanFailure, follow
+from planners.following.follow import (
+    DEFAULT_TOLERANCE,
+    START_TOLERANCE,
+    FollowResult,
+    FollowStatus,
+    JointPath,
+    PlanFailure,
+    follow,
+)
 from planners.limits import SAME_SPEED, MotionLimits, check_path
 from planners.motion import PlanStatus
-from planners.paths._goal import path_to
+from planners.paths._goal import check_winding, path_to
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
@@ -66,10 +74,9 @@ def plan(
     q_start: ArrayLike | None = None,
     *,
     solver: str | os.PathLike[str] | IKSolver = "lm", timing: str | os.PathLike[str] | TimeLaw = "optimal",
-    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None,
-    duration: float | None = None, strict: bool = False,
-    tolerance: ToleranceLike = DEFAULT_TOLERANCE, rate: float = 1000.0,
-    scene: Scene | None = None, allow: Allow = (), avoid: bool | str | os.PathLike[str] | Search = False,
+    limits: MotionLimits | None = None, samples: int = 151, branch: str | None = None, rate: float = 1000.0,
+    duration: float | None = None, strict: bool = False, tolerance: ToleranceLike = DEFAULT_TOLERANCE, allow: Allow = (),
+    scene: Scene | None = None, avoid: bool | str | os.PathLike[str] | Search = False, winding: str = "nearest",
 ) -> Plan:  # fmt: skip
     """Plan the joint motion that takes the tool along a path, and certify its limits.
 
@@ -103,8 +110,10 @@ def plan(
     allow : {"limits", "jerk"}, or both
         Permit given limits that the law does not enforce to be exceeded: ``"jerk"``, and ``"limits"`` for all others.
     avoid : bool, or str or Search
-        Search a way around the obstacles of the scene, for joints as goal or a `PointToPoint`; keep clear of them by the
-        freedoms of a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
+        Search a way around obstacles to joints, any configuration of a pose or along a `PointToPoint`, or use the freedoms of
+        a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
+    winding : {"nearest", "exact"}
+        Let joints without limits end whole turns away from joints as goal, the nearest way (`Plan.goal`), or exactly there.
 
     Returns
     -------
@@ -116,16 +125,15 @@ def plan(
     InvalidInput, UnknownName
         An invalid argument; a limit that the law needs and that is missing; an unknown method or law; an arm without shapes.
     """
-    options = tolerance, rate, scene, allow, avoid
-    solver, request = _build_request(robot, path, q_start, solver, timing, limits, options)
-    _check_options(duration, strict)
-    return _Planner(solver, request, samples, strict).run(q_start, branch, duration)
+    options = tolerance, rate, scene, allow, avoid, winding
+    built = _build_request(robot, path, q_start, solver, timing, limits, options)
+    return _Planner(*built, samples, strict).run(q_start, branch, duration)
 
 
 def _build_request(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, solver: str | os.PathLike[str] | IKSolver,
     timing: str | os.PathLike[str] | TimeLaw, limits: MotionLimits | None,
-    options: tuple[ToleranceLike, float, Scene | None, Allow, bool | str | os.PathLike[str] | Search],
+    options: tuple[ToleranceLike, float, Scene | None, Allow, bool | str | os.PathLike[str] | Search, str],
 ) -> tuple[IKSolver, PlanRequest]:  # fmt: skip
     """Return the solver and the request, with defaults filled in, after checking that the arguments are consistent."""
     solver = get_solver(robot, solver) if isinstance(solver, str | os.PathLike) else solver
@@ -134,12 +142,16 @@ def _build_request(
     for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
             raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
-    tolerance, rate, scene, allow, avoid = options
-    avoid = check_avoid(avoid)
+    tolerance, rate, scene, allow, avoid, winding = options
+    avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
+    winding = "exact" if isinstance(path, Path) else winding
     if avoid is not False:
-        path = check_avoidable(robot, path, q_start, scene)
+        try:
+            path = check_avoidable(robot, path, q_start, scene, winding)
+        except NoSolution as error:  # no configuration reaches a pose as goal: only the straight line remains
+            path, unreachable = path_to(robot, path, q_start), error
     elif not isinstance(path, Path):
-        path = path_to(robot, path, q_start)
+        path = path_to(robot, path, q_start, winding)
     if solver.robot != robot:
         other = f"a solver built for {solver.robot.name}, which differs in {describe_difference(solver.robot, robot)}"
         raise InvalidInput("solver", other, f"one built for this {robot.name}")
@@ -147,7 +159,8 @@ def _build_request(
     check_path(limits, path)
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
-        allow=check_allow(allow, LIMIT_WORDS), avoid=avoid,
+        allow=check_allow(allow, LIMIT_WORDS), avoid=avoid, winding=winding,
+        unreachable=unreachable,
     )  # fmt: skip
 
 
@@ -196,6 +209,8 @@ class PlanRequest:
     stop_kind: StopKind | None = None
     allow: tuple[str, ...] = ()
     avoid: bool | str | os.PathLike[str] | Search = False
+    winding: str = "exact"
+    unreachable: NoSolution | None = None
 
     @property
     def enforced(self) -> tuple[str, ...]:
@@ -221,7 +236,7 @@ class PlanRequest:
         )  # fmt: skip
 
     def infeasible(
-        self, joints: JointPath, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
+        self, joints: JointPath | None, error: NoSolution, status: PlanStatus = PlanStatus.TIMING_INFEASIBLE
     ) -> Plan:
         """Return the plan without a motion, for the reason of an error."""
         return self._fail(status, joints, PlanFailure.from_error(status, error))
@@ -257,10 +272,16 @@ class _Planner:
     def run(self, q_start: ArrayLike | None, branch: str | None, duration: float | None) -> Plan:
         """Return the plan along the requested path, with the durations of its parts."""
         started, path = perf_counter(), self.request.path
+        _check_options(duration, self.strict)
+        if self.request.unreachable is not None:
+            return self.request.infeasible(None, self.request.unreachable, PlanStatus.UNREACHABLE)
         if isinstance(path, FreePath) and not path.hold_start and q_start is not None and branch != "best":
             q_start = self._reach_start(path, q_start)
         around = self.request.avoid is not False
-        followed = self._follow(path, q_start, branch, None if around else self.request.scene)
+        chosen = isinstance(path, FreePath) and (q_start is None or branch == "best")  # away from contact, if possible
+        followed = self._follow(path, q_start, branch, self.request.scene if chosen or not around else None)
+        if around and followed.failure is not None and followed.failure.status is FollowStatus.CONTACT:
+            followed = followed._replace(failure=None)
         ended = perf_counter()
         if isinstance(path, FreePath | PointToPoint):
             best_of = self._avoid if around else self._choose
@@ -343,7 +364,7 @@ class _Planner:
         def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan:
             return self._time(chosen, self._follow(chosen, q, "start", None), None, DENSITY)[0]
 
-        given = find_first_paths(path, scene, search) if isinstance(path, PointToPoint) else [None]
+        given = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
         for first in itertools.islice(given, MOST_WAYS):
             tried += 1
             if first is not None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.scene import Scene
+from optik.types import Array
 from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.violation import Allow
 from planners.files import save
@@ -135,6 +136,11 @@ class Plan:
         assert self._certificate is not None
         return self._certificate
 
+    @property
+    def goal(self) -> Array:
+        """Configuration (n,) in which the motion ends [rad, m]: of several goals, the one taken."""
+        return np.asarray(self.trajectory(self.trajectory.duration))
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for files and programs: the trajectory at its knots and the certificate, or the failure."""
         out: dict[str, Any] = {
@@ -166,6 +172,7 @@ class Plan:
             "start_error": None if self.start_error is None else list(self.start_error),
             "stop_kind": self.stop_kind,
             "joint_names": list(self.robot.joint_names),
+            "goal": self.goal.tolist(),
             "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
             "coefficients": motion.coefficients.tolist(),
             "certificate": self.certificate.to_dict(),

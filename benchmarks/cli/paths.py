@@ -14,6 +14,7 @@ from benchmarks.cli.command import Start, argument, numbers, option, read_config
 from benchmarks.cli.plan import PlanCommand, choose_branch
 from optik.errors import InvalidInput
 from optik.registry import names
+from optik.types import Array
 
 if TYPE_CHECKING:
     import planners
@@ -25,6 +26,11 @@ FREE_HELP = (
     "cone), elbow (no bounds). The law optimal chooses it together with the timing."
 )
 """Help of ``--free``."""
+EXACT_WINDING_HELP = (
+    "Turn joints without limits to exactly the typed angles. By default they may end whole turns away, by the nearest way that "
+    "is free."
+)
+"""Help of ``--exact-winding``."""
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
 
@@ -148,16 +154,18 @@ class JointsCommand(PlanCommand):
     """Plan and certify a motion to another configuration, straight in joint space."""
 
     to_deg: str = numbers("Path", "Goal configuration [degrees, prismatic mm].", ...)
+    exact_winding: bool = option("Path", EXACT_WINDING_HELP, False, "--exact-winding")
 
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the line in joint space, or a path of free shape if it must avoid obstacles."""
-        import planners
+    def choose_winding(self) -> str:
+        """Return exact with ``--exact-winding``."""
+        return "exact" if self.exact_winding else "nearest"
 
-        goal = read_configuration(start.arm, self.to_deg, "--to-deg")
+    def make_path(self, start: Start) -> Array:
+        """Return the goal."""
+        goal: Array = read_configuration(start.arm, self.to_deg, "--to-deg")
         if self.avoid and np.array_equal(goal, start.q):
             raise InvalidInput("--to-deg", "the start", "another configuration")
-        kind = planners.PointToPoint if self.avoid else planners.JointLine
-        return kind(start.arm, start.q, goal)
+        return goal
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,6 +32,7 @@ from optik.errors import InvalidInput
 from optik.file_io import write_atomically
 from optik.plugins.files import is_path, split_links
 from optik.registry import load_method, names
+from optik.types import Array
 
 if TYPE_CHECKING:
     import planners
@@ -96,8 +97,12 @@ class PlanCommand(MotionCommand):
     )
 
     @abstractmethod
-    def make_path(self, start: Start) -> planners.Path:
-        """Return the typed path."""
+    def make_path(self, start: Start) -> planners.Path | Array:
+        """Return the typed path, or joints as goal [rad, m]."""
+
+    def choose_winding(self) -> str:
+        """Return how joints without limits reach joints as goal."""
+        return "nearest"
 
     def run(self) -> None:
         """Plan, write and print; exit with status 1 without a motion, or if ``--allow`` does not permit its violations."""
@@ -114,6 +119,7 @@ class PlanCommand(MotionCommand):
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
             branch=self.branch or choose_branch(start, path), duration=self.duration, strict=self.strict,
             scene=self._load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS], avoid=self.avoid,
+            winding=self.choose_winding(),
         )  # fmt: skip
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
@@ -137,6 +143,10 @@ class PlanCommand(MotionCommand):
             raise typer.Exit(1)
         if start.q is not None and np.abs(begin - start.q).max() > SILENT_START:
             out_console.print(f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}")
+        if plan.path.configurations(arm, np.zeros(1)) is not None:
+            out_console.print(
+                f"goal of the motion: {format_numbers(plan.goal * unit_factors(arm))} [degrees, prismatic mm]"
+            )
         if self.out is not None:
             out_console.print(f"written to {self.out}")
 
@@ -212,6 +222,8 @@ def choose_branch(start: Start, path: Any) -> str:
 
     if start.q is None:  # the path has its own
         return "best"
+    if isinstance(path, np.ndarray):
+        return "start"
     return "start" if np.abs(start.arm.pose_errors(start.q, path.pose(0.0))).max() <= START_TOLERANCE else "best"
 
 

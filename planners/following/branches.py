@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from planners.following.singular import find_departures, find_regular_roots
 from planners.following.track import Track, TrackEnd, track
 from planners.paths.base import Path
 
+Rooms = Callable[[Array], Array]
+"""Function that returns the rooms of configurations (k, n) [m]: the least distance to a scene, less its margin, or of links."""
 BRANCH_STATIONS = 31
 """Equally spaced samples at which branches are compared: steps are below 0.25 rad on most paths; tracking adds more."""
 SAME_CONFIGURATION = 1e-4
@@ -28,6 +31,9 @@ SINGULAR_WEIGHT = 0.2
 """Weight of −ln of the smallest singular value along the path: half a radian for one that is ten times as small."""
 START_WEIGHT = 1.0
 """Weight of the distance from a given start [rad or m]."""
+CLEARANCE_WEIGHT, ENOUGH_ROOM, SMALLEST_ROOM = 0.2, 0.05, 1e-4
+"""Weight of −ln of the room: half a radian for one that is a tenth. Rooms above the second number [m] count as equal, and those
+below the third."""
 
 
 class Branch(NamedTuple):
@@ -38,7 +44,7 @@ class Branch(NamedTuple):
     q : (n,) array
         Configuration at the path's start [rad, m], with the winding that goes farthest, and of those the cheapest.
     cost : float
-        Sum with the weights of this module [rad]; lower is better.
+        Sum with the weights of this module [rad]; lower is better. Infinite if it cannot be followed or starts in collision.
     s : float
         Path parameter at its end [m, or rad].
     ended : Ended or None
@@ -51,8 +57,10 @@ class Branch(NamedTuple):
     ended: TrackEnd | None
 
 
-def find_branches(robot: Robot, path: Path, near: Array | None = None) -> list[Branch]:
+def find_branches(robot: Robot, path: Path, near: Array | None = None, rooms: Rooms | None = None) -> list[Branch]:
     """Return the branches of all configurations at the path's start: the best first, then those that end early.
+
+    The rooms are those of configurations in a scene: a start in collision comes last.
 
     For an arm of up to six joints a configuration that is not singular has exactly one continuation, so these are
     all branches. A winding of a joint is possible if the joint, shifted by these whole turns, stays inside its limits on the
@@ -65,10 +73,21 @@ def find_branches(robot: Robot, path: Path, near: Array | None = None) -> list[B
     for root in _find_starts(robot, course, nodes.poses[0], near):
         way = track(robot, course, nodes, root, tolerance, (-open_ended, open_ended))
         if len(way.s) > 1:
-            found.append(_choose_winding(robot, path, way, near))
+            branch = _choose_winding(robot, path, way, near)
+            found.append(branch if rooms is None else branch._replace(cost=branch.cost + _measure_rooms(rooms(way.q))))
         else:
             found.append(Branch(root, np.inf, 0.0, way.ended))
     return sorted(found, key=lambda branch: (-branch.s, branch.cost))
+
+
+def _measure_rooms(room: Array) -> float:
+    """Return the cost of the rooms (k,) along a branch; infinite for a start in collision."""
+    return float(clearance_costs(room).max()) if room[0] > 0.0 else np.inf
+
+
+def clearance_costs(room: Array) -> Array:
+    """Return the costs (k,) of configurations by their rooms [m]."""
+    return -CLEARANCE_WEIGHT * np.log(np.clip(room, SMALLEST_ROOM, ENOUGH_ROOM) / ENOUGH_ROOM)
 
 
 def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) -> Array:

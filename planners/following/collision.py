@@ -9,7 +9,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
-from optik.types import Array, Flags
+from optik.types import Array
 from planners.certificate.clearance import Clearance, clearance
 from planners.curve import quintic_through
 from planners.following.failure import FollowStatus, PlanFailure
@@ -31,13 +31,13 @@ class CollisionCheck:
     def __post_init__(self) -> None:
         check_scene(self.robot, self.scene)
 
-    def are_free(self, q: Array) -> Flags:
-        """Return which configurations have no links in contact, and keep more than its margin from the scene."""
-        return np.asarray(find_nearest_pairs(self.robot, self.scene, q)[0] > 0.0)
+    def find_rooms(self, q: Array) -> Array:
+        """Return the rooms of configurations (k, n) [m]: a configuration whose room is above 0 is collision-free."""
+        return find_nearest_pairs(self.robot, self.scene, q)[0]
 
     def proves_free(self, way: Track) -> bool:
         """Return whether the quintics through a tracked branch are proved to be collision-free."""
-        if len(way.s) < 2 or not self.are_free(way.q).all():
+        if len(way.s) < 2 or self.find_rooms(way.q).min() <= 0.0:
             return False
         return self._clearance(quintic_through(way.s, way.q, way.dq[:, 0], way.dq[:, 1])).proved
 
@@ -56,7 +56,7 @@ class CollisionCheck:
         if not found.touches:
             return None
         s = np.append(np.linspace(0.0, joints.end, CONTACT_SAMPLES), found.nearest.time)
-        touching = ~self.are_free(joints(s))
+        touching = self.find_rooms(joints(s)) <= 0.0
         k = int(np.argmax(touching)) if touching[:-1].any() else CONTACT_SAMPLES
         reason = f"{self._describe(find_contact(self.robot, self.scene, joints(s[k])))} at s = {s[k]:.6g}"
         return PlanFailure(FollowStatus.CONTACT, float(s[k]), None, reason, "")

@@ -252,7 +252,8 @@ class Follower:
     def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:
         """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
         best: Track | None = None
-        for candidate in find_branches(self.robot, self.path, self.q):
+        rooms = None if self.collision is None else self.collision.find_rooms
+        for candidate in find_branches(self.robot, self.path, self.q, rooms):
             if candidate.ended is not None and best is not None:
                 break
             way = track(self.robot, course, nodes, candidate.q, self.tolerance)
@@ -268,22 +269,23 @@ class Follower:
     def _choose_null_space_motion(self) -> FollowResult:
         """Return the first null-space motion that reaches the end without collision, or the one that goes farthest."""
         robot, best = self.robot, None
-        is_free = None if self.collision is None else self.collision.are_free
-        for motion in find_null_space_motions(robot, self.path, self.q, self.branch, is_free):
+        rooms = None if self.collision is None else self.collision.find_rooms
+        for motion in find_null_space_motions(robot, self.path, self.q, self.branch, rooms):
             for _ in range(MOST_REFINEMENTS):
                 course = Course(self.path, motion.guide())
                 nodes = course.nodes(course.spread(self.grid, self.tolerance))
                 way = track(robot, course, nodes, motion.start, self.tolerance)
-                if best is None or way.s[-1] > best[0].s[-1]:
-                    best = way, course
+                rank = float(way.s[-1]), rooms is None or bool(rooms(way.q[:1])[0] > 0.0)
+                if best is None or rank > best[0]:
+                    best = rank, way, course
                 if way.ended is None or not motion.refine(way.ended.s, way.ended.code == march.LIMIT):
                     break
             if self._is_free(way):
-                best = way, course
+                best = rank, way, course
                 break
         if best is None:
             return FollowResult(None, self._explain_no_start())
-        way, course = best
+        _, way, course = best
         return self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
 
     def _is_free(self, way: Track) -> bool:

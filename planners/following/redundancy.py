@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -14,7 +14,7 @@ from optik.compiled import compiled
 from optik.ik import IKSolver, make_solver
 from optik.types import Array, Flags, Indices
 from planners.following import smoothing
-from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT
+from planners.following.branches import MOTION_WEIGHT, SINGULAR_WEIGHT, START_WEIGHT, Rooms, clearance_costs
 from planners.following.joint_path import Guide, smallest_singular_values
 from planners.following.smoothing import BARRIER_WEIGHT, LARGEST_EDGE, LOG_EDGE, STATION_REACHED
 from planners.paths.base import Path
@@ -29,12 +29,18 @@ SHORTEST_FRACTION = 1e-3
 """Shortest step towards the end of the reach, as a fraction of the path: the accuracy of that end."""
 KEEP_OFF_FACTOR = 8.0
 """Factor on the weight of the distance to the limits, if the null-space motion reached a limit."""
+RETREATS = (0.7, 0.4, 0.2, 0.1, 0.0)
+"""Fractions of the smoothing that are tried where all of it leads into contact."""
+FEWEST_FREE, MOST_START_ROUNDS = 8, 20
+"""Collision-free configurations that are enough at the first station (at others one is), and most rounds of initial guesses."""
+SELF_MOTION = 0.1
+"""Motion along the null space to the configurations that are continued beside those of the station before [rad or m]."""
 MOST_REFINEMENTS = 4
 """Most attempts to follow one null-space motion; before each new one, stations are inserted where following failed."""
 
 
 def find_null_space_motions(
-    robot: Robot, path: Path, q: Array | None, branch: str, free: Callable[[Array], Flags] | None = None
+    robot: Robot, path: Path, q: Array | None, branch: str, rooms: Rooms | None = None
 ) -> Iterator[NullSpaceMotion]:
     """Yield null-space motions to try, the best first.
 
@@ -51,16 +57,18 @@ def find_null_space_motions(
         chosen = [q[None].copy()]
         _project(robot, path.pose(s[:1]), chosen[0])
     else:
-        chosen = _search_stations(robot, np.ascontiguousarray(path.pose(s)), q, free)
+        chosen = _search_stations(robot, np.ascontiguousarray(path.pose(s)), q, rooms)
     for way in chosen:
-        yield NullSpaceMotion(robot, path, s, way, held=branch == "start")
+        yield NullSpaceMotion(robot, path, s, way, held=branch == "start", rooms=rooms)
 
 
 class NullSpaceMotion:
     """Configurations at stations along a path, smoothed together, and the guide through them."""
 
-    def __init__(self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool) -> None:
-        self.robot, self.path, self.held = robot, path, held
+    def __init__(
+        self, robot: Robot, path: Path, s: Array, way: Array, *, held: bool, rooms: Rooms | None = None
+    ) -> None:  # fmt: skip
+        self.robot, self.path, self.held, self.rooms = robot, path, held, rooms
         self.chain = robot.chain
         self.middle = robot.limits.middle
         self.half = np.where(robot.limits.bounded, robot.limits.half, np.inf)  # a locked joint has no range
@@ -95,8 +103,8 @@ class NullSpaceMotion:
 
     def _smooth(self) -> None:
         poses, self.N = np.ascontiguousarray(self.path.pose(self.s)), np.empty((*self.way.shape, self.first.shape[1]))
-        fractions = self.s / self.path.end
-        self.way = np.ascontiguousarray(self.way)
+        fractions, before = self.s / self.path.end, self.way
+        self.way = np.array(before, order="C")
         smoothing.smooth(
             self.chain,
             (self.middle, self.half),
@@ -107,6 +115,17 @@ class NullSpaceMotion:
             self.way,
             self.N,
         )
+        if self.rooms is not None and self.rooms(self.way).min() <= 0.0 < self.rooms(before).min():
+            self._retreat(before, poses, self.rooms)
+
+    def _retreat(self, before: Array, poses: Array, rooms: Rooms) -> None:
+        """Undo so much of the smoothing from free configurations (k, n) that all are free again."""
+        smoothed = self.way
+        for fraction in RETREATS:
+            self.way = before + fraction * (smoothed - before)
+            if _project(self.robot, poses, self.way).all() and rooms(self.way).min() > 0.0:
+                break
+        smoothing.find_null_spaces(self.chain, self.way, self.first, self.N)
 
     def refine(self, s: float, limit: bool) -> bool:
         """Insert stations near s, where following failed, and smooth the motion again; return False if it cannot be refined."""
@@ -138,9 +157,7 @@ def _project(robot: Robot, poses: Array, q: Array) -> Flags:
     return np.asarray(np.abs(robot.pose_errors(q, poses)).max(axis=1) < STATION_REACHED)
 
 
-def _search_stations(
-    robot: Robot, poses: Array, near: Array | None, free: Callable[[Array], Flags] | None
-) -> list[Array]:
+def _search_stations(robot: Robot, poses: Array, near: Array | None, rooms: Rooms | None) -> list[Array]:
     """Return the cheapest sequences (k, n) over the stations, by dynamic programming; shorter if none reaches the last one."""
     solver, rng = _solver(robot), np.random.default_rng(0)
     starts = robot.limits.sample(rng, STATION_DRAWS * len(poses))
@@ -152,14 +169,19 @@ def _search_stations(
         part = slice(k * STATION_DRAWS, (k + 1) * STATION_DRAWS)
         q = solutions.q[part][solutions.solved[part]]
         if k:
-            on = layers[-1].copy()
+            on = (
+                layers[-1].copy()
+                if rooms is None
+                else _spread(robot, layers[-1][np.argsort(costs[-1])[:STATION_DRAWS]])
+            )
             on = on[_project(robot, np.repeat(pose[None], len(on), axis=0), on) & robot.limits.contains(on)]
             q = np.concatenate([on[: 3 * STATION_DRAWS], q])
-        if free is not None:
-            q = q[free(q)]
+        if rooms is not None:
+            q = _find_free(robot, pose, q[rooms(q) > 0.0], rooms, FEWEST_FREE if k == 0 else 1)
         if not len(q):
             break
-        own = _station_costs(robot, q) / len(poses)
+        clearance = np.zeros(len(q)) if rooms is None else clearance_costs(rooms(q))
+        own = (_station_costs(robot, q) + clearance) / len(poses) + (clearance if k == 0 else 0.0)
         if k == 0:
             if near is not None:
                 own = own + START_WEIGHT * np.linalg.norm(q - near, axis=1)
@@ -174,6 +196,26 @@ def _search_stations(
         costs.append((total + own)[kept])
         before.append(best[kept])
     return [_trace_back(layers, before, int(i)) for i in _choose_different(layers, costs)]
+
+
+def _spread(robot: Robot, q: Array) -> Array:
+    """Return configurations (k, n) and others on both sides of them along their null spaces."""
+    null = np.linalg.svd(robot.jacobian(q))[2][:, 6:]
+    steps = [sign * SELF_MOTION * null[:, i] for i in range(null.shape[1]) for sign in (1.0, -1.0)]
+    return np.concatenate([q, *(q + step for step in steps)])
+
+
+def _find_free(robot: Robot, pose: Array, q: Array, rooms: Rooms, fewest: int) -> Array:
+    """Return collision-free configurations (k, n) of a pose: those given and others, if they are too few."""
+    rng = np.random.default_rng(1)
+    for _ in range(MOST_START_ROUNDS):
+        if len(q) >= fewest:
+            break
+        starts = robot.limits.sample(rng, STATION_DRAWS)
+        found = _solver(robot).solve_batch(np.repeat(pose[None], STATION_DRAWS, axis=0), starts, threads=1)
+        more = found.q[found.solved]
+        q = np.concatenate([q, more[rooms(more) > 0.0]])
+    return q
 
 
 @compiled

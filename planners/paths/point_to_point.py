@@ -214,7 +214,8 @@ class PointToPoint(Path):
         Parameters
         ----------
         legs : sequence of (k, n) arrays
-            A polyline for each leg, from the start or a via point to the next one or the goal [rad, m].
+            A polyline for each leg, from the start or a via point to the next one or the goal [rad, m]. A via point that is a
+            pose may be passed in another configuration.
         inner : (m,) array
             Knots between start and goal [rad, or m], of the length along the polylines.
 
@@ -229,7 +230,8 @@ class PointToPoint(Path):
         spline = Spline(float(s[-1]), 0, inner)
         path = object.__new__(PointToPoint)
         path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
-        path.vias = tuple(via._replace(s=float(x)) for via, x in zip(self.vias, at[:-1], strict=True))
+        ends = [leg[-1] for leg in legs[:-1]]
+        path.vias = tuple(via._replace(s=float(x), q=q) for via, x, q in zip(self.vias, at[:-1], ends, strict=True))
         path.coefficients = np.stack([np.interp(spline.greville, s, x) for x in corners.T], axis=1)
         return path
 

@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import binary_dilation
 
+from optik import se3
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.registry import names
 from optik.scene import Scene
-from optik.scene.contact import check_scene, find_contact, find_nearest_pairs, find_pairs
+from optik.scene.contact import check_scene, find_nearest_pairs, find_pairs
 from optik.types import Array, Flags
 from planners.following.failure import FollowStatus, PlanFailure
-from planners.paths._goal import path_to
+from planners.paths._goal import read_goal
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
-from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.search._find import find_path
-from planners.search.base import Search, SearchStatus
+from planners.search.base import Search, SearchResult, SearchStatus
 from planners.timing._free.vias import pass_through
 
 SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
@@ -50,7 +50,7 @@ DENSITY = 2.0
 """Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
 
 
-VIA_ADVICE = "another via point, or its configuration in place of its pose; or a smaller margin"
+VIA_ADVICE = "another via point, or a smaller margin"
 """What to try if a via point is in collision."""
 
 
@@ -99,9 +99,9 @@ def check_avoid(value: Any) -> bool | str | os.PathLike[str] | Search:
 
 
 def check_avoidable(
-    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, scene: Scene | None
+    robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, scene: Scene | None, winding: str
 ) -> PointToPoint | FreePath:  # fmt: skip
-    """Return a path that can avoid obstacles: joints as goal become a `PointToPoint`."""
+    """Return a path that can avoid obstacles: joints or a pose as goal become a `PointToPoint`."""
     if scene is None:
         raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
     check_scene(robot, scene)
@@ -111,51 +111,59 @@ def check_avoidable(
         raise InvalidInput("scene", f"{len(scene.names):,} objects", f"at most {allowed}")
     if isinstance(path, Path):
         if not isinstance(path, PointToPoint | FreePath):
-            allowed = "a PointToPoint, joints as goal, or a path with freedoms (planners.free)"
+            allowed = "a PointToPoint, a goal (joints or a pose), or a path with freedoms (planners.free)"
             raise InvalidInput("path", f"a {path.name}, which leaves nothing to choose, with avoid", allowed)
         return path
-    line = path_to(robot, path, q_start)
-    if not isinstance(line, JointLine):
-        allowed = "joints as goal, or PointToPoint(robot, q_start, pose): a pose alone means the straight line to it"
-        raise InvalidInput("path", "a pose, with avoid", allowed)
-    if not line.end > 0.0:
+    start, goal = read_goal(robot, path, q_start, winding)
+    away = goal - start if goal.ndim == 1 else robot.pose_errors(start, se3.check_pose(goal, "path"))
+    if not np.abs(away).max() > 0.0:
         raise InvalidInput("path", "a length of 0", "a path whose ends differ")
-    assert q_start is not None
-    return PointToPoint(robot, q_start, path)
+    try:
+        return PointToPoint(robot, start, goal)
+    except NoSolution as error:
+        raise NoSolution(error.reason.replace("point 0", "the goal"), advice=error.advice) from None
 
 
-def find_first_paths(path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search) -> Iterator[FirstPath]:
-    """Yield first paths from the start of a path through its via points to its goal: of one search, then of others."""
-    if any(point.is_pose for point in path.points):
-        path = PointToPoint(
-            path.robot, path.coefficients[0], *path.points,
-            usable=lambda q: np.asarray(find_nearest_pairs(path.robot, scene, q)[0] > 0.0),
-        )  # fmt: skip
-    points = [path.coefficients[0], *(via.q for via in path.vias), path.coefficients[-1]]
+def find_first_paths(
+    path: PointToPoint, scene: Scene, search: str | os.PathLike[str] | Search, winding: str
+) -> Iterator[FirstPath]:  # fmt: skip
+    """Yield first paths from the start of a path through its via points to its goal: of one search, then of others.
+
+    A pose is reached in whichever configuration a search finds. A way back exists, so no other configuration leads farther.
+    """
+    targets = [*(via.q for via in path.vias), path.coefficients[-1]]
+    if path.points:  # unless it is from a file
+        targets = [point.target if point.is_pose else q for point, q in zip(path.points, targets, strict=True)]
     at = [0.0, *(via.s for via in path.vias)]
-    for i, via in enumerate(path.vias):
-        near = find_contact(path.robot, scene, via.q)
-        if near.room <= 0.0:
-            reason = f"point {i} is in collision: {near.pair[0]} and {near.pair[1]} at its configuration"
-            yield FirstPath(PlanFailure(FollowStatus.CONTACT, via.s, None, reason, VIA_ADVICE), 0)
-            return
     for seed in itertools.count():
-        legs, samples = [], 0
-        for s, (a, b) in zip(at, itertools.pairwise(points), strict=True):
-            found = find_path(path.robot, a, b, scene=scene, search=search, seed=seed)
+        legs, samples, q = [], 0, path.coefficients[0]
+        for i, (s, target) in enumerate(zip(at, targets, strict=True)):
+            last = i == len(path.vias)
+            found = find_path(
+                path.robot, q, target, scene=scene, search=search, seed=seed, winding=winding if last else "exact"
+            )
             samples += found.samples
             if not found:
-                status = found.status if found.status is SearchStatus.NO_PATH_FOUND else FollowStatus.CONTACT
-                advice = found.advice if found.status is not SearchStatus.NO_PATH_FOUND else MORE_SAMPLES_ADVICE
-                yield FirstPath(PlanFailure(status, s, None, found.reason, advice), samples)
+                yield FirstPath(_explain(found, i, s, last), samples)
                 return
-            legs.append(found.paths)
+            q = found.vertices[-1]
+            legs.append([way for way in found.paths if last or (way[-1] == q).all()])
         for way in itertools.zip_longest(*legs):
             chosen = [legs[i][-1] if leg is None else leg for i, leg in enumerate(way)]
             yield FirstPath(round_corners(path, chosen, scene), samples)
             samples = 0
         if all(len(leg[0]) == 2 for leg in legs):
             return  # straight, which no other search shortens
+
+
+def _explain(found: SearchResult, i: int, s: float, last: bool) -> PlanFailure:
+    """Return why there is no path to point i."""
+    if found.status is SearchStatus.NO_PATH_FOUND:
+        return PlanFailure(found.status, s, None, found.reason, MORE_SAMPLES_ADVICE)
+    status = FollowStatus.UNREACHABLE if found.status is SearchStatus.GOAL_UNREACHABLE else FollowStatus.CONTACT
+    via = not last and found.status is SearchStatus.GOAL_IN_CONTACT
+    reason = found.reason if last else found.reason.replace("the goal", f"point {i}", 1)
+    return PlanFailure(status, s, None, reason, VIA_ADVICE if via else found.advice)
 
 
 def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointToPoint:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
@@ -18,7 +16,8 @@ from optik.registry import build_method
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
-from planners.paths._configurations import find_configurations
+from planners.paths._goal import check_winding, find_continuous
+from planners.search._goals import list_goals
 from planners.search.base import JointSpace, Search, SearchResult, SearchStatus, measure_length
 
 SAME_PATH = 0.05
@@ -35,12 +34,11 @@ def find_path(
     goal: ArrayLike,
     *,
     scene: Scene, search: str | os.PathLike[str] | Search = "rrt_connect", seed: int = 0, max_samples: int | None = None,
-    shortcuts: int = 100, paths: int = 3,
+    shortcuts: int = 100, paths: int = 3, winding: str = "nearest",
 ) -> SearchResult:  # fmt: skip
     """Find joint paths that are proved to be collision-free, and shorten them.
 
-    Each path consists of straight joint motions. Each motion is proved by bounds on how far links move, without a step size.
-    Equal arguments give equal paths.
+    Each path consists of straight joint motions, proved by bounds on how far links move. Equal arguments give equal paths.
 
     Parameters
     ----------
@@ -49,8 +47,8 @@ def find_path(
     q_start : (n,) array
         Start [rad, m].
     goal : (n,) array, or (k, n) array, or (4, 4) array
-        Configuration [rad, m]; several, of which one is reached; or a pose of the tool, reached in any configuration. For an
-        arm of four joints, (4, 4) is a pose if its last row is 0, 0, 0, 1.
+        Configuration [rad, m]; several, of which one is reached; or a pose of the tool, reached in any configuration with any
+        winding. For an arm of four joints, (4, 4) is a pose if its last row is 0, 0, 0, 1.
     scene : Scene
         Obstacles, and the margin to them; the arm's own links are checked too. An empty scene checks the links alone.
     search : str or Search
@@ -62,8 +60,10 @@ def find_path(
     shortcuts : int
         Number of random shortcuts that are tried on each path; 0 returns the path as found.
     paths : int
-        Number of searches, each with random numbers of its own. The shortest of three paths is 6 % shorter than one (mean of
-        MotionBenchMaker's problems). Equal paths are returned once; a free straight motion to a single goal ends the searches.
+        Number of searches. The shortest of three paths is 6 % shorter than one (mean of MotionBenchMaker's problems). Equal
+        paths are returned once. A free straight line to the nearest goal ends the searches.
+    winding : {"nearest", "exact"}
+        Whether joints without limits reach joints as goal modulo whole turns, from either side, or exactly.
 
     Returns
     -------
@@ -72,38 +72,33 @@ def find_path(
 
     Raises
     ------
-    InvalidInput
-        An invalid argument; a start or goal outside the limits; an arm without shapes.
-    UnknownName
-        An unknown method.
+    InvalidInput, UnknownName
+        An invalid argument or unknown method; a start or goal outside the limits; an arm without shapes.
     """
     space, start = JointSpace(robot, scene), np.ascontiguousarray(check_start(robot, q_start, "q_start"))
-    for name, count, least, most in (
-        ("seed", seed, 0, None), ("shortcuts", shortcuts, 0, MOST_SHORTCUTS), ("paths", paths, 1, MOST_PATHS),
-    ):  # fmt: skip
-        check_count(count, name, least, most)
+    check_count(seed, "seed", 0)
+    check_count(shortcuts, "shortcuts", 0, MOST_SHORTCUTS)
+    check_count(paths, "paths", 1, MOST_PATHS)
     method = _get_search(search, max_samples)
     try:
-        goals = _list_goals(robot, start, goal)
+        goals, every = list_goals(space, start, goal, check_winding(winding))
     except NoSolution as error:
         return SearchResult(SearchStatus.GOAL_UNREACHABLE, (), 0, error.reason, error.advice)
-    return _search(space, start, goals, method, (seed, shortcuts, paths))
+    if not (starts := space.is_free(start)) or not len(goals):
+        return _refuse(space, every if starts else start[None], start)
+    return _search(space, start, goals, method, (seed, shortcuts, paths, winding))
 
 
 def _search(
-    space: JointSpace, start: Array, goals: Array, method: Search, options: tuple[int, int, int]
+    space: JointSpace, start: Array, goals: Array, method: Search, options: tuple[int, int, int, str]
 ) -> SearchResult:
-    """Search paths to the goals that are free, shorten them, and return the different ones."""
-    if not space.is_free(start):
-        return _refuse(space, SearchStatus.START_IN_CONTACT, "start", start)
-    free = np.array([space.is_free(q) for q in goals])
-    if not free.any():
-        nearest = goals[np.argmin(np.linalg.norm(goals - start, axis=1))]
-        return _refuse(space, SearchStatus.GOAL_IN_CONTACT, "goal" if len(goals) == 1 else "nearest goal", nearest)
-    goals, (seed, shortcuts, paths) = goals[free], options
+    """Search paths to the goals (k, n), the nearest of which is the first; shorten them, and return the different ones."""
+    seed, shortcuts, paths, winding = options
     found: list[Array] = []
     samples = 0
     for k in range(paths):
+        if found:  # a goal that is farther than a path is long would make a longer path
+            goals = goals[np.linalg.norm(goals - start, axis=1) <= (1.0 + 1e-9) * min(map(measure_length, found))]
         attempt = method.search(space, start, goals, (seed, k))
         if not isinstance(attempt, tuple) or len(attempt) != 2:
             raise InvalidInput(
@@ -118,14 +113,15 @@ def _search(
                 vertices = space.shorten(vertices, np.random.default_rng((seed, k, 0)).random((shortcuts, 2)))
             if not any(_is_same_path(vertices, other) for other in found):
                 found.append(vertices)
-        if vertices is not None and len(goals) == 1 and len(vertices) <= 2:
+        if vertices is not None and len(vertices) <= 2 and (vertices[-1] == goals[0]).all():
             break
     if found:
         return SearchResult(SearchStatus.FOUND, tuple(sorted(found, key=measure_length)), samples)
     reason = f"no path found with {samples} random configurations; that does not prove that there is none"
-    return SearchResult(
-        SearchStatus.NO_PATH_FOUND, (), samples, reason, "a larger max_samples, another seed, or a smaller scene.margin"
-    )
+    advice = "a larger max_samples, another seed, or a smaller scene.margin"
+    if winding == "exact" and find_continuous(space.robot).any():
+        advice += '; or winding="nearest", if joints without limits may end whole turns away'
+    return SearchResult(SearchStatus.NO_PATH_FOUND, (), samples, reason, advice)
 
 
 def _check_path(space: JointSpace, vertices: Array, start: Array, goals: Array, method: Search) -> None:
@@ -160,27 +156,18 @@ def _get_search(search: str | os.PathLike[str] | Search, max_samples: int | None
     return built
 
 
-def _list_goals(robot: Robot, start: Array, goal: ArrayLike) -> Array:
-    """Return the goal configurations (k, n), those of a pose by inverse kinematics."""
-    expected = f"{robot.n} joints, several rows of them, or a pose (4, 4)"
-    try:
-        array = np.asarray(goal, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInput("goal", repr(goal)[:60], expected) from None
-    if array.shape == (4, 4) and (robot.n != 4 or (array[3] == np.eye(4)[3]).all()):
-        return np.ascontiguousarray(find_configurations(robot, se3.check_pose(array, "goal"), start[None], "the goal"))
-    if array.ndim not in (1, 2) or array.shape[-1] != robot.n or not len(array):
-        raise InvalidInput("goal", f"shape {array.shape}", expected)
-    rows: Iterable[Array] = array.reshape(-1, robot.n)
-    return np.ascontiguousarray([check_start(robot, q, "goal") for q in rows])
-
-
-def _refuse(space: JointSpace, status: SearchStatus, which: str, q: Array) -> SearchResult:
-    """Return the result for a start or goal in contact."""
-    near = find_contact(space.robot, space.scene, q)
+def _refuse(space: JointSpace, q: Array, start: Array) -> SearchResult:
+    """Return the result for configurations (k, n) of a goal that are in contact, or for the start."""
+    starts = len(q) == 1 and bool((q[0] == start).all())
+    status, words = SearchStatus.GOAL_IN_CONTACT, "the goal is in collision"
+    if starts:
+        status, words = SearchStatus.START_IN_CONTACT, "the start is in collision"
+    if len(q) > 1:
+        words = f"all {len(q)} configurations found for the goal are in collision, the nearest one"
+    near = find_contact(space.robot, space.scene, q[np.linalg.norm(q - start, axis=1).argmin()])
     margin = f", and the margin is {1e3 * space.scene.margin:.3g} mm" if near.distance > 0.0 else ""
     gap = f"{1e3 * near.distance:.3g} mm" if near.distance > 0.0 else "contact"
-    reason = f"the {which} is in collision: {gap} between {near.pair[0]} and {near.pair[1]}{margin}"
+    reason = f"{words}: {gap} between {near.pair[0]} and {near.pair[1]}{margin}"
     advice = "another configuration, or a smaller margin; or this pair in scene.allow, if it may be in contact"
     return SearchResult(status, (), 0, reason, advice)
 

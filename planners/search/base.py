@@ -129,17 +129,18 @@ class JointSpace:
         Parameters
         ----------
         ends : (k, n) array
-            Start and goals [rad, m].
+            Start, then goals, the nearest first [rad, m].
 
         Returns
         -------
         tuple of (n,) arrays
-            The limits; where there is none, half a turn or 3 m beyond the start and the goals; of a joint that turns more than
-            twice, at most a turn beyond them, because further turns are the same places [rad, m].
+            The limits [rad, m]. Where there is none, half a turn or 3 m beyond the start and the nearest goal, and all goals.
+            Of a joint that turns more than twice, at most a turn beyond them, because further turns are the same places.
         """
         limits, least, most = self.robot.limits, ends.min(axis=0), ends.max(axis=0)
-        lower = np.where(np.isfinite(limits.lower), limits.lower, least - np.pi)
-        upper = np.where(np.isfinite(limits.upper), limits.upper, most + np.pi)
+        near = ends[:2]
+        lower = np.where(np.isfinite(limits.lower), limits.lower, np.minimum(near.min(axis=0) - np.pi, least))
+        upper = np.where(np.isfinite(limits.upper), limits.upper, np.maximum(near.max(axis=0) + np.pi, most))
         several = ~self.robot.prismatic & (upper - lower > MOST_TURNED)
         lower = np.where(several, np.maximum(lower, least - 0.5 * MOST_TURNED), lower)
         return lower, np.where(several, np.minimum(upper, most + 0.5 * MOST_TURNED), upper)

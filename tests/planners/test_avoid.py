@@ -414,7 +414,8 @@ def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_t
         (GOAL, {"scene": None}, "a Scene with the obstacles"),
         (GOAL, {"scene": 3}, "a Scene; an empty one"),
         (Line(panda().fk(REST), panda().fk(GOAL)), {}, "planners.free"),
-        (panda().fk(GOAL), {}, "straight line"),
+        (panda().fk(REST), {}, "^path: .* ends differ"),
+        (GOAL, {"winding": "short"}, '^winding: expected "nearest" or "exact"'),
         (REST, {}, "^path: .* ends differ"),
         (GOAL, {"avoid": "rrt"}, "rrt"),
         (

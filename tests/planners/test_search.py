@@ -337,6 +337,6 @@ def test_a_joint_without_limits_and_a_locked_one_are_searched(search: str) -> No
     limits = scara().limits.replace(lower=[-np.inf, -2.6, 0.0, 0.0], upper=[np.inf, 2.6, 0.18, 0.0])
     robot, scene = replace(scara(), limits=limits), Scene(spheres=[((0.6 * np.cos(8.0), 0.6 * np.sin(8.0), 0.0), 0.1)])
     start, goal = np.array([7.0, 0.0, 0.1, 0.0]), np.array([9.0, 0.0, 0.1, 0.0])
-    result = find_path(robot, start, goal, scene=scene, search=search)
+    result = find_path(robot, start, goal, scene=scene, search=search, winding="exact")
     assert len(result.vertices) > 2
     check(robot, scene, result.vertices)

@@ -204,7 +204,7 @@ def solve_by_pyroboplan(robot: Robot, limits: MotionLimits, problem: MotionProbl
 def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search: str) -> SearchResult:
     """Return what one of the searches finds: with proved edges by ours and by OMPL, with sampled ones by VAMP."""
     if search != "vamp":
-        return find_path(robot, *ends, scene=scene, search=search)
+        return find_path(robot, *ends, scene=scene, search=search, winding="exact")
     try:
         return find_by_vamp(robot, scene, ends)
     except NoSolution as error:
@@ -231,7 +231,7 @@ def solve(
             searches[name] = found, row | about
     found, row = searches["rrt_connect"]
     begin = time.process_time()
-    made = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True)
+    made = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True, winding="exact")
     ours = row | _judge(made, 1e3 * (time.process_time() - begin))
     if found:
         moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(found.vertices)]
