@@ -6,7 +6,8 @@ Files may be renamed: bring `TESTS` and `LISTED` up to date, and a stale entry s
 from __future__ import annotations
 
 EDGES = "tests/planners/test_proof_edges.py"
-INTERPRETED = (EDGES,)
+SEARCH_PROOFS = "tests/planners/test_search_proofs.py"
+INTERPRETED = (EDGES, SEARCH_PROOFS)
 """Tests that are quick with kernels as plain Python: run so, as no changed kernel needs to be compiled for them."""
 
 PATHS = ("tests/planners/test_path_line.py", "tests/planners/test_path_arc.py", "tests/planners/test_path_polyline.py")
@@ -112,7 +113,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/search/_around.py": ("tests/planners/test_avoid.py",),
     "planners/timing/_free/solve.py": FREEDOM,
     "planners/paths/free_path.py": FREEDOM,
-    "planners/search/_edges.py": SEARCH,
+    "planners/search/_edges.py": (SEARCH_PROOFS, *SEARCH),
     "planners/search/_corners.py": SEARCH,
     "planners/search/_trees.py": SEARCH,
     "planners/search/_find.py": SEARCH,

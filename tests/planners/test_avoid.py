@@ -15,12 +15,13 @@ from optik.types import Array
 from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
 from planners.cell.view._data import describe_show
 from planners.cell.view.show import show_motion
+from planners.search.rrt_connect import RRTConnect
 from planners.timing._free import avoid
 from planners.timing._free.choose import Choice, JointChoice
 from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.timing._free.programme import FreeProgramme
 from planners.timing.optimal import Optimal
-from tests.planners.contacts import REST, drawn, panda, pose
+from tests.planners.contacts import REST, drawn, panda, pose, scara
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 GOAL = np.array([1.2, 0.3, 0.1, -1.9, -0.1, 2.1, 0.9])
@@ -347,6 +348,8 @@ def test_a_start_or_goal_in_contact_says_which() -> None:
         assert found.failure is not None
         assert word in found.failure.reason
         assert "sphere1" in found.failure.reason
+        assert "margin" in found.failure.advice
+        assert "samples" not in found.failure.advice, "which would not help"
 
 
 @pytest.mark.parametrize("timing", ["optimal", "smooth"])
@@ -367,22 +370,13 @@ def test_a_free_path_says_where_it_touches_and_what_may_help(timing: str) -> Non
 
 
 def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_there_is_none() -> None:
-    robot = panda()
-    at, boxes = robot.fk(GOAL)[:3, 3], []
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            T, size = pose(at), np.full(3, 0.9)
-            T[axis, 3] += 0.45 * side
-            size[axis] = 0.005
-            if not (axis == 2 and side > 0):
-                boxes.append((T, tuple(size)))
-    shelf = Scene(boxes=boxes)
-    from planners.search.rrt_connect import RRTConnect
-
-    found = plan(robot, GOAL, REST, limits=LIMITS, scene=shelf, avoid=RRTConnect(max_samples=300))
-    assert found.status in (PlanStatus.NO_PATH_FOUND, PlanStatus.CONTACT)
+    robot, post = scara(), Scene(boxes=[(pose((0.2, 0.0, 0.0)), (0.05, 0.05, 1.0))])
+    start, goal = np.array([-1.0, 0.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.1, 0.0])  # the first link cannot pass the post
+    found = plan(robot, goal, start, limits=LIMITS, scene=post, avoid=RRTConnect(max_samples=300))
+    assert found.status is PlanStatus.NO_PATH_FOUND
     assert found.failure is not None
-    assert found.failure.advice
+    assert "does not prove that there is none" in found.failure.reason
+    assert "more samples" in found.failure.advice
 
 
 @pytest.mark.parametrize(

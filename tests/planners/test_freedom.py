@@ -61,7 +61,20 @@ def sliding() -> Robot:
     return robot.with_inertia(Inertia(rng.uniform(0.5, 3.0, robot.n), 0.1 * rng.normal(size=(robot.n, 3)), inertia))
 
 
-@pytest.mark.parametrize("make", [lambda: optik.load("panda").with_payload(2.0), lambda: optik.load("ur5e"), sliding])
+OBLIQUE = [0.6, -0.64, -0.48]
+"""A direction of gravity with all three components."""
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: optik.load("panda").with_payload(2.0),
+        lambda: optik.load("ur5e"),
+        sliding,
+        lambda: optik.load("panda").with_payload(2.0).with_gravity(OBLIQUE),
+        lambda: sliding().with_gravity(OBLIQUE),
+    ],
+)
 def test_torques_along_a_path_change_as_differences_of_them_do(make: Any) -> None:
     robot, rng, h = make(), np.random.default_rng(0), 1e-6
     load, path = robot.loads[0], rng.normal(size=(4, 5, robot.n))
@@ -218,9 +231,12 @@ def test_the_bordered_sweeps_solve_the_system_of_the_newton_step() -> None:
     assert np.abs(step(1e12)[1]).max() < 1e-7  # a stiff coefficient stays
 
 
+@pytest.mark.parametrize("velocity", [2.0, 0.3])
 @pytest.mark.parametrize("name", ["turn", "tilt and turn", "elbow"])
-def test_the_gradient_is_that_of_the_duration(name: str) -> None:
+def test_the_gradient_is_that_of_the_duration(name: str, velocity: float) -> None:
+    """A slow joint is at its speed limit for most of the motion, a fast one never."""
     make, q, freedoms, limits = CASES[name]
+    limits = replace(limits, velocity=velocity)
     robot = make()
     given = choice(robot, free(line(robot, q), **freedoms), q, limits)
 

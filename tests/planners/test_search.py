@@ -21,7 +21,7 @@ from planners import SearchStatus, find_path
 from planners.search import JointSpace, Search
 from planners.search.base import Attempt, measure_length
 from planners.search.rrt_connect import RRTConnect
-from tests.planners.contacts import REST, drawn, panda, pose, table
+from tests.planners.contacts import REST, drawn, panda, pose, scara, table
 
 TURN = np.array([1.4, 0, 0, 0, 0, 0, 0])
 SEARCHES = pytest.mark.parametrize(
@@ -39,16 +39,6 @@ LEFT, RIGHT = REST - TURN, REST + TURN
 def wall() -> Scene:
     """A thin wall in front of the arm, and a floor."""
     return Scene(boxes=[(pose((0.5, 0.0, 0.45)), (0.5, 0.004, 0.7))], planes=[((0, 0, -0.1), (0, 0, 1))])
-
-
-def scara() -> Robot:
-    """An arm with a prismatic joint."""
-    links = (
-        (1, (0, 0, 0), (0.4, 0, 0), 0.05),
-        (2, (0, 0, 0), (0.25, 0, 0), 0.05),
-        (4, (0, 0, -0.1), (0, 0, 0.2), 0.02),
-    )
-    return optik.load("irb910sc").with_shapes(Shapes(links, apart=((2, 4, "the spline is in the second arm"),)))
 
 
 def gantry() -> Robot:
