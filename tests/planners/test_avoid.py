@@ -22,6 +22,7 @@ from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_
 from planners.timing._free.programme import FreeProgramme
 from planners.timing.optimal import Optimal
 from tests.planners.contacts import REST, drawn, panda, pose, scara
+from tests.seeds import shift_seed
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 GOAL = np.array([1.2, 0.3, 0.1, -1.9, -0.1, 2.1, 0.9])
@@ -43,7 +44,7 @@ def around() -> Plan:
 
 
 def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_differences() -> None:
-    robot, rng, h, seen = panda(), np.random.default_rng(3), 1e-7, 0
+    robot, rng, h, seen = panda(), np.random.default_rng(shift_seed(3)), 1e-7, 0
     for _ in range(20):
         scene = drawn(rng)
         bodies, q = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (3, 7))
@@ -71,7 +72,7 @@ def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_diffe
 
 
 def test_near_pairs_are_those_below_the_bound_from_step_to_step() -> None:
-    robot, rng, seen = panda(), np.random.default_rng(5), 0
+    robot, rng, seen = panda(), np.random.default_rng(shift_seed(5)), 0
     for _ in range(30):
         scene = drawn(rng)
         bodies, q, pairs = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (4, 7)), NearPairs(robot, scene, 4)
@@ -103,7 +104,7 @@ def test_near_pairs_of_the_arm_are_found_where_the_elbow_moves_and_the_hand_rest
 
 @pytest.mark.parametrize("kind", ["joints", "elbow"])
 def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind: str) -> None:
-    robot, rng, h = panda(), np.random.default_rng(4), 1e-6
+    robot, rng, h = panda(), np.random.default_rng(shift_seed(4)), 1e-6
     choice: Choice
     if kind == "joints":
         path = PointToPoint(robot, REST, GOAL)
@@ -180,7 +181,7 @@ def test_coefficients_are_pushed_until_the_elbow_touches_nothing() -> None:
 
 
 def test_a_step_may_not_end_where_a_pair_without_a_slot_has_too_little_room_and_near_pairs_get_slots() -> None:
-    robot, rng = panda(), np.random.default_rng(8)
+    robot, rng = panda(), np.random.default_rng(shift_seed(8))
     path = PointToPoint(robot, REST, GOAL)
     first = plan(robot, path, limits=LIMITS)
     choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
@@ -294,7 +295,7 @@ def test_the_branch_of_a_pose_is_one_without_contact() -> None:
 def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
     robot, solved = panda(), 0
     for seed in range(6):
-        rng = np.random.default_rng([7, seed])
+        rng = np.random.default_rng([shift_seed(7), seed])
         q = REST + rng.uniform(-0.3, 0.3, 7)
         T = robot.fk(q)
         goal = T.copy()

@@ -22,6 +22,7 @@ from planners.search import JointSpace, Search
 from planners.search.base import Attempt, measure_length
 from planners.search.rrt_connect import RRTConnect
 from tests.planners.contacts import REST, drawn, panda, pose, scara, table
+from tests.seeds import shift_seed
 
 TURN = np.array([1.4, 0, 0, 0, 0, 0, 0])
 SEARCHES = pytest.mark.parametrize(
@@ -66,7 +67,7 @@ def check(robot: Robot, scene: Scene, path: Array) -> None:
 @pytest.mark.parametrize("robot", [panda(), scara()])
 def test_proved_edges_are_free_at_dense_samples_and_free_edges_are_proved(robot: Robot) -> None:
     # Edges of several radians past thin boards and small spheres: the bound's remainder is as large as the arm.
-    rng, count = np.random.default_rng(3), {True: 0, False: 0}
+    rng, count = np.random.default_rng(shift_seed(3)), {True: 0, False: 0}
     for i in range(24):
         scene = drawn(rng) if i % 2 else table()
         space = JointSpace(robot, scene)
@@ -95,7 +96,7 @@ def test_an_edge_that_grazes_a_small_sphere_is_refused() -> None:
 
 def test_bounds_are_used_up_to_the_last_millimetre() -> None:
     # The displacement of a sliding sphere is the bound itself: nothing hides a bound that is too large.
-    robot, rng, proved = gantry(), np.random.default_rng(6), 0
+    robot, rng, proved = gantry(), np.random.default_rng(shift_seed(6)), 0
     assert np.abs(robot.frames(np.array([1.0, 2.0]))[1, :3, 3] - [1.0, 2.0, 0.0]).max() < 1e-12
     for _ in range(400):
         a, v = rng.uniform(-4.0, 4.0, (2, 2))
@@ -116,7 +117,7 @@ def test_bounds_are_used_up_to_the_last_millimetre() -> None:
 
 
 def test_corners_may_be_cut_by_the_length_that_is_proved() -> None:
-    robot, rng, found = panda(), np.random.default_rng(5), []
+    robot, rng, found = panda(), np.random.default_rng(shift_seed(5)), []
     for _ in range(30):
         scene = drawn(rng)
         q = robot.limits.sample(rng, 300)
