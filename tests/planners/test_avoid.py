@@ -40,6 +40,17 @@ def around() -> Plan:
     return plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
 
 
+def test_configurations_between_grid_points_are_exact_on_a_cubic() -> None:
+    rng, s = np.random.default_rng(2), np.array([0.0, 0.3, 0.4, 1.1])
+    c = rng.normal(size=(4, 3))
+    q, q1 = (np.polynomial.polynomial.polyval(s, x).T for x in (c, np.polynomial.polynomial.polyder(c)))
+    finer = np.append((s[:-1, None] + np.diff(s)[:, None] * np.arange(4) / 4.0).ravel(), s[-1])
+    assert avoid.EXAMINED_BETWEEN == 4
+    np.testing.assert_allclose(
+        avoid._between(np.stack([q, q1]), s), np.polynomial.polynomial.polyval(finer, c).T, atol=1e-12
+    )
+
+
 # ---------------------------------------------------------------- rows
 
 

@@ -180,6 +180,15 @@ def test_cross_derivatives_are_those_of_the_columns() -> None:
                 np.testing.assert_allclose(border.cross[k - 1, 3 + row], before, atol=1e-6)
 
 
+def test_speeds_are_limited_a_third_of_an_interval_after_each_grid_point() -> None:
+    """A speed that rises by half of the jerk's range and falls by the other half peaks there."""
+    given = all_limits()
+    programme, v = given.programme, given.optimum.programme.start[:, 0] * given.programme.time[0]
+    duration = 2.0 * np.diff(given.optimum.programme.s) / (v[:-1] + v[1:])
+    assert np.median(programme.scales.peak[:-1] / duration) == pytest.approx(1.0 / 3.0, rel=1e-6)
+    assert programme.scales.peak[-1] == 0.0
+
+
 IN_PLAIN_PYTHON = """
 import pickle, sys
 programme, p, near, z, y = pickle.load(sys.stdin.buffer)
