@@ -100,8 +100,9 @@ def test_no_way_leads_further_down_and_the_target_stays_met(arm, task, prefer):
             return value(arm, task, prefer, start, q, target)
 
         # a plain answer is off the target by up to 1e-6, and what that gains is no gain
-        off = np.linalg.pinv(rows_of(arm, task, before.q, target), rcond=1e-9) @ task_error(arm, task, target, before.q)
-        assert f(result.q) <= f(before.q) + 2.0 * abs(gradient(f, before.q) @ off) + 1e-9
+        slope = gradient(f, before.q) @ np.linalg.pinv(rows_of(arm, task, before.q, target), rcond=1e-9)
+        off = np.linalg.norm(slope) * np.linalg.norm(task_error(arm, task, target, before.q))
+        assert f(result.q) <= f(before.q) + 2.0 * off + 1e-9
         # the gradient, less what the task's rows and the limits that it pushes against can balance, is none
         g = gradient(f, result.q)
         at_limit = (result.q <= arm.lower + 1e-7) & (g > 0) | (result.q >= arm.upper - 1e-7) & (g < 0)
@@ -283,11 +284,11 @@ def test_methods_come_to_the_same_minimum_of_a_preference(prefer):
     rng, robot, task = np.random.default_rng(shift_seed(506)), built(LBR), as_task("pose")
     solvers = [make_solver(robot, name, prefer=prefer) for name in ("lm", "sqp", "ipopt")]
     same = 0
-    for _ in range(8):
+    for _ in range(32):
         q = 0.6 * rng.uniform(LBR.lower, LBR.upper)
         target, start = oracles.fk(LBR, q), np.clip(q + rng.normal(0.0, 0.02, 7), LBR.lower, LBR.upper)
         results = [solver.solve(target, start) for solver in solvers]
         assert all(results)
         values = [solvers[0].preference.value(task, target, start, result.q) for result in results]
         same += max(values) - min(values) < 1e-4
-    assert same >= 6
+    assert same >= 16

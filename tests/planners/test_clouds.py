@@ -98,8 +98,8 @@ def test_rows_change_as_their_differences() -> None:
 
 
 def test_proofs_are_right_at_every_instant() -> None:
-    robot, rng, free, straight = apart("panda"), np.random.default_rng(shift_seed(1)), 0, 0
-    for _ in range(14):
+    robot, rng, free, straight, count = apart("panda"), np.random.default_rng(shift_seed(1)), 0, 0, 0
+    while count < 60 and not (count >= 14 and 3 <= min(free, straight) and max(free, straight) <= count - 3):
         points, motion = draw_points(rng, 300), drawn_motion(rng, 1)
         scene = Scene(clouds=[(points, RADIUS)])
         found = clearance(robot, motion, scene).scene
@@ -114,8 +114,8 @@ def test_proofs_are_right_at_every_instant() -> None:
         a, b, body = motion(0.0), motion(0.3 * motion.end), make_body(robot, scene)
         proved = find_unproved(body, a, b, np.zeros(7), make_work(body)) < 0
         assert not proved or measure(robot, points, np.linspace(a, b, 200)).min() > 0.0
-        free, straight = free + (least > 0.0), straight + proved
-    assert 3 <= free <= 11 and 3 <= straight <= 11
+        free, straight, count = free + (least > 0.0), straight + proved, count + 1
+    assert count < 60, "motions with and without contact, edges with and without a proof"
 
 
 def test_a_part_on_several_sides_is_not_behind_a_plane() -> None:
