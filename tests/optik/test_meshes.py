@@ -13,12 +13,14 @@ from scipy.spatial.transform import Rotation
 import optik
 from optik import se3
 from optik.arm.shapes.enclosure import (
+    SPACING,
     Capsule,
     bound_excess,
     box_triangles,
     enclose_cylinder,
     enclose_mesh,
     fit_capsule,
+    sample_points,
     split_mesh,
 )
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
@@ -212,6 +214,17 @@ def test_a_bad_fit_is_cut_and_the_cut_has_less_excess():
     one, several = enclose_mesh(np.asarray(bent().triangles), 1), enclosed("bent")
     assert (len(one), 2 <= len(several) <= 3) == (1, True)
     assert max(c.excess for c in several) < 0.6 * one[0].excess
+
+
+@pytest.mark.parametrize("far", [0.0, 5.0])
+def test_points_on_a_mesh_are_as_dense_as_its_size_asks(far):
+    rng, edges = np.random.default_rng(4), np.array([0.4, 0.2, 0.1])
+    triangles = np.add(box_triangles(edges), [far, 0.0, 0.0])
+    size = np.ptp(triangles.reshape(-1, 3), axis=0).max()
+    tree, corner = sample_points(triangles), rng.dirichlet(np.ones(3), 4000)
+    points = np.einsum("ke,ked->kd", corner, triangles[rng.integers(len(triangles), size=4000)])
+    assert tree.query(points)[0].max() <= size / SPACING
+    assert tree.n <= 60_000, "and not much denser"
 
 
 @pytest.mark.parametrize("seed", range(3))

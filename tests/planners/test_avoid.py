@@ -191,6 +191,20 @@ def test_coefficients_are_pushed_until_the_elbow_touches_nothing() -> None:
         np.testing.assert_allclose(tool, freed.given.pose(choice.optimum.programme.s), atol=1e-8)
 
 
+def test_each_room_that_is_required_has_a_slot_at_its_grid_point() -> None:
+    """Also where many rooms are required of one grid point and none of another."""
+    robot, rng = panda(), np.random.default_rng(9)
+    path, scene = PointToPoint(robot, REST, GOAL), drawn(rng)
+    first = plan(robot, path, limits=LIMITS)
+    choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
+    cuts = avoid.Cuts(robot, scene, choice.near[0])
+    wanted = rng.random(cuts.table.shape) < np.linspace(0.0, 0.3, len(cuts.table))[:, None]
+    cuts.table = np.where(wanted, 1e-3, np.nan)
+    slots = cuts.limits(choice)._slots
+    for k in range(1, len(slots) - 1):
+        assert set(slots[k][slots[k] >= 0].tolist()) == set(np.flatnonzero(wanted[k]).tolist())
+
+
 def test_a_step_may_not_end_where_a_pair_without_a_slot_has_too_little_room_and_near_pairs_get_slots() -> None:
     robot, rng = panda(), np.random.default_rng(shift_seed(8))
     path = PointToPoint(robot, REST, GOAL)

@@ -13,7 +13,7 @@ from benchmarks.blocks.timing.clearance import ClearanceBlock, _Clearance
 from benchmarks.blocks.timing.nearest import nearest_picture
 from optik import Robot, Scene
 from optik.errors import InvalidInput
-from optik.scene.contact import CLOUD, find_nearest, find_nearest_pairs, find_pairs
+from optik.scene.contact import CLOUD, bound_distance, find_nearest, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners import find_path, plan
 from planners.certificate.clearance import clearance
@@ -82,6 +82,18 @@ def test_a_row_of_points_has_directions_by_which_the_axis_leaves_it() -> None:
     assert through == (-RADIUS, 0.0, (0.0, 0.0, 0.0))
 
 
+def test_a_far_part_of_a_cloud_is_bounded_by_its_box_in_every_direction() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        points = rng.uniform(-0.3, 0.3, (6, 3))
+        scene = Scene(clouds=[(points, RADIUS)])
+        for p in rng.normal(size=(20, 3)) * 10.0 ** rng.uniform(-1.0, 1.0, (20, 1)):
+            out = np.maximum(np.maximum(points.min(axis=0) - p, p - points.max(axis=0)), 0.0)
+            bound = bound_distance(tuple(p.tolist()), 0.1, CLOUD, 0, scene.arrays, np.empty((0, 4)))
+            assert bound == pytest.approx(np.linalg.norm(out) - RADIUS - 0.1, abs=1e-12)
+            assert bound <= np.linalg.norm(points - p, axis=1).min() - RADIUS - 0.1 + 1e-12
+
+
 def test_rows_change_as_their_differences() -> None:
     robot, rng, h, exact = apart("panda"), np.random.default_rng(shift_seed(3)), 1e-7, []
     scene = Scene(clouds=[(draw_points(rng, 3000), RADIUS)], margin=1e-3)
@@ -99,7 +111,7 @@ def test_rows_change_as_their_differences() -> None:
 
 def test_proofs_are_right_at_every_instant() -> None:
     robot, rng, free, straight, count = apart("panda"), np.random.default_rng(shift_seed(1)), 0, 0, 0
-    while count < 60 and not (count >= 14 and 3 <= min(free, straight) and max(free, straight) <= count - 3):
+    while count < 60 and not (count >= 14 and min(free, straight) >= 3 and max(free, straight) <= count - 3):
         points, motion = draw_points(rng, 300), drawn_motion(rng, 1)
         scene = Scene(clouds=[(points, RADIUS)])
         found = clearance(robot, motion, scene).scene
