@@ -151,7 +151,7 @@ DESCENT_GROWTH = 4.0
 """Growth of λ² after a step that does not reduce ½|e|² [1] (Marquardt 1963)."""
 
 
-def find_nearest_pose(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 500) -> Array:
+def find_nearest_pose(robot: Robot, task: Task, target: Array, starts: Array, max_iterations: int = 5000) -> Array:
     """Return the configuration inside the limits with the least ½|e|² found from some initial guesses (k, n)."""
     q, best, least = robot.limits.clip(starts), starts[0], np.inf
     limits, goal = (robot.limits.lower, robot.limits.upper), (task.flags, target)

@@ -19,6 +19,7 @@ from benchmarks.blocks.timing.nearest import nearest_points, placed
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
 from planners import MotionLimits
+from tests.seeds import shift_seed
 
 BLOCK: dict[str, Any] = {
     "id": "loaded",
@@ -60,7 +61,7 @@ def test_motions_are_drawn_until_the_arm_can_stand_everywhere_on_them() -> None:
     tight = block_of(limits=[{"torque": [87.0, 40.0, 87.0, 87.0, 12.0, 12.0, 12.0]}]).limits
     draws = []
     for index in range(6):
-        line = draw_motion("panda", "joints", index, seed=1, payload=3.0, limits=tight)
+        line = draw_motion("panda", "joints", index, seed=shift_seed(1), payload=3.0, limits=tight)
         q = line.path.configurations(line.robot, np.linspace(0.0, line.path.end, 400))  # type: ignore[attr-defined]
         assert np.abs(line.robot.gravity_torques(q)[:, 1]).max() < 0.96 * 40.0
         draws.append(line.draws)
@@ -117,7 +118,7 @@ def test_sampling_that_is_too_coarse_misses_contacts_and_the_proof_none() -> Non
     pytest.importorskip("coal")
     kind = load_kind("clearance")
     settings = {"id": "x", "robot": "panda", "scene": "plates", "count": 20, "joint_steps": [3.0, 0.02], "rates": []}
-    rows = kind.measure(kind.settings(settings), 1, lambda what: None)
+    rows = kind.measure(kind.settings(settings), shift_seed(1), lambda what: None)
     by = {label: rows.filter(pl.col("method") == label) for label in (PROOF, "coal, 3 rad", "coal, 0.02 rad")}
     assert all(part.height == 20 for part in by.values())
     assert by[PROOF]["contact"].sum() >= 4

@@ -34,6 +34,7 @@ from optik.errors import InvalidInput
 from optik.ik._problem import UNREACHABLE
 from optik.registry import build_method
 from tests import oracles
+from tests.seeds import shift_seed
 
 SIX = ("paper6r", "puma560", "ur5e")
 
@@ -194,8 +195,8 @@ def test_a_hash_is_the_same_in_another_process_and_out_of_the_table_of_a_run(tmp
 
 def test_starts_are_where_their_kind_says() -> None:
     robot = optik.load("paper6r")
-    q = robot.limits.sample(stream(4, "q"), 300)
-    at = {kind: start_configurations(robot.limits, stream(4, kind), q, kind, 0.1) for kind in START_KINDS}
+    q = robot.limits.sample(stream(shift_seed(4), "q"), 300)
+    at = {kind: start_configurations(robot.limits, stream(shift_seed(4), kind), q, kind, 0.1) for kind in START_KINDS}
     for starts in at.values():
         assert robot.limits.contains(starts).all()
     half = robot.limits.half

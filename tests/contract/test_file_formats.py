@@ -21,6 +21,7 @@ from planners.motion import Motion, get_motion
 from tests import oracles
 from tests.planners.cases import MOVE, START, moved, paper6r
 from tests.planners.motions import is_same, planned, readable_or_refused, small, write
+from tests.seeds import shift_seed
 
 SUFFIXES = tuple(f".{name}" for name in formats())
 each_format = pytest.mark.parametrize("suffix", SUFFIXES)
@@ -108,7 +109,7 @@ def test_a_truncated_file_is_refused(suffix: str, tmp_path: Path) -> None:
 
 @each_format
 def test_damaged_bytes_are_refused_or_do_not_matter(suffix: str, tmp_path: Path) -> None:
-    file, rng = tmp_path / f"motion{suffix}", np.random.default_rng(8)
+    file, rng = tmp_path / f"motion{suffix}", np.random.default_rng(shift_seed(8))
     write(small(), file)
     whole = file.read_bytes()
     refused = 0

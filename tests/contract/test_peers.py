@@ -12,6 +12,7 @@ from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.near_start import near_start
 from optik.registry import names
+from tests.seeds import shift_seed
 
 ROBOTS = ("paper6r", "panda", "ur5e")
 """A wrist-partitioned arm, a redundant one, and one without a spherical wrist."""
@@ -70,7 +71,7 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
     arm, peer = optik.load(robot), usable(name, robot)
     if peer is None:
         return
-    problems = near_start(arm, 5, count=SLOW.get(name, 200), spreads=[0.1])
+    problems = near_start(arm, shift_seed(5), count=SLOW.get(name, 200), spreads=[0.1])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
     rows = judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
     assert version_of(name)

@@ -10,6 +10,7 @@ import argparse
 import difflib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -23,8 +24,8 @@ from typing import Any
 
 from scipy.stats import binomtest
 
-from tests.mutants.changes import Change, named, spread
-from tests.mutants.listed import DRAWS, EQUIVALENT, INTERPRETED, LISTED, TESTS
+from tests.mutants.changes import Change, named, scatter, spread
+from tests.mutants.listed import DRAWS, EQUIVALENT, INTERPRETED, LISTED, SCATTERED, find_tests
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = (
@@ -87,19 +88,20 @@ def judge(change: Change, pristine: Path) -> dict[str, Any]:
         copy(pristine, tree, os.link)
         (tree / change.file).unlink()
         (tree / change.file).write_bytes(change.apply())
-        end, said, seconds = run_tests(tree, TESTS[change.file], LIMIT)
+        end, said, seconds = run_tests(tree, find_tests(change.file), LIMIT)
     old, new = change.lines()
     result = {"passed": "survived", "failed": "killed", "timeout": "timeout"}[end]
     where = {"key": change.key, "file": change.file, "line": change.line, "old": old, "new": new}
     return where | {"result": result, "seconds": round(seconds, 1), "said": said}
 
 
-def changes(which: str, root: Path = ROOT) -> list[tuple[str, Change]]:
-    """The listed changes, and those of each draw."""
+def changes(which: str, root: Path = ROOT, seed: int | None = None) -> list[tuple[str, Change]]:
+    """The listed changes, and those of each draw; with a seed other ones are drawn."""
     found = [("listed", named(root, *one)) for one in LISTED] if which in ("all", "listed") else []
-    for name, (seed, count, files) in DRAWS.items():
-        if which in ("all", name):
-            found += [(name, one) for one in spread(root, files, count, seed)]
+    for draw, draws in ((spread, DRAWS), (scatter, SCATTERED)):
+        for name, (own, count, files) in draws.items():
+            if which in ("all", name):
+                found += [(name, one) for one in draw(root, files, count, own if seed is None else seed)]
     return found
 
 
@@ -130,15 +132,18 @@ def report(kind: str, results: list[dict[str, Any]]) -> bool:
 def main() -> int:
     """Run what is not yet done, then report on everything."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__.splitlines()[0])
-    parser.add_argument("--which", choices=("all", "listed", *DRAWS), default="all")
-    parser.add_argument("--match", default="", help="only files whose name has this in it")
+    parser.add_argument("--which", choices=("all", "listed", *DRAWS, *SCATTERED), default="all")
+    parser.add_argument("--match", default="", help="only files whose name has a match of this regular expression")
+    parser.add_argument("--seed", type=int, default=None, help="draw other changes")
     parser.add_argument("--most", type=int, default=None, help="so many changes at most")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=ROOT / ".mutants.jsonl", help="where results are kept")
     parser.add_argument("--again", action="store_true", help="run survivors once more, after tests were added")
     parser.add_argument("--list", action="store_true", help="show the changes and run nothing")
     given = parser.parse_args()
-    wanted = [(kind, c) for kind, c in changes(given.which) if given.match in c.file][: given.most]
+    wanted = [(kind, c) for kind, c in changes(given.which, seed=given.seed) if re.search(given.match, c.file)][
+        : given.most
+    ]
     if given.list:
         for kind, c in wanted:
             print(f"{kind:7} {c.file}:{c.line}\n    - {c.lines()[0]}\n    + {c.lines()[1]}")
@@ -154,7 +159,7 @@ def main() -> int:
     if waiting:
         run_all(waiting, given, done)
     good = True
-    for kind in ("listed", *DRAWS):
+    for kind in ("listed", *DRAWS, *SCATTERED):
         if results := [done[c.key] for k, c in wanted if k == kind and c.key in done]:
             good &= report(kind, results) or kind != "listed"
     return 0 if good else 1
@@ -165,7 +170,7 @@ def run_all(waiting: list[Change], given: argparse.Namespace, done: dict[str, di
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         pristine, lock = Path(folder) / "pristine", threading.Lock()
         copy(ROOT, pristine)
-        needed = tuple(dict.fromkeys(test for c in waiting for test in TESTS[c.file]))
+        needed = tuple(dict.fromkeys(test for c in waiting for test in find_tests(c.file)))
         print(f"{len(waiting)} changes to judge; first the tests of the code as it is", flush=True)
         halves = [needed[i :: given.workers] for i in range(given.workers)]
         with ThreadPoolExecutor(given.workers) as pool:

@@ -60,13 +60,18 @@ def named(root: Path, file: str, old: str, new: str) -> Change:
     return Change(file, begin, begin + len(old.encode()), new, source)
 
 
-def drawn(root: Path, file: str, count: int, seed: int) -> list[Change]:
-    """So many different changes of a file: a place at random, then one of what may be changed there."""
+def list_places(root: Path, file: str) -> dict[tuple[int, int], list[Change]]:
+    """All changes of a file, by the stretch of bytes that is replaced."""
     source = read(root, file)
     places: dict[tuple[int, int], list[Change]] = {}
     for begin, end, new in _Reader(source).found:
         places.setdefault((begin, end), []).append(Change(file, begin, end, new, source))
-    rng = random.Random(f"{seed} {file}")
+    return places
+
+
+def drawn(root: Path, file: str, count: int, seed: int) -> list[Change]:
+    """So many different changes of a file: a place at random, then one of what may be changed there."""
+    places, rng = list_places(root, file), random.Random(f"{seed} {file}")
     chosen = rng.sample(sorted(places), min(count, len(places)))
     return [rng.choice(places[place]) for place in chosen]
 
@@ -201,6 +206,14 @@ class _Reader(ast.NodeVisitor):
         self._change(node, "pass")
 
     visit_Break = visit_Continue
+
+
+def scatter(root: Path, names: tuple[str, ...], count: int, seed: int) -> list[Change]:
+    """So many changes of files and of the modules in folders, each place of all of them as likely as any other."""
+    files = [file for name in names for file in sorted((root / name).glob("*.py")) or [root / name]]
+    places = [place for file in files for place in sorted(list_places(root, file.relative_to(root).as_posix()).items())]
+    rng = random.Random(seed)
+    return [rng.choice(found) for _, found in rng.sample(places, count)]
 
 
 def spread(root: Path, files: tuple[str, ...], count: int, seed: int) -> Iterator[Change]:

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from optik.linear import cholesky_solve, damped_step, qr_factor, qr_solve, smallest_of_factor, smallest_singular_value
+from tests.seeds import shift_seed
 
 
 def factored(A):
@@ -53,7 +54,7 @@ def test_a_lost_rank_shows_in_the_last_pivot():
 
 @pytest.mark.parametrize("shape", [(6, 4), (6, 6), (6, 7), (6, 9)])
 def test_above_a_floor_the_answer_is_a_lower_bound_above_it(shape):
-    rng, cheap = np.random.default_rng(3), 0
+    rng, cheap = np.random.default_rng(shift_seed(3)), 0
     for _ in range(200):
         J = rng.normal(size=shape) * 10.0 ** rng.uniform(-2, 1, shape[0])[:, None]
         true, floor = np.linalg.svd(J, compute_uv=False)[-1], 10.0 ** rng.uniform(-5, 0)

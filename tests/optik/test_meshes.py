@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 import optik
 from optik import se3
-from optik.arm.shapes.enclosure import Capsule, bound_excess, box_triangles, enclose_cylinder, enclose_mesh, split_mesh
+from optik.arm.shapes.enclosure import (
+    SPACING,
+    Capsule,
+    bound_excess,
+    box_triangles,
+    enclose_cylinder,
+    enclose_mesh,
+    fit_capsule,
+    sample_points,
+    split_mesh,
+)
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
 from optik.errors import InvalidInput, RobotModelError
 from tests.oracles.shapes import distances
@@ -203,6 +214,31 @@ def test_a_bad_fit_is_cut_and_the_cut_has_less_excess():
     one, several = enclose_mesh(np.asarray(bent().triangles), 1), enclosed("bent")
     assert (len(one), 2 <= len(several) <= 3) == (1, True)
     assert max(c.excess for c in several) < 0.6 * one[0].excess
+
+
+@pytest.mark.parametrize("far", [0.0, 5.0])
+def test_points_on_a_mesh_are_as_dense_as_its_size_asks(far):
+    rng, edges = np.random.default_rng(4), np.array([0.4, 0.2, 0.1])
+    triangles = np.add(box_triangles(edges), [far, 0.0, 0.0])
+    size = np.ptp(triangles.reshape(-1, 3), axis=0).max()
+    tree, corner = sample_points(triangles), rng.dirichlet(np.ones(3), 4000)
+    points = np.einsum("ke,ked->kd", corner, triangles[rng.integers(len(triangles), size=4000)])
+    assert tree.query(points)[0].max() <= size / SPACING
+    assert tree.n <= 60_000, "and not much denser"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_capsule_is_its_own_enclosure(seed):
+    rng = np.random.default_rng(seed)
+    length, radius = rng.uniform(0.3, 0.8), rng.uniform(0.05, 0.2)
+    solid = trimesh.creation.capsule(height=length, radius=radius, count=[32, 32])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-1.0, 1.0, 3)
+    solid.apply_transform(T)
+    found = fit_capsule(np.array(solid.triangles))
+    assert found.radius == pytest.approx(radius, rel=0.01)
+    assert np.linalg.norm(found.b - found.a) == pytest.approx(length, abs=0.02 * length)
+    assert 0.5 * (found.a + found.b) == pytest.approx(solid.bounds.mean(axis=0), abs=0.01)
 
 
 def test_cutting_keeps_the_surface():

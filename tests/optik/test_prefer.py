@@ -17,6 +17,7 @@ from optik.ik._null_space import RANK_FLOOR, cost, log_manipulability
 from optik.task import Task, as_task
 from tests import oracles
 from tests.robots import built
+from tests.seeds import shift_seed
 
 HALF = np.pi / 2
 LBR = oracles.Arm(
@@ -78,7 +79,7 @@ def task_error(arm, task, target, q):
 @each_case
 @pytest.mark.parametrize("prefer", PREFERENCES, ids=str)
 def test_no_way_leads_further_down_and_the_target_stays_met(arm, task, prefer):
-    rng, robot, still = np.random.default_rng(501), built(arm), 0
+    rng, robot, still = np.random.default_rng(shift_seed(501)), built(arm), 0
     solver, plain = LM(robot, task=task, prefer=prefer), LM(robot, task=task)
     for _ in range(6):
         target, start = (
@@ -98,7 +99,10 @@ def test_no_way_leads_further_down_and_the_target_stays_met(arm, task, prefer):
         def f(q, target=target, start=start):
             return value(arm, task, prefer, start, q, target)
 
-        assert f(result.q) <= f(before.q) + 1e-9
+        # a plain answer is off the target by up to 1e-6, and what that gains is no gain
+        slope = gradient(f, before.q) @ np.linalg.pinv(rows_of(arm, task, before.q, target), rcond=1e-9)
+        off = np.linalg.norm(slope) * np.linalg.norm(task_error(arm, task, target, before.q))
+        assert f(result.q) <= f(before.q) + 2.0 * off + 1e-9
         # the gradient, less what the task's rows and the limits that it pushes against can balance, is none
         g = gradient(f, result.q)
         at_limit = (result.q <= arm.lower + 1e-7) & (g > 0) | (result.q >= arm.upper - 1e-7) & (g < 0)
@@ -277,14 +281,14 @@ def test_every_method_minimises_the_same_function(name, task):
 @pytest.mark.parametrize("prefer", PREFERENCES, ids=str)
 def test_methods_come_to_the_same_minimum_of_a_preference(prefer):
     """From starts near a solution most descends end in one valley; manipulability has more than one."""
-    rng, robot, task = np.random.default_rng(506), built(LBR), as_task("pose")
+    rng, robot, task = np.random.default_rng(shift_seed(506)), built(LBR), as_task("pose")
     solvers = [make_solver(robot, name, prefer=prefer) for name in ("lm", "sqp", "ipopt")]
     same = 0
-    for _ in range(8):
+    for _ in range(32):
         q = 0.6 * rng.uniform(LBR.lower, LBR.upper)
         target, start = oracles.fk(LBR, q), np.clip(q + rng.normal(0.0, 0.02, 7), LBR.lower, LBR.upper)
         results = [solver.solve(target, start) for solver in solvers]
         assert all(results)
         values = [solvers[0].preference.value(task, target, start, result.q) for result in results]
         same += max(values) - min(values) < 1e-4
-    assert same >= 6
+    assert same >= 16

@@ -12,6 +12,7 @@ from optik import se3
 from optik.arm.library import robot_from_toml
 from optik.errors import InvalidInput, OptikError, RobotModelError
 from tests.oracles.shapes import distances
+from tests.seeds import shift_seed
 
 SHAPED = ("iiwa14", "panda", "panda_hand", "paper6r", "puma560", "ur10e", "ur5", "ur5e")
 ROWS = [(0, (0, 0, 0), (0, 0, 0.1), 0.06), (1, (0, 0, 0), 0.1), (3, (0, 0, 0), (0, 0, 0.1), 0.06), (5, (0, 0, 0), 0.05)]
@@ -136,7 +137,7 @@ def test_the_links_of_an_arm_hang_together_and_it_has_room_to_move(name):
     shapes = robot.shapes
     assert shapes.source
     assert set(shapes.capsules[0].tolist()) == set(range(robot.n + 1))
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(shift_seed(5))
     limits = robot.limits
     lower, upper = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
     free = 0

@@ -37,6 +37,16 @@ def panda() -> Robot:
     return optik.load("panda").with_shapes(Shapes(CAPSULES, apart=((5, 7, "they nearly touch at the wrist"),)))
 
 
+def scara() -> Robot:
+    """An arm with a prismatic joint."""
+    links = (
+        (1, (0, 0, 0), (0.4, 0, 0), 0.05),
+        (2, (0, 0, 0), (0.25, 0, 0), 0.05),
+        (4, (0, 0, -0.1), (0, 0, 0.2), 0.02),
+    )
+    return optik.load("irb910sc").with_shapes(Shapes(links, apart=((2, 4, "the spline is in the second arm"),)))
+
+
 def pose(position: Any, rotation: Any = None) -> Array:
     T = np.eye(4)
     T[:3, 3] = position

@@ -16,12 +16,14 @@ from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoin
 from planners.cell.view._data import describe_show
 from planners.cell.view.show import show_motion
 from planners.paths.free_path import FreePath
+from planners.search.rrt_connect import RRTConnect
 from planners.timing._free import avoid
 from planners.timing._free.choose import Choice, JointChoice
 from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.timing._free.programme import FreeProgramme
 from planners.timing.optimal import Optimal
-from tests.planners.contacts import REST, drawn, panda, pose
+from tests.planners.contacts import REST, drawn, panda, pose, scara
+from tests.seeds import shift_seed
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 GOAL = np.array([1.2, 0.3, 0.1, -1.9, -0.1, 2.1, 0.9])
@@ -39,11 +41,22 @@ def around() -> Plan:
     return plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)
 
 
+def test_configurations_between_grid_points_are_exact_on_a_cubic() -> None:
+    rng, s = np.random.default_rng(2), np.array([0.0, 0.3, 0.4, 1.1])
+    c = rng.normal(size=(4, 3))
+    q, q1 = (np.polynomial.polynomial.polyval(s, x).T for x in (c, np.polynomial.polynomial.polyder(c)))
+    finer = np.append((s[:-1, None] + np.diff(s)[:, None] * np.arange(4) / 4.0).ravel(), s[-1])
+    assert avoid.EXAMINED_BETWEEN == 4
+    np.testing.assert_allclose(
+        avoid._between(np.stack([q, q1]), s), np.polynomial.polynomial.polyval(finer, c).T, atol=1e-12
+    )
+
+
 # ---------------------------------------------------------------- rows
 
 
 def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_differences() -> None:
-    robot, rng, h, seen = panda(), np.random.default_rng(3), 1e-7, 0
+    robot, rng, h, seen = panda(), np.random.default_rng(shift_seed(3)), 1e-7, 0
     for _ in range(20):
         scene = drawn(rng)
         bodies, q = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (3, 7))
@@ -71,7 +84,7 @@ def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_diffe
 
 
 def test_near_pairs_are_those_below_the_bound_from_step_to_step() -> None:
-    robot, rng, seen = panda(), np.random.default_rng(5), 0
+    robot, rng, seen = panda(), np.random.default_rng(shift_seed(5)), 0
     for _ in range(30):
         scene = drawn(rng)
         bodies, q, pairs = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (4, 7)), NearPairs(robot, scene, 4)
@@ -103,7 +116,7 @@ def test_near_pairs_of_the_arm_are_found_where_the_elbow_moves_and_the_hand_rest
 
 @pytest.mark.parametrize("kind", ["joints", "elbow"])
 def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind: str) -> None:
-    robot, rng, h = panda(), np.random.default_rng(4), 1e-6
+    robot, rng, h = panda(), np.random.default_rng(shift_seed(4)), 1e-6
     choice: Choice
     if kind == "joints":
         path = PointToPoint(robot, REST, GOAL)
@@ -179,8 +192,22 @@ def test_coefficients_are_pushed_until_the_elbow_touches_nothing() -> None:
         np.testing.assert_allclose(tool, freed.given.pose(choice.optimum.programme.s), atol=1e-8)
 
 
+def test_each_room_that_is_required_has_a_slot_at_its_grid_point() -> None:
+    """Also where many rooms are required of one grid point and none of another."""
+    robot, rng = panda(), np.random.default_rng(9)
+    path, scene = PointToPoint(robot, REST, GOAL), drawn(rng)
+    first = plan(robot, path, limits=LIMITS)
+    choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
+    cuts = avoid.Cuts(robot, scene, choice.near[0])
+    wanted = rng.random(cuts.table.shape) < np.linspace(0.0, 0.3, len(cuts.table))[:, None]
+    cuts.table = np.where(wanted, 1e-3, np.nan)
+    slots = cuts.limits(choice)._slots
+    for k in range(1, len(slots) - 1):
+        assert set(slots[k][slots[k] >= 0].tolist()) == set(np.flatnonzero(wanted[k]).tolist())
+
+
 def test_a_step_may_not_end_where_a_pair_without_a_slot_has_too_little_room_and_near_pairs_get_slots() -> None:
-    robot, rng = panda(), np.random.default_rng(8)
+    robot, rng = panda(), np.random.default_rng(shift_seed(8))
     path = PointToPoint(robot, REST, GOAL)
     first = plan(robot, path, limits=LIMITS)
     choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
@@ -294,7 +321,7 @@ def test_the_branch_of_a_pose_is_one_without_contact() -> None:
 def test_the_elbow_keeps_clear_of_a_ball_that_the_given_path_touches() -> None:
     robot, solved = panda(), 0
     for seed in range(6):
-        rng = np.random.default_rng([7, seed])
+        rng = np.random.default_rng([shift_seed(7), seed])
         q = REST + rng.uniform(-0.3, 0.3, 7)
         T = robot.fk(q)
         goal = T.copy()
@@ -370,6 +397,8 @@ def test_a_start_or_goal_in_contact_says_which() -> None:
         assert found.failure is not None
         assert word in found.failure.reason
         assert "sphere1" in found.failure.reason
+        assert "margin" in found.failure.advice
+        assert "samples" not in found.failure.advice, "which would not help"
 
 
 @pytest.mark.parametrize("timing", ["optimal", "smooth"])
@@ -390,22 +419,13 @@ def test_a_free_path_says_where_it_touches_and_what_may_help(timing: str) -> Non
 
 
 def test_a_goal_that_is_walled_in_ends_without_a_path_and_without_a_claim_that_there_is_none() -> None:
-    robot = panda()
-    at, boxes = robot.fk(GOAL)[:3, 3], []
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            T, size = pose(at), np.full(3, 0.9)
-            T[axis, 3] += 0.45 * side
-            size[axis] = 0.005
-            if not (axis == 2 and side > 0):
-                boxes.append((T, tuple(size)))
-    shelf = Scene(boxes=boxes)
-    from planners.search.rrt_connect import RRTConnect
-
-    found = plan(robot, GOAL, REST, limits=LIMITS, scene=shelf, avoid=RRTConnect(max_samples=300))
-    assert found.status in (PlanStatus.NO_PATH_FOUND, PlanStatus.CONTACT)
+    robot, post = scara(), Scene(boxes=[(pose((0.2, 0.0, 0.0)), (0.05, 0.05, 1.0))])
+    start, goal = np.array([-1.0, 0.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.1, 0.0])  # the first link cannot pass the post
+    found = plan(robot, goal, start, limits=LIMITS, scene=post, avoid=RRTConnect(max_samples=300))
+    assert found.status is PlanStatus.NO_PATH_FOUND
     assert found.failure is not None
-    assert found.failure.advice
+    assert "does not prove that there is none" in found.failure.reason
+    assert "more samples" in found.failure.advice
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,9 @@
 """Path and time together: derivatives against differences, the Newton step against dense sums, plans over freedoms."""
 
+import os
+import pickle
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -61,7 +65,20 @@ def sliding() -> Robot:
     return robot.with_inertia(Inertia(rng.uniform(0.5, 3.0, robot.n), 0.1 * rng.normal(size=(robot.n, 3)), inertia))
 
 
-@pytest.mark.parametrize("make", [lambda: optik.load("panda").with_payload(2.0), lambda: optik.load("ur5e"), sliding])
+OBLIQUE = [0.6, -0.64, -0.48]
+"""A direction of gravity with all three components."""
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: optik.load("panda").with_payload(2.0),
+        lambda: optik.load("ur5e"),
+        sliding,
+        lambda: optik.load("panda").with_payload(2.0).with_gravity(OBLIQUE),
+        lambda: sliding().with_gravity(OBLIQUE),
+    ],
+)
 def test_torques_along_a_path_change_as_differences_of_them_do(make: Any) -> None:
     robot, rng, h = make(), np.random.default_rng(0), 1e-6
     load, path = robot.loads[0], rng.normal(size=(4, 5, robot.n))
@@ -81,19 +98,21 @@ def test_torques_along_a_path_change_as_differences_of_them_do(make: Any) -> Non
             np.testing.assert_allclose(out[..., j, order], change, atol=2e-7 * max(1.0, float(np.abs(change).max())))
 
 
-def choice(robot: Robot, path: FreePath, q: Array, limits: MotionLimits, *, held: bool = False) -> Choice:
+def choice(
+    robot: Robot, path: FreePath, q: Array, limits: MotionLimits, *, held: bool = False, law: Optimal | None = None
+) -> Choice:
     """The choice of a path's coefficients from the optimum along it."""
     joints = follow(make_solver(robot, "lm"), path, q).joint_path
     assert joints is not None
-    return Choice(path, joints, Optimal().run_with_optimum(joints, limits)[1], held=held)
+    return Choice(path, joints, (law or Optimal()).run_with_optimum(joints, limits)[1], held=held)
 
 
 @cache
-def all_limits() -> Choice:
+def all_limits(law: Optimal | None = None) -> Choice:
     """All freedoms under all limits."""
     robot = optik.load("panda").with_payload(2.0)
     limits = replace(MotionLimits.of(robot), tool_speed=0.5, rotation_speed=1.0)
-    return choice(robot, free(line(robot, PANDA), tilt=0.3, turn=True, elbow=True), PANDA, limits)
+    return choice(robot, free(line(robot, PANDA), tilt=0.3, turn=True, elbow=True), PANDA, limits, law=law)
 
 
 def limited_values(given: Choice, p: Array, near: Array, z: Array) -> Array:
@@ -161,6 +180,44 @@ def test_cross_derivatives_are_those_of_the_columns() -> None:
                 np.testing.assert_allclose(border.cross[k - 1, 3 + row], before, atol=1e-6)
 
 
+def test_speeds_are_limited_a_third_of_an_interval_after_each_grid_point() -> None:
+    """A speed that rises by half of the jerk's range and falls by the other half peaks there."""
+    given = all_limits()
+    programme, v = given.programme, given.optimum.programme.start[:, 0] * given.programme.time[0]
+    duration = 2.0 * np.diff(given.optimum.programme.s) / (v[:-1] + v[1:])
+    assert np.median(programme.scales.peak[:-1] / duration) == pytest.approx(1.0 / 3.0, rel=1e-6)
+    assert programme.scales.peak[-1] == 0.0
+
+
+IN_PLAIN_PYTHON = """
+import pickle, sys
+programme, p, near, z, y = pickle.load(sys.stdin.buffer)
+place, border = programme.place(p, near), programme.make_border()
+programme.fill(place, z, y, border)
+problem = programme.problem(place)
+sys.stdout.buffer.write(pickle.dumps((place.path, border.columns, border.cross, problem.node, problem.edge)))
+"""
+"""Computes all derivatives; NumPy raises where an index is beyond the end of an array, as a compiled kernel does not."""
+
+
+def test_kernels_in_plain_python_stay_inside_their_arrays_and_give_the_same_values() -> None:
+    given, rng = all_limits(Optimal(intervals=8)), np.random.default_rng(3)
+    programme, z = given.programme, given.optimum.programme.start
+    p = given.p + 0.02 * rng.normal(size=given.p.shape)
+    place, border = programme.place(p, given.near), programme.make_border()
+    assert place is not None
+    problem = programme.problem(place)
+    y = rng.normal(size=(programme.K + 1, programme.rows + 2 * problem.edge.shape[2]))
+    programme.fill(place, z, y, border)
+    child = subprocess.run(
+        [sys.executable, "-c", IN_PLAIN_PYTHON], input=pickle.dumps((programme, p, given.near, z, y)),
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, stdout=subprocess.PIPE, check=True,
+    )  # fmt: skip
+    compiled = place.path, border.columns, border.cross, problem.node, problem.edge
+    for mine, plain in zip(compiled, pickle.loads(child.stdout), strict=True):
+        np.testing.assert_allclose(plain, mine, rtol=1e-7, atol=1e-9 * np.abs(mine).max())
+
+
 # ---------------------------------------------------------------- the Newton step
 
 
@@ -218,9 +275,12 @@ def test_the_bordered_sweeps_solve_the_system_of_the_newton_step() -> None:
     assert np.abs(step(1e12)[1]).max() < 1e-7  # a stiff coefficient stays
 
 
+@pytest.mark.parametrize("velocity", [2.0, 0.3])
 @pytest.mark.parametrize("name", ["turn", "tilt and turn", "elbow"])
-def test_the_gradient_is_that_of_the_duration(name: str) -> None:
+def test_the_gradient_is_that_of_the_duration(name: str, velocity: float) -> None:
+    """A slow joint is at its speed limit for most of the motion, a fast one never."""
     make, q, freedoms, limits = CASES[name]
+    limits = replace(limits, velocity=velocity)
     robot = make()
     given = choice(robot, free(line(robot, q), **freedoms), q, limits)
 

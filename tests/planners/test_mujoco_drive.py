@@ -14,6 +14,7 @@ from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
 from planners.cell.drives._run import Commands
 from planners.cell.drives._servo import NEW_WEIGHT, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
 from planners.timing import make_law
+from tests.seeds import shift_seed
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
 SHIFT = np.array([-0.12, 0.0, 0.20])
@@ -327,7 +328,7 @@ def limited(name):
 @pytest.mark.parametrize("law", ["optimal", "ruckig", "toppra"])
 @pytest.mark.parametrize("name", ["panda", "ur5e", "puma560", "iiwa14", "ur10e", "paper6r"])
 def test_lines_and_joint_moves_of_arms_with_torque_limits_are_followed(name, law):
-    robot, rng, kept = limited(name), np.random.default_rng(11), 0
+    robot, rng, kept = limited(name), np.random.default_rng(shift_seed(11)), 0
     low, high = np.maximum(robot.limits.lower, -2.5) * 0.8, np.minimum(robot.limits.upper, 2.5) * 0.8
     for k in range(20):
         start = rng.uniform(low, high)

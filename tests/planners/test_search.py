@@ -21,7 +21,8 @@ from planners import SearchStatus, find_path
 from planners.search import JointSpace, Search
 from planners.search.base import Attempt, measure_length
 from planners.search.rrt_connect import RRTConnect
-from tests.planners.contacts import REST, drawn, panda, pose, table
+from tests.planners.contacts import REST, drawn, panda, pose, scara, table
+from tests.seeds import shift_seed
 
 TURN = np.array([1.4, 0, 0, 0, 0, 0, 0])
 SEARCHES = pytest.mark.parametrize(
@@ -39,16 +40,6 @@ LEFT, RIGHT = REST - TURN, REST + TURN
 def wall() -> Scene:
     """A thin wall in front of the arm, and a floor."""
     return Scene(boxes=[(pose((0.5, 0.0, 0.45)), (0.5, 0.004, 0.7))], planes=[((0, 0, -0.1), (0, 0, 1))])
-
-
-def scara() -> Robot:
-    """An arm with a prismatic joint."""
-    links = (
-        (1, (0, 0, 0), (0.4, 0, 0), 0.05),
-        (2, (0, 0, 0), (0.25, 0, 0), 0.05),
-        (4, (0, 0, -0.1), (0, 0, 0.2), 0.02),
-    )
-    return optik.load("irb910sc").with_shapes(Shapes(links, apart=((2, 4, "the spline is in the second arm"),)))
 
 
 def gantry() -> Robot:
@@ -76,7 +67,7 @@ def check(robot: Robot, scene: Scene, path: Array) -> None:
 @pytest.mark.parametrize("robot", [panda(), scara()])
 def test_proved_edges_are_free_at_dense_samples_and_free_edges_are_proved(robot: Robot) -> None:
     # Edges of several radians past thin boards and small spheres: the bound's remainder is as large as the arm.
-    rng, count = np.random.default_rng(3), {True: 0, False: 0}
+    rng, count = np.random.default_rng(shift_seed(3)), {True: 0, False: 0}
     for i in range(24):
         scene = drawn(rng) if i % 2 else table()
         space = JointSpace(robot, scene)
@@ -105,7 +96,7 @@ def test_an_edge_that_grazes_a_small_sphere_is_refused() -> None:
 
 def test_bounds_are_used_up_to_the_last_millimetre() -> None:
     # The displacement of a sliding sphere is the bound itself: nothing hides a bound that is too large.
-    robot, rng, proved = gantry(), np.random.default_rng(6), 0
+    robot, rng, proved = gantry(), np.random.default_rng(shift_seed(6)), 0
     assert np.abs(robot.frames(np.array([1.0, 2.0]))[1, :3, 3] - [1.0, 2.0, 0.0]).max() < 1e-12
     for _ in range(400):
         a, v = rng.uniform(-4.0, 4.0, (2, 2))
@@ -126,8 +117,8 @@ def test_bounds_are_used_up_to_the_last_millimetre() -> None:
 
 
 def test_corners_may_be_cut_by_the_length_that_is_proved() -> None:
-    robot, rng, found = panda(), np.random.default_rng(5), []
-    for _ in range(30):
+    robot, rng, found = panda(), np.random.default_rng(shift_seed(5)), []
+    for _ in range(120):
         scene = drawn(rng)
         q = robot.limits.sample(rng, 300)
         free = q[rooms(robot, scene, q) > 0.0]
@@ -142,9 +133,9 @@ def test_corners_may_be_cut_by_the_length_that_is_proved() -> None:
                 inside = path[k] * u[:, :1] + a * (u[:, 1:] - u[:, :1]) + b * (1.0 - u[:, 1:])
                 assert rooms(robot, scene, inside).min() > 0.0
                 found.append(2.0 * length / min(np.linalg.norm(path[k] - path[j]) for j in (k - 1, k + 1)))
-    assert len(found) > 30
+    assert len(found) > 200
     assert np.mean(np.array(found) >= 0.25) > 0.7, "most corners may be cut by a good part of their edges"
-    assert np.mean(np.array(found) < 1.0) > 0.05, "some are bounded by the proof"
+    assert np.mean(np.array(found) < 1.0) > 0.01, "some are bounded by the proof: about 5 % of 500"
 
 
 def _unit(x: Array) -> Array:
