@@ -149,6 +149,7 @@ def _build_request(
         try:
             path = check_avoidable(robot, path, q_start, scene, winding)
         except NoSolution as error:  # no configuration reaches a pose as goal: only the straight line remains
+            assert not isinstance(path, Path)
             path, unreachable = path_to(robot, path, q_start), error
     elif not isinstance(path, Path):
         path = path_to(robot, path, q_start, winding)

@@ -138,6 +138,21 @@ def test_plan_joints_lasts_as_long_as_asked_and_writes_a_ros_message(tmp_path: P
     assert "joint_names" in file.read_text()
 
 
+def test_a_joint_without_limits_is_turned_the_short_way_or_exactly(tmp_path: Path) -> None:
+    file = tmp_path / "turn.urdf"
+    file.write_text(
+        '<robot name="r"><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 0 1"/></joint><joint name="k" type="revolute"><parent link="b"/><child link="c"/>'
+        '<origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="0" velocity="0"/></joint></robot>'
+    )
+    rates = ("--velocity", "1", "--acceleration", "5", "--jerk", "50")
+    move = ("plan", "joints", "--robot", str(file), "--start-deg", "172,10", "--to-deg=-172,10", *rates)
+    for further, goal in ((), "188,10"), (("--exact-winding",), "-172,10"):
+        done = inside(*move, *further)
+        assert done.exit_code == 0, done.output
+        assert f"goal of the motion: {goal} [degrees" in done.output
+
+
 def test_a_law_that_promises_nothing_is_not_praised() -> None:
     done = inside("plan", "line", "--timing", "quintic")
     assert done.exit_code == 0, done.output
