@@ -43,6 +43,8 @@ START_ATTEMPTS = ((1.0, 1.0), (1.0, 1.4), (1.0, 0.75), (100.0, 1.0), (1.0, 0.3),
 on one grid, it rarely fails on another."""
 GENTLE = (1.0, 100.0)
 """First barrier weights, over the usual one, for an initial guess of one quintic in s, where every other one failed."""
+GENTLER = 0.5
+"""Fraction of asymmetric acceleration limits that the second initial guess of a stop uses, where the first one fails."""
 SLOWER = 1.5
 """Largest factor by which an initial guess is slowed as a whole: one bad point should not slow a long path."""
 MOST_ITERATIONS, WARM_ITERATIONS = 200, 50
@@ -177,12 +179,16 @@ class Optimal(AnalysingLaw):
         Trajectory or None
             The motion; None if none is found.
         """
-        try:
-            problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end)
-            found = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)
-        except NoSolution:
-            return None
-        return None if found is None else found.motion
+        gentler = limits.scale(GENTLER, ("acceleration",))
+        for guessed in (limits,) if limits.symmetric() == limits else (limits, gentler):
+            try:
+                problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end, guessed)
+                found = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)
+            except NoSolution:
+                return None
+            if found is not None:
+                return found.motion
+        return None
 
 
 def _unloaded(limits: MotionLimits) -> bool:

@@ -25,6 +25,7 @@ from planners import (
     free,
     plan,
 )
+from planners.following.branches import find_branches
 from planners.paths._configurations import find_configurations
 from planners.search import _goals
 from planners.search.base import JointSpace
@@ -233,3 +234,26 @@ def test_a_path_without_a_start_begins_in_a_free_configuration_away_from_contact
         assert found
         assert_free(found, scene)
         assert find_nearest_pairs(robot, scene, found.trajectory(0.0))[0][0] > 0.005
+
+
+def test_a_branch_costs_half_a_radian_more_for_a_tenth_of_the_room_and_comes_last_if_it_starts_in_collision() -> None:
+    robot = optik.load("ur10e")
+    T = robot.fk(ELBOWS["ur10e"])
+    goal = T.copy()
+    goal[:3, 3] += [0.05, 0.08, -0.05]
+    path = Line(T, goal)
+    alone = find_branches(robot, path)
+    best = alone[0].q
+    for room, more in ((0.05, 0.0), (0.005, 0.2 * np.log(10.0)), (-0.01, np.inf)):
+
+        def rooms(q: Array, room: float = room) -> Array:
+            return np.full(len(q), room if np.abs(np.sin(0.5 * (q[0] - best))).max() < 1e-6 else 1.0)
+
+        found = find_branches(robot, path, rooms=rooms)
+        cost = {tuple(branch.q): branch.cost for branch in found}
+        assert cost[tuple(best)] == pytest.approx(alone[0].cost + more)
+        assert all(cost[tuple(branch.q)] == pytest.approx(branch.cost) for branch in alone[1:])
+        whole = [branch for branch in found if branch.ended is None]
+        assert len(whole) > 1
+        if room < 0.0:
+            assert (whole[-1].q == best).all()

@@ -60,11 +60,12 @@ class Programme(NamedTuple):
 
 
 def moving_programme(
-    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float
+    joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float,
+    guessed: MotionLimits | None = None,
 ) -> Programme | None:  # fmt: skip
-    """Return the programme from a moving state to rest at a path parameter."""
+    """Return the programme from a moving state to rest at a path parameter; its guess has other limits if they are given."""
     bound = limits.arrays(joint_path.robot.n)
-    lower, upper = sides(limits.bounds(joint_path.robot.n)["acceleration"])
+    lower, upper = sides((guessed or limits).bounds(joint_path.robot.n)["acceleration"])
     begin, first = state.s, state.speed
     s = joint_path.path.grid(max(150, joint_path.knots.size), START_PER_PIECE)
     s = np.concatenate([[begin], s[(s > begin) & (s < end)], [end]])
