@@ -407,7 +407,9 @@ def test_robots_of_the_same_name_are_told_apart_by_what_differs():
     robot = paper6r()
     loaded = robot.with_payload(2.0)
     path = JointLine(robot, START, START + 0.1)
-    with pytest.raises(InvalidInput, match="which differs in payload"):
-        plan(loaded, path, START)
+    assert plan(loaded, path, START), "a path in joint space is one of the kinematics"
+    other = robot.with_tool(oracles.trans(z=0.1))
+    with pytest.raises(InvalidInput, match="which differs in tool"):
+        plan(other, path, START)
     with pytest.raises(InvalidInput, match=r"solver: .*which differs in payload"):
         plan(loaded, loaded.fk(START + 0.1), START, solver=make_solver(robot, "lm"))

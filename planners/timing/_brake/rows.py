@@ -12,6 +12,7 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.limits import MotionLimits, PathPoints, sides
+from planners.limits.base import middle_and_half
 from planners.trajectory import Trajectory
 
 CELLS_PER_PIECE = 2
@@ -127,9 +128,9 @@ def cells_of(
 
 
 def _centre_of(bound: Array) -> Array:
-    """Return the middle of a bound (n,), over half of its width."""
-    lower, upper = (np.where(np.isinf(side), side / np.abs(side), side) for side in sides(bound))
-    return np.asarray((lower + upper) / (upper - lower))
+    """Return the middle of a bound (n,), over half of its width; 0 where it is free."""
+    middle, half = middle_and_half(*sides(bound))
+    return np.asarray(middle / half)
 
 
 def piece_at(knots: Array, t: Array) -> Indices:
