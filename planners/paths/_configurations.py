@@ -118,15 +118,14 @@ def _find_shortest(robot: Robot, layers: list[Array], start: Array, goal: Array 
     def to_goal(q: Array) -> Array:
         return np.zeros(len(q)) if goal is None else np.asarray(np.linalg.norm(q - goal, axis=1))
 
-    most, x = LENGTH_ROUNDING, start
+    nearest = [start]
     for layer in layers:  # the line through the nearest configurations bounds the shortest one
-        wound = wind(robot, layer, x)
-        away = np.linalg.norm(wound - x, axis=1)
-        most, x = most + float(away.min()), wound[away.argmin()]
-    most += float(to_goal(x[None])[0])
+        wound = wind(robot, layer, nearest[-1])
+        nearest.append(wound[np.linalg.norm(wound - nearest[-1], axis=1).argmin()])
+    most = _measure(nearest) + float(to_goal(nearest[-1][None])[0]) + LENGTH_ROUNDING
     rows, cost, before = [start[None]], np.zeros(1), []
-    for layer in layers:
-        q = _expand(robot, layer, start, goal, most)
+    for layer, x in zip(layers, nearest[1:], strict=True):
+        q = np.concatenate([x[None], _expand(robot, layer, start, goal, most)])
         total = cost[:, None] + cdist(rows[-1], q)
         keep = total.min(axis=0) + to_goal(q) <= most
         rows.append(q[keep])

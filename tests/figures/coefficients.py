@@ -21,7 +21,7 @@ from tests.figures.figure import Row, Value, main
 from tests.planners.contacts import REST, panda
 
 SEED = 20261125
-SEEDS = (1, 5, 7, 9, 10, 11, 15, 16, 28, 30, 31, 38, 49, 55, 67)
+SEEDS = (1, 5, 7, 9, 10, 11, 15, 16, 28, 30, 31, 38, 49, 55, 67, 78, 80, 94, 102, 103)
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 FEWEST, MORE = 8, (12, 20, 40)
 PROBE, MARGIN = 0.4, 1e-3

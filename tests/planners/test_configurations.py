@@ -69,6 +69,15 @@ def test_a_joint_without_limits_turns_on_to_a_goal_of_several_turns() -> None:
     np.testing.assert_allclose(found, q, atol=1e-8)
 
 
+def test_arms_with_too_many_windings_take_the_nearest_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(choose_configurations.__globals__, "MOST_WOUND", 1)
+    robot, rng = unlimited("ur5e"), np.random.default_rng(4)
+    q = rng.uniform(-10.0, 10.0, (6, 6))
+    found = choose_configurations(robot, q[0], [*robot.fk(q[1:5]), q[5]], None)
+    np.testing.assert_allclose(robot.fk(found), robot.fk(q), atol=1e-8)
+    assert measure(found) <= measure(q)
+
+
 @pytest.mark.parametrize("seed", range(120, 126))
 def test_poses_of_narrow_arms_are_found(seed: int) -> None:
     for n in (6, 7):
