@@ -109,6 +109,26 @@ def evaluate(c: Array, knots: Array, x: Array, order: int, out: Array) -> None:
             out[i, n] = value
 
 
+@compiled
+def largest_term(c: Array, knots: Array) -> float:
+    """Return the largest |cᵢ| hⁱ of piecewise polynomials over pieces of length h; NaN if a coefficient is NaN.
+
+    Shapes and units: c (at most 6, m, n), knots (m + 1,). Returns [as the values].
+    """
+    largest = 0.0
+    for k in range(c.shape[1]):
+        h, power = knots[k + 1] - knots[k], 1.0
+        for i in range(c.shape[0] - 1, -1, -1):
+            for j in range(c.shape[2]):
+                size = abs(c[i, k, j]) * power
+                if not size <= largest:  # NaN too
+                    largest = size
+                    if np.isnan(size):
+                        return largest
+            power *= h
+    return largest
+
+
 # ---------------------------------------------------------------- the chain rule for f(s(t))
 
 

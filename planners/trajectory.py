@@ -12,7 +12,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import PiecewiseCurve, piece_ends, piece_extrema
+from planners.curve import PiecewiseCurve, largest_term, piece_ends, piece_extrema
 
 LARGEST_POSITION = 1e9
 """Largest term of a position [rad, m]: beyond it rounding is above any tolerance of a path, and derivatives overflow."""
@@ -57,17 +57,14 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("polynomial", repr(polynomial)[:60], "a scipy.interpolate.PPoly")
         if polynomial.c.ndim != 3 or polynomial.c.shape[0] > 6:
             raise InvalidInput("polynomial", f"coefficients of shape {polynomial.c.shape}", "(at most 6, m, n)")
-        if not np.isfinite(polynomial.c).all():
-            raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
         if polynomial.x[0] != 0.0 or not (np.diff(polynomial.x) > 0.0).all():
             raise InvalidInput("polynomial", "its knots", "knots that increase from 0")
-        powers = np.arange(len(polynomial.c))[::-1, None]
-        with np.errstate(over="ignore"):
-            reach = float((np.abs(polynomial.c).max(axis=2) * np.diff(polynomial.x) ** powers).max())
+        reach = largest_term(np.asarray(polynomial.c, np.float64), np.asarray(polynomial.x, np.float64))
         if not reach <= LARGEST_POSITION:
-            raise InvalidInput(
-                "polynomial", f"positions up to {reach:.3g}", f"positions up to {LARGEST_POSITION:g} rad or m"
-            )
+            if not np.isfinite(polynomial.c).all():
+                raise InvalidInput("polynomial", "NaN or infinity in its coefficients", "finite coefficients")
+            expected = f"positions up to {LARGEST_POSITION:g} rad or m"
+            raise InvalidInput("polynomial", f"positions up to {reach:.3g}", expected)
         if s is not None and np.shape(s) != polynomial.x.shape:
             raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
         self._set_polynomial(polynomial)

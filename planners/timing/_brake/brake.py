@@ -365,4 +365,5 @@ def _braking(running: Trajectory, start: float, swept: Array) -> tuple[Trajector
     moved = np.einsum("k,kin,i->kn", np.diff(x), q1[2 * k :].reshape(*inner.shape, -1), 0.5 * weights)
     motion = quintic(t, (np.zeros_like(moved), *first), (moved, *last))
     motion.c[5] = q[0] + np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)[:-1]])
-    return Trajectory(motion), min(start + float(x[-1]), running.end)
+    known = None if running.s is None else np.interp(start + x, running.knots, running.s)
+    return Trajectory(motion, known), min(start + float(x[-1]), running.end)
