@@ -10,12 +10,12 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate import checks
-from planners.certificate.bounds import MotionBounds, ToolSpeed, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeed, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
-from planners.certificate.torque import TorqueBounds
+from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
 from planners.limits._motion import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -108,7 +108,8 @@ class MotionAnalysis(LimitedMotion):
 
     def torque_ratios(self, bound: Array, *, rate: bool) -> TorqueRatios:
         """Return proved bounds on the ratios of joint torques, or of their rates, to the limits (2, n)."""
-        return self.torques.bound_ratios(bound, rate=rate)
+        most = FEW_INTERVALS if self.bounds.far_out_of_range else TORQUE_INTERVALS
+        return self.torques.bound_ratios(bound, rate=rate, most=most)
 
     def torque_piece_ratios(self, bound: Array, *, rate: bool) -> Array:
         """Return the ratios (m, n) of joint torques, or of their rates, to the limits: on each piece the larger end value."""

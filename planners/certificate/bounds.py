@@ -100,14 +100,25 @@ class Instants(NamedTuple):
     motion: Array
 
 
+FAR_OUT, FEW_INTERVALS = 2.0 * np.pi, 5_000
+"""Largest distance outside a joint's limits [rad, m] at which bounds are computed closely, and the largest number of intervals
+of a motion that is farther out or off its path."""
+
+
 class MotionBounds:
     """A trajectory cut into intervals, each with bounds on the derivatives of the tool's motion."""
 
     def __init__(self, robot: Robot, trajectory: Trajectory) -> None:
-        self.robot = robot
+        self.robot, self._trajectory = robot, trajectory
         self._c = trajectory.padded
         self.knots: Array = trajectory.knots.copy()  # writable like other times, so that kernels are compiled once
         self.links: Array = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
+
+    @cached_property
+    def far_out_of_range(self) -> bool:
+        """Whether a joint is farther than `FAR_OUT` outside its limits: then no bound makes the motion valid."""
+        reach, limits = self._trajectory.extrema(0), self.robot.limits
+        return bool(max((limits.lower - reach.least).max(), (reach.greatest - limits.upper).max()) > FAR_OUT)
 
     @cached_property
     def joint_ends(self) -> tuple[Array, Array]:
@@ -226,8 +237,8 @@ class SubdivisionBound(ABC, Generic[Side]):
 
     Parameters
     ----------
-    duration : float
-        Of the motion [s].
+    bounds : MotionBounds
+        The motion.
     close : Closeness
         Required accuracy of the bounds.
 
@@ -237,8 +248,9 @@ class SubdivisionBound(ABC, Generic[Side]):
         Largest values found, and their times [s].
     """
 
-    def __init__(self, duration: float, close: Closeness) -> None:
-        self._shortest, self._close = NARROWEST_SHARE * duration, close
+    def __init__(self, bounds: MotionBounds, close: Closeness) -> None:
+        self._bounds, self._close = bounds, close
+        self._shortest = NARROWEST_SHARE * float(bounds.knots[-1])
         self.found, self.when = np.zeros(2), np.zeros(2)
 
     @abstractmethod
@@ -256,7 +268,7 @@ class SubdivisionBound(ABC, Generic[Side]):
     @property
     def most_intervals(self) -> int:
         """Largest number of intervals."""
-        return self._close.most
+        return FEW_INTERVALS if self._bounds.far_out_of_range else self._close.most
 
     def record_closed(self, which: Flags, left: Side) -> None:
         """Record the intervals of the last `between` that are not divided further."""
@@ -307,7 +319,7 @@ SPEED_FLOOR = 1e-6
 """Least speed [m/s or rad/s] that the excess is relative to."""
 
 
-SPEED_INTERVALS = 50_000
+SPEED_INTERVALS = 200_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
 
 
@@ -331,7 +343,7 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     Intervals are divided until the bounds exceed the largest values found by at most 1e-6 of them.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    speeds = _Speeds(bounds, trajectory.end)
+    speeds = _Speeds(bounds)
     proved = speeds.bound(np.arange(trajectory.knots.size - 1), *bounds.ends)
     return ToolSpeed(float(proved[0]), float(proved[1]), float(speeds.when[0]), float(speeds.when[1]))
 
@@ -339,9 +351,8 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
 class _Speeds(SubdivisionBound[Instants]):
     """|v| and |ω| of the tool."""
 
-    def __init__(self, bounds: MotionBounds, duration: float) -> None:
-        super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, SPEED_FLOOR), SPEED_INTERVALS))
-        self._bounds = bounds
+    def __init__(self, bounds: MotionBounds) -> None:
+        super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, SPEED_FLOOR), SPEED_INTERVALS))
 
     def between(self, left: Instants, right: Instants) -> Array:
         out = np.empty((left.t.size, 2))

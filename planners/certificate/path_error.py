@@ -10,6 +10,7 @@ from optik.arm.robot import Robot
 from optik.ik.base import Tolerance
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import (
+    FEW_INTERVALS,
     Closeness,
     Instants,
     MotionBounds,
@@ -31,8 +32,6 @@ ERROR_FLOOR = 1e-9
 """Least value [m or rad] that the excess is relative to: far below the repeatability of any arm."""
 ERROR_INTERVALS = 400_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
-INTERVALS_OFF_PATH = 5_000
-"""Largest number of intervals of a motion that is farther than `NOT_ALONG_PATH` from its path: no tolerance makes it valid."""
 LOOK_PARTS = 64
 """Largest number of parts of a piece of the motion in the first search for positions along the path."""
 ERROR_ROUNDING = 2e-15
@@ -121,7 +120,7 @@ def path_error(
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
     piece, first, last, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(nearest, bounds)
-    errors = _Errors(bounds, path, nearest, trajectory.end, np.minimum(enough, ERROR_FLOOR))
+    errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR))
     proved = errors.bound(piece, first, last) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
     t, s = np.append(first.t, last.t[-1]), np.append(first.s, last.s[-1])
@@ -166,9 +165,9 @@ def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants
 class _Errors(SubdivisionBound[ComparedInstants]):
     """Distance and angle between tool and path, and the backward stretches of the motion."""
 
-    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, duration: float, floor: Array) -> None:
-        super().__init__(duration, Closeness(ERROR_EXCESS, floor, ERROR_INTERVALS))
-        self._bounds, self._nearest, self._end, self._limits = bounds, nearest, path.end, PieceBounds.of(path)
+    def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array) -> None:
+        super().__init__(bounds, Closeness(ERROR_EXCESS, floor, ERROR_INTERVALS))
+        self._nearest, self._end, self._limits = nearest, path.end, PieceBounds.of(path)
         self._joint_bounds = path.joint_bounds()
         self._fall = np.empty((0, 4))
         self.falls: list[Array] = []
@@ -194,7 +193,7 @@ class _Errors(SubdivisionBound[ComparedInstants]):
 
     @property
     def most_intervals(self) -> int:
-        return INTERVALS_OFF_PATH if self.found.max() > NOT_ALONG_PATH else self._close.most
+        return FEW_INTERVALS if self.found.max() > NOT_ALONG_PATH else super().most_intervals
 
     def record_closed(self, which: Flags, left: ComparedInstants) -> None:
         self.falls.append(self._fall[which & (self._fall[:, 1] > self._fall[:, 3])])

@@ -48,7 +48,7 @@ def segment_speed(
     within an interval, the least limit of all its pieces counts.
     """
     piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
-    ratios = _Ratios(bounds, float(bounds.knots[-1]), part)
+    ratios = _Ratios(bounds, part)
     left, right = (LimitedInstants(*bounds.at(piece, t), limit) for t in (begin, end))
     return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
 
@@ -56,9 +56,9 @@ def segment_speed(
 class _Ratios(SubdivisionBound[LimitedInstants]):
     """|v| or |ω| of the tool over its limit; the second value is not used."""
 
-    def __init__(self, bounds: MotionBounds, duration: float, part: int) -> None:
-        super().__init__(duration, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
-        self._bounds, self._part = bounds, part
+    def __init__(self, bounds: MotionBounds, part: int) -> None:
+        super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
+        self._part = part
 
     def between(self, left: LimitedInstants, right: LimitedInstants) -> Array:
         out = np.empty((left.t.size, 2))
