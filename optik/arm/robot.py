@@ -146,9 +146,9 @@ class Robot(ArmDynamics):
         Fixed joints are merged into their neighbours. A velocity or an effort (the torque limit) that is missing or 0 is
         unknown: infinite, or None where all are unknown. Masses are those of <inertial>, merged over fixed joints and with
         the links that branch off the chain, whose joints stand at 0. A link without <inertial> has the mass 0; if no link has
-        one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); the attribute
-        armature, an extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning.
-        Position limits of ten turns and more give a DegreesWarning. Soft limits (<safety_controller>) are not read.
+        one, the masses are unknown. Friction is that of <dynamics> (damping: viscous, friction: Coulomb); armature, an
+        extension of URDF, is the inertia of the motor. Invalid masses and efforts are ignored with a warning. Position limits
+        of ten turns give a DegreesWarning. Soft limits (<safety_controller>) are not read.
 
         Parameters
         ----------
@@ -161,17 +161,16 @@ class Robot(ArmDynamics):
         name : str, optional
             Name of the arm; by default the file's.
         gravity : (3,) array, optional
-            Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints between
-            the root and the base, which stand at 0. If one of them moves, a MovingMountWarning names it.
-        shapes : bool
-            Enclose the <collision> elements by capsules (meshes take seconds); by default not.
-        package_dirs : mapping of str to path, or sequence of paths, optional
-            Folders of the meshes besides the file's own: {package: folder}, or folders that contain packages.
+            Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints before the
+            base, which stand at 0. If one of them moves, a MovingMountWarning names it.
+        shapes, package_dirs : bool, and mapping of str to path or sequence of paths, optional
+            Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
+            {package: folder}, or folders that contain packages.
         srdf : str or path, optional
             File, or its text, whose <disable_collisions> name pairs of links that are not checked.
         values : mapping of str to float, optional
-            Values at which joints beside the chain are held, such as those of a gripper [rad, m]; joints that follow them
-            (<mimic>) and the masses behind them move along. By default, shapes enclose every value within the limits.
+            Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
+            them move along. By default, shapes enclose every value within the limits.
 
         Returns
         -------
@@ -180,11 +179,11 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE or an entity; a mesh that is unreadable or outside the folders;
-            a held joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
+            No such file, no XML, no URDF, xacro, a DOCTYPE, an entity; an unreadable mesh, or one outside the folders; a held
+            joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
         RobotModelError
-            No tree of links, no such link, no tip below the base, or an unsupported joint on the chain: floating,
-            planar, mimicking another (<mimic>), without an axis, with crossed, equal or missing limits.
+            No tree of links, no such link, no tip below the base, or a joint on the chain that is floating, planar, mimicking
+            another, without an axis, or has crossed, equal or missing limits.
         """
         from optik.arm.urdf import read_urdf
 

@@ -23,12 +23,17 @@ FIRST_CELL = 0.01
 """Length of the first and of the last cell, relative to others: from rest, s grows with the cube of time."""
 
 
+ROUNDED_BREAK = 1e-9
+"""Largest distance of two breaks that are one, as a fraction of the path: a cell between them would be rounding."""
+
+
 def make_graded_grid(breaks: Array, end: float, count: int, per_piece: int) -> Array:
     """Return path parameters from 0 to the end, with a least number of cells in the path and in each piece between breaks.
 
-    The first and the last cell are a hundredth of that, and neighbours differ little.
+    The first and the last cell are a hundredth of that, and neighbours differ little. Breaks that differ by rounding are one.
     """
-    inner = breaks[(breaks > 0.0) & (breaks < end)]
+    inner = breaks[(breaks > ROUNDED_BREAK * end) & (breaks < (1.0 - ROUNDED_BREAK) * end)]
+    inner = inner[np.diff(inner, prepend=0.0) > ROUNDED_BREAK * end]
     return np.asarray(_make_grid(np.concatenate([[0.0], inner, [end]]), count, per_piece, FIRST_CELL))
 
 

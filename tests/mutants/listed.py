@@ -276,7 +276,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/_edges.py", "for e in range(2):\n        v, f", "for e in range(1, 2):\n        v, f"),
     ("planners/search/_edges.py", "v, fraction = velocity[k, e, base]", "v, fraction = velocity[k, e, 0]"),
     ("planners/search/_edges.py", "n1 * v[1] + n2 * v[2]", "n1 * v[1]"),
-    ("planners/search/_around.py", "found.status is not SearchStatus.NO_PATH_FOUND else M", "False else M"),
+    ("planners/search/_around.py", "if found.status is SearchStatus.NO_PATH_FOUND:", "if True:"),
     ("planners/paths/point_to_point.py", "SPAN_SAMPLES + 1)", "SPAN_SAMPLES)"),
     ("planners/timing/_free/torques.py", "u2 = e[0] * C[j, m, 1] - e[1]", "u2 = e[0] * C[j, m, 1] + e[1]"),
     ("planners/timing/_free/columns.py", "np.int64), np.empty(6 + r)", "np.int64), np.empty(5 + r)"),

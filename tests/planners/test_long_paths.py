@@ -9,6 +9,7 @@ import pytest
 import optik
 from optik.types import Array
 from planners import MotionLimits, Plan, Polyline, plan
+from planners.timing._sweep import make_graded_grid
 
 LIMITS = MotionLimits(2.0, 10.0, 100.0)
 
@@ -66,3 +67,11 @@ def test_thousands_of_waypoints_are_planned_by_every_law(count: int, law: str) -
     robot, q, path = winding(count)
     made = plan(robot, path, q, limits=LIMITS, timing=law, allow="jerk")
     assert made, made.failure
+
+
+def test_breaks_that_differ_by_rounding_make_no_cells() -> None:
+    """Corners of dense polylines may end where the next one begins, but for the last bit."""
+    breaks = np.array([0.0, 0.1, np.nextafter(0.1, 1.0), 0.2, 0.2 + 1e-16, 0.3])
+    grid, plain = (make_graded_grid(b, 0.3, 64, 4) for b in (breaks, np.array([0.0, 0.1, 0.2, 0.3])))
+    np.testing.assert_allclose(grid, plain, rtol=0.0, atol=1e-12)
+    assert np.diff(grid).min() > 1e-6
