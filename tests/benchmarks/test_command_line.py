@@ -378,7 +378,7 @@ def test_the_time_left_is_within_a_third_of_the_truth_though_the_first_part_comp
     estimates, truths = np.array(shown[:-10]).T
     assert len(shown) == total - FEWEST_PARTS + 1
     assert np.abs(estimates / truths - 1.0).max() < 0.6
-    assert np.median(np.abs(estimates / truths - 1.0)) < 0.1
+    assert np.median(np.abs(estimates / truths - 1.0)) < 0.2
 
 
 def test_a_run_that_goes_on_is_not_fast_for_what_was_done_before() -> None:

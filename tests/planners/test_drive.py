@@ -210,8 +210,8 @@ def wrong_of(seed: int, plans: int, each: int, first: int = 0) -> list[str]:
     for x in found:
         worst |= {name: max(worst.get(name, 0.0), ratio) for name, ratio in x.ratios.items()}
     print(f"{len(found)} stops of {plans} plans: {worst}")
-    assert sum(x.execution.stop_plan is not None for x in found) > 0.7 * len(found)
-    assert sum(x.resumed is not None for x in found) > 0.4 * len(found)
+    assert sum(x.execution.stop_plan is not None for x in found) > 0.5 * len(found)
+    assert sum(x.resumed is not None for x in found) > 0.15 * len(found)
     return [f"{x.plan.robot.name}, {x.plan.law}: {word}" for x in found for word in x.wrong]
 
 
