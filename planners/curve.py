@@ -115,16 +115,15 @@ def largest_term(c: Array, knots: Array) -> float:
 
     Shapes and units: c (at most 6, m, n), knots (m + 1,). Returns [as the values].
     """
-    largest = 0.0
+    largest: float = 0.0
     for k in range(c.shape[1]):
         h, power = knots[k + 1] - knots[k], 1.0
         for i in range(c.shape[0] - 1, -1, -1):
             for j in range(c.shape[2]):
-                size = abs(c[i, k, j]) * power
-                if not size <= largest:  # NaN too
-                    largest = size
-                    if np.isnan(size):
-                        return largest
+                size: float = abs(c[i, k, j]) * power
+                if np.isnan(size):
+                    return size
+                largest = max(largest, size)
             power *= h
     return largest
 
