@@ -113,7 +113,7 @@ def plan(
         Search a way around obstacles to joints, any configuration of a pose or along a `PointToPoint`, or use the freedoms of
         a `FreePath`. A name, a file or a built search (`planners.find_path`) replaces the default one.
     winding : {"nearest", "exact"}
-        Let joints without limits end whole turns away from joints as goal, the nearest way (`Plan.goal`), or exactly there.
+        For a goal configuration: "nearest" lets joints without limits end whole turns away from it (`Plan.goal`); "exact" not.
 
     Returns
     -------

@@ -164,7 +164,7 @@ class RobotCommand(JsonCommand):
     )  # fmt: skip
     gravity: str | None = numbers(
         "Robot",
-        "Direction of gravity in the base frame: 0,0,-1; by default the file's, for a URDF −z of its root link.",
+        "Direction of gravity in the base frame, for example 0,0,-1. Default: the file's; for a URDF, −z of its root link.",
     )
 
     def load(self, name: str = "") -> optik.Robot:

@@ -27,8 +27,8 @@ FREE_HELP = (
 )
 """Help of ``--free``."""
 EXACT_WINDING_HELP = (
-    "Turn joints without limits to exactly the typed angles. By default they may end whole turns away, by the nearest way that "
-    "is free."
+    "Turn joints without limits to exactly the typed angles. By default they may end whole turns away, by the shortest "
+    "collision-free motion."
 )
 """Help of ``--exact-winding``."""
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."

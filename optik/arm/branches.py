@@ -31,7 +31,7 @@ class Driver(NamedTuple):
 
 
 def find_driver(tree: Tree, joint: Joint) -> Driver:
-    """Return the joint that a joint follows, through other joints that follow it; a joint that does not exist is none."""
+    """Return the driver at the end of a joint's chain of <mimic> elements; the chain ends before a missing joint."""
     joints = {other.name: other for other in tree.above.values()}
     factor, offset, seen = 1.0, 0.0, {joint.name}
     while (mimic := joint.element.get("mimic")) is not None and joint.kind in MOVING:

@@ -118,7 +118,7 @@ def _list_mount(tree: Tree, base: str) -> list[Joint]:
 def _warn_of_moving_mount(tree: Tree, base: str) -> None:
     if moving := [joint.name for joint in _list_mount(tree, base) if joint.kind != "fixed"]:
         problem = (
-            f"joint {join_names(moving)} moves the base {base!r}; gravity is that at its position 0, and "
+            f"joint {join_names(moving)} moves the base {base!r}; gravity is computed at its position 0; "
             "gravity=(x, y, z) in the frame of the base sets another"
         )
         warnings.warn(MovingMountWarning(tree.name, problem), stacklevel=4)

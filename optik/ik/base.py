@@ -82,8 +82,9 @@ class IKSolver(ABC):
         Largest number of iterations of one attempt.
     max_restarts : int
         Largest number of attempts after the first. Their initial guesses are random configurations inside the limits,
-        the same for the same problem. Once 30 attempts have ended at the same residual, no more are made: for an arm with
-        fewer joints than the task has components, or if all attempts have ended there and there is no time limit.
+        the same for the same problem. For an arm with fewer joints than the task has components, restarts stop when 30 attempts
+        have ended at the least residual. For any other arm without a time limit, they stop when the first 30 attempts have
+        all ended at the same residual.
     time_limit : float, optional
         Wall-clock time limit of one solve [s], checked between attempts and, if the method supports it, within them.
     task : Task or str

@@ -92,7 +92,7 @@ class Clearance:
 
     @property
     def nearest(self) -> Closest:
-        """The kind of pairs with the least distance found less its margin; infinitely far without a pair."""
+        """`scene` or `own`: the one whose least distance found exceeds its margin by less; infinite without a pair."""
         return min(self.kinds.values(), key=lambda kind: kind.room, default=NOTHING)
 
     @property

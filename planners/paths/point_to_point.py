@@ -95,7 +95,7 @@ class PointToPoint(Path):
     q_start : (n,) array
         Configuration at the start [rad, m].
     *points : ViaPoint, (n,) or (4, 4) array
-        Via points, the last one the goal, which is reached exactly. For poses, the configurations inside the limits are
+        Via points and, last, the goal. The goal is reached exactly. For poses, the configurations inside the limits are
         chosen for which the line through all points is the shortest in joint space.
     usable : callable, optional
         Says which of configurations (k, n) may be chosen for a pose; by default all. If none may, all may.

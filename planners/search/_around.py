@@ -129,7 +129,7 @@ def find_first_paths(
 ) -> Iterator[FirstPath]:  # fmt: skip
     """Yield first paths from the start of a path through its via points to its goal: of one search, then of others.
 
-    A pose is reached in whichever configuration a search finds. A way back exists, so no other configuration leads farther.
+    A pose is reached in the configuration that the search finds. Paths can be reversed, so no other leads farther.
     """
     targets = [*(via.q for via in path.vias), path.coefficients[-1]]
     if path.points:  # unless it is from a file

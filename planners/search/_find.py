@@ -63,7 +63,7 @@ def find_path(
         Number of searches. The shortest of three paths is 6 % shorter than one (mean of MotionBenchMaker's problems). Equal
         paths are returned once. A free straight line to the nearest goal ends the searches.
     winding : {"nearest", "exact"}
-        Whether joints without limits reach joints as goal modulo whole turns, from either side, or exactly.
+        For a goal configuration: "nearest" lets joints without limits end whole turns away from it; "exact" does not.
 
     Returns
     -------

@@ -40,7 +40,7 @@ ENDINGS = {
     "outside_limits": ("outside joint limits", colour(3)),
     "unreachable": ("proved unreachable", colour(6)),
     "rejected": ("wrong claim of success", colour(7)),
-    "too_few_joints": ("fewer joints than components", colour(0)),
+    "too_few_joints": ("fewer joints than task components", colour(0)),
 }
 """Ways in which a solve ends: in words, and the colour of each."""
 

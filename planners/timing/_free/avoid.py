@@ -158,8 +158,8 @@ def choose_around(
 ) -> tuple[P, FreedomResult, int]:
     """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
 
-    Every round starts from its initial path: from a path inside an obstacle no way leads out. Where nothing valid is found,
-    more coefficients are tried if their number was not given.
+    Every round starts from the initial path, because the iteration cannot leave an obstacle. If no valid plan is found and
+    the number of coefficients was not given, more coefficients are tried.
     """
     best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
     for finer in itertools.chain([choice], choice.refine()):
