@@ -8,11 +8,22 @@ import pytest
 from scipy.interpolate import PPoly
 
 import optik
-from optik import Robot
+from optik import Robot, se3
 from optik.arm.limits import JointLimits
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners import JointLine, Motion, MotionLimits, Plan, PointToPoint, Trajectory, certify, load_motion, plan
+from planners import (
+    JointLine,
+    Motion,
+    MotionLimits,
+    Plan,
+    PointToPoint,
+    Polyline,
+    Trajectory,
+    certify,
+    load_motion,
+    plan,
+)
 from planners.certificate import path_error as path_errors
 from planners.files.base import from_plain, to_plain
 from tests import oracles
@@ -138,6 +149,25 @@ def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
     turned = np.linalg.norm(np.swapaxes(tool[:, :3, :3], 1, 2) @ nearest[:, :3, :3] - np.eye(3), axis=(1, 2)).max()
     assert 2.0 * np.arcsin(turned / np.sqrt(8.0)) <= proved.angle * (1.0 + 1e-9) + 1e-15
     assert proved.distance <= 20.0 * size, "the bound is of the size of the error"
+
+
+# ---------------------------------------------------------------- a tool that turns fast
+@pytest.mark.parametrize("count", [60, 100])
+def test_a_tool_that_turns_fast_along_a_dense_seam_is_proved(count: int) -> None:
+    """Position alone decides only to nanometres where on the path the tool is, and the tool turns by 300 rad in a metre."""
+    robot, u = optik.load("ur5e"), np.linspace(0.0, 1.0, count)
+    tool = robot.fk(HOME)
+    turns = [se3.exp_so3(np.array([0.0, 0.0, 1.2 * np.sin(4.0 * np.pi * x)])) for x in u]
+    poses = [
+        se3.pose(tool[:3, :3] @ R, tool[:3, 3] + [0.03 * x, 0.01 * np.sin(6.0 * x), 0.0])
+        for R, x in zip(turns, u, strict=True)
+    ]
+    path = Polyline(poses, blend=1e-3)
+    made = plan(robot, path, HOME, limits=MotionLimits(2.0, 10.0, 100.0), tolerance=TOLERANCE)
+    assert made, made.failure
+    assert made.certificate.path_error.angle <= 1e-7
+    by_position, _ = path_errors.path_error(robot, path, made.trajectory, turn=1e-3)
+    assert by_position.angle > TOLERANCE[1], "the nearest position by the distance alone is turned by more"
 
 
 # ---------------------------------------------------------------- numbers beyond any arm
