@@ -25,6 +25,7 @@ from planners import (
     plan,
 )
 from planners.certificate import path_error as path_errors
+from planners.certificate.path_bounds import ComparedInstants, joint_intervals
 from planners.files.base import from_plain, to_plain
 from tests import oracles
 
@@ -207,3 +208,69 @@ def test_a_motion_of_a_file_is_certified_once(tmp_path: Any, monkeypatch: pytest
     monkeypatch.setattr("planners.motion.certify", None)
     motion.check_valid()
     assert motion.certify() is proof
+
+
+# ---------------------------------------------------------------- the kernel of the bound from the joints
+PLANAR = Robot(
+    "planar", np.array([oracles.trans(x=0.3), oracles.trans(x=0.5), oracles.trans(x=0.6)]), np.zeros(3, bool),
+    oracles.trans(x=0.4), JointLimits([-np.inf] * 3, [np.inf] * 3),
+)  # fmt: skip
+"""Three joints about z. Stretched, an error of the first joint moves the tool by 1.5 m for each radian: as far as can be."""
+Poly = np.polynomial.Polynomial
+
+
+def bound_and_truth(way: list[Any], cut: list[Any], s: Any, h: float) -> tuple[Array, Array]:
+    """The bounds of one interval of h, and the largest distance and angle of 4,001 instants; polynomials of joints and s(t)."""
+    at, end = s(np.array([0.0, h])), 2.0
+    ends = []
+    for i, t in enumerate((0.0, h)):
+        q = np.array([[p.deriv(k)(t) if k else p(t) for p in cut] for k in range(6)])[None]
+        on = np.array([[p.deriv(k)(at[i]) if k else p(at[i]) for p in way] for k in range(2)])[None]
+        pose, motion, twist = np.zeros((1, 4, 4)), np.zeros((1, 3, 6)), np.zeros((1, 6))
+        speed = np.array([s.deriv()(t)])
+        ends.append(ComparedInstants(np.array([t]), q, pose, motion, at[i : i + 1], speed, pose, twist, on))
+    x = np.linspace(0.0, end, 2001)
+    bounds = np.array([[np.abs(p.deriv(k)(x)).max() * (1.0 + 1e-9) for p in way] for k in range(1, 5)])[None]
+    links = np.linalg.norm([*PLANAR.fixed[:, :3, 3], PLANAR.tool[:3, 3]], axis=1)
+    out = np.full((1, 2), np.inf)
+    joint_intervals(links, PLANAR.prismatic, (np.array([0.0, end]), bounds), end, *ends, out)
+    t = np.linspace(0.0, h, 4001)
+    a, b = (PLANAR.fk(np.stack([p(y) for p in curves], axis=1)) for curves, y in ((cut, t), (way, s(t))))
+    off = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max()
+    turned = np.linalg.norm(np.swapaxes(a[:, :3, :3], 1, 2) @ b[:, :3, :3] - np.eye(3), axis=(1, 2)).max()
+    return out[0], np.array([off, 2.0 * np.arcsin(turned / np.sqrt(8.0))])
+
+
+@pytest.mark.parametrize("case", range(120))
+def test_the_bound_from_the_joints_is_above_every_instant_and_close(case: int) -> None:
+    """Cubic errors with any rates at the ends; the largest quartics between ends without error; and paths of fourth degree."""
+    rng = np.random.default_rng([11, case])
+    h, size, zero = rng.uniform(0.2, 1.0), 10.0 ** rng.uniform(-7.0, -4.0), Poly([0.0])
+    s, still = Poly([0.3, 0.8]), [Poly([0.0, 0.1]), Poly([0.0]), Poly([0.0])]
+    swell = Poly([0.0, 0.0, h * h, -2.0 * h, 1.0]) / h**4  # t² (h − t)²
+    kind, factor = case % 3, np.inf
+    if kind == 0:
+        e = size * Poly(rng.normal(size=4) / h ** np.arange(4))
+        way, cut = still, [still[0](s) + e, zero, zero]
+    elif kind == 1:
+        way, cut, factor = still, [still[0](s) + size * swell, zero, zero], 1.0 + 1e-5
+    else:  # the motion is the cubic through the path's ends and rates
+        way = [Poly([0.0, 0.1, 0.0, 0.0, size]), zero, zero]
+        cut, factor = [(way[0](s) - size * 0.8**4 * h**4 * swell), zero, zero], 1.0 + 1e-5
+    proved, truth = bound_and_truth(way, cut, s, h)
+    assert (truth <= proved * (1.0 + 1e-6) + 1e-14).all()
+    assert (proved <= factor * truth + 1e-12).all()
+
+
+@pytest.mark.parametrize("points", [(1.0, 3.0, 0.0, 0.0), (0.0, 0.0, 3.0, 1.0), (0.0, 3.0, -3.0, 0.0)])
+def test_cubic_errors_are_bounded_by_their_bezier_points(points: tuple[float, ...]) -> None:
+    """The error grows from one end on, and is largest between."""
+    h, s, still = 0.7, Poly([0.3, 0.8]), [Poly([0.0, 0.1]), Poly([0.0]), Poly([0.0])]
+    for sign in (1e-5, -1e-5):
+        a, b, c, d = sign * np.array(points)
+        error = Poly(
+            np.array([a, 3.0 * (b - a), 3.0 * (c - 2.0 * b + a), d - 3.0 * c + 3.0 * b - a]) / h ** np.arange(4)
+        )
+        proved, truth = bound_and_truth(still, [still[0](s) + error, *still[1:]], s, h)
+        assert (truth <= proved * (1.0 + 1e-6)).all()
+        assert proved[1] == pytest.approx(3e-5, rel=1e-6), "that of the control points"
