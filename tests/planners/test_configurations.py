@@ -1,6 +1,6 @@
 """Configurations chosen for poses, against all combinations of branches and against lines that reach the same poses."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
 from planners import JointLine, MotionLimits, PointToPoint, plan
-from planners.paths._configurations import choose_configurations, find_configurations
+from planners.paths._configurations import _expand, choose_configurations, find_configurations
 from tests import oracles
 from tests.optik.test_ik_lm import narrow, on_a_rail
 from tests.robots import built
@@ -41,6 +41,23 @@ def test_the_line_is_the_shortest_of_all_combinations_of_branches_and_windings(s
         assert measure(found) == pytest.approx(best.min(), rel=1e-9)
         np.testing.assert_allclose(robot.fk(found[1:3]), poses, atol=1e-8)
         assert robot.limits.contains(found).all()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_all_windings_inside_the_limits_are_candidates(seed: int) -> None:
+    """Against all combinations of whole turns."""
+    rng, robot = np.random.default_rng([3, seed]), optik.load("ur5e")
+    lower = -rng.uniform(1.5, 7.0, 6)
+    robot = robot.with_limits(lower=lower, upper=lower + rng.uniform(5.0, 12.0, 6))
+    start, goal = robot.limits.sample(rng, 2)
+    layer, most = rng.uniform(-4.0, 4.0, (2, 6)), rng.uniform(8.0, 14.0)
+    turns = 2.0 * np.pi * np.array(list(product((-2, -1, 0, 1, 2), repeat=6)))
+    every = (layer[:, None] + turns).reshape(-1, 6)
+    every = every[robot.limits.contains(every)]
+    every = every[np.linalg.norm(every - start, axis=1) + np.linalg.norm(every - goal, axis=1) <= most]
+    found = _expand(robot, layer, start, goal, most)
+    assert len(found) == len(every)
+    np.testing.assert_allclose(found[np.lexsort(found.round(6).T)], every[np.lexsort(every.round(6).T)], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["kr6", "irb910sc", "panda", "a rail", "unlimited"])
