@@ -77,7 +77,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "optik/distance.py": (EDGES, *CONTACT[::-1]),
     "planners/certificate/checks.py": (EDGES, *CERTIFICATE[1:]),
     "planners/certificate/path_error.py": CERTIFICATE,
-    "planners/certificate/path_bounds.py": CERTIFICATE,
+    "planners/certificate/path_bounds.py": ("tests/planners/test_retraced.py", *CERTIFICATE),
     "planners/certificate/chord_search.py": (CERTIFICATE[4], *CERTIFICATE[1:4], CERTIFICATE[5]),
     "planners/certificate/bounds.py": CERTIFICATE,
     "planners/certificate/projection.py": (CERTIFICATE[4], *CERTIFICATE[1:4], CERTIFICATE[5]),
@@ -123,7 +123,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/timing/_free/solve.py": FREEDOM,
     "planners/paths/free_path.py": (*FREEDOM, "tests/planners/test_free_path.py"),
     "planners/paths/point_to_point.py": (*POINTS, FREEDOM[1]),
-    "planners/paths/_configurations.py": POINTS,
+    "planners/paths/_configurations.py": ("tests/planners/test_configurations.py", *POINTS),
     "planners/paths/_spline.py": (*POINTS, *FREEDOM[::-1]),
     "planners/paths/_screws.py": FREEDOM[::-1],
     "planners/paths/_poses.py": (FREEDOM[1], *PATHS),
@@ -278,6 +278,13 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/_edges.py", "n1 * v[1] + n2 * v[2]", "n1 * v[1]"),
     ("planners/search/_around.py", "if found.status is SearchStatus.NO_PATH_FOUND:", "if True:"),
     ("planners/paths/point_to_point.py", "SPAN_SAMPLES + 1)", "SPAN_SAMPLES)"),
+    (
+        "planners/paths/_configurations.py",
+        "first = np.ceil((low - LIMIT_TOLERANCE - r",
+        "first = np.ceil((low - LIMIT_TOLERANCE + r",
+    ),
+    ("planners/certificate/path_bounds.py", "a = e0 + third *", "a = e0 - third *"),
+    ("optik/arm/shapes/urdf.py", '0.5 * length("length")', '0.5005 * length("length")'),
     ("planners/timing/_free/torques.py", "u2 = e[0] * C[j, m, 1] - e[1]", "u2 = e[0] * C[j, m, 1] + e[1]"),
     ("planners/timing/_free/columns.py", "np.int64), np.empty(6 + r)", "np.int64), np.empty(5 + r)"),
     ("planners/timing/_free/choose.py", "square], axis=1).argmax(axis=1)", "square], axis=1).argmin(axis=1)"),
@@ -406,6 +413,31 @@ LISTED: tuple[tuple[str, str, str], ...] = (
 
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
+        "planners/search/_edges.py",
+        "if kind == SELF and spheres[i, 3] < 0.0:",
+        "if kind == SELF and spheres[i, 3] < 1.0:",
+    ): "the capsule is located again, at the same place",
+    (
+        "optik/distance.py",
+        "across = sqrt(x[0] * x[0] + x[1] * x[1])",
+        "across = sqrt(x[1] * x[0] + x[1] * x[1])",
+    ): "another length of Newton's step within a bisection, whose end is the same",
+    (
+        "optik/distance.py",
+        "if away < 0.0 and bend <= 0.0:",
+        "if away < 0.0 and bend < 0.0:",
+    ): "a second derivative of exactly 0",
+    (
+        "planners/timing/_free/avoid.py",
+        "near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM",
+        "near = np.take_along_axis(self.initial, nearest, axis=1) <= NEAR_ROOM",
+    ): "a room of exactly that distance",
+    (
+        "planners/certificate/checks.py",
+        "GRID_INSTANTS, FINER_INSTANTS = 121, 9",
+        "GRID_INSTANTS, FINER_INSTANTS = 121, 8",
+    ): "eight places or nine around the least: the least of them is the same to 1e-8",
+    (
         "planners/replan/stop.py",
         "if motion is not None and motion.duration < best.trajectory.duration:",
         "if motion is not None and motion.duration <= best.trajectory.duration:",
@@ -465,11 +497,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "elif _dot(d, right) <= 0.0:",
         "elif _dot(d, right) < 0.0:",
     ): "a slope of exactly 0 at the end: the search between the ends ends there too",
-    (
-        "planners/certificate/checks.py",
-        "GRID_INSTANTS, FINER_INSTANTS = 121, 9",
-        "GRID_INSTANTS, FINER_INSTANTS = 121, 8",
-    ): "eight places or nine around the least: the least of them is the same to 1e-8",
     (
         "planners/certificate/bounds.py",
         "for i in range(1, 6):",

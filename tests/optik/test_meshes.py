@@ -376,3 +376,15 @@ def test_a_box_is_closed():
     box = trimesh.Trimesh(*trimesh.triangles.to_kwargs(box_triangles(np.array([0.1, 0.2, 0.3]))).values(), process=True)
     box.merge_vertices()
     assert (abs(abs(box.volume) - 0.006) <= 1e-12, abs(box.area - 0.22) <= 1e-12) == (True, True)
+
+
+def test_a_capsule_of_a_urdf_is_its_own_enclosure() -> None:
+    """The length is that of the cylinder between the caps: the ends are half of it from the middle."""
+    joint = (
+        '<parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    )
+    shape = '<collision><geometry><capsule radius="0.05" length="0.4"/></geometry></collision>'
+    links = f'<link name="base"/><link name="a">{shape}</link>'
+    text = f'<robot name="c">{links}<joint name="j" type="revolute">{joint}</joint></robot>'
+    ends = np.array(optik.Robot.from_urdf(text, "a", shapes=True).to_dict()["shapes"]["b"])
+    np.testing.assert_allclose(np.abs(ends), [[0.0, 0.0, 0.2]], atol=1e-15)
