@@ -74,7 +74,7 @@ class PathPositions(NamedTuple):
     path_joints: Array
 
 
-class Compared(NamedTuple):
+class PathComparison(NamedTuple):
     """A motion compared with its path at s (k,): squared distances, Newton steps, and the speed along the path.
 
     ``points`` and ``tangents`` are the path's poses and twists, or its configurations and their derivatives.
@@ -145,7 +145,7 @@ class Nearest:
         misfit = self._misfit(repeated, *self._frames(s.ravel())).reshape(s.shape)
         return np.asarray(s[np.arange(guess.size), misfit.argmin(axis=1)])
 
-    def _descend(self, target: tuple[Array, ...], s: Array) -> Compared:
+    def _descend(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         """Return the comparison after Newton steps from a guess (k,)."""
         end = self._path.end
         found = self._compare(target, s)
@@ -176,12 +176,12 @@ class Nearest:
         moves, turns = (np.linalg.norm(tangents[:, part], axis=1) for part in (slice(0, 3), slice(3, 6)))
         return np.asarray(np.hypot(moves, CHORD_TURN * turns))
 
-    def _compare(self, target: tuple[Array, ...], s: Array) -> Compared:
+    def _compare(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         """Compare a motion with the path at s (k,)."""
         (tool, motion), (poses, twist) = target, self._frames(s)
         cost, step, speed = np.empty((3, s.size))
         _step(tool, motion, poses, twist, (self._still, self._turn), cost, step, speed)
-        return Compared(s.copy(), cost, step, speed, poses, twist)
+        return PathComparison(s.copy(), cost, step, speed, poses, twist)
 
     def _misfit(self, target: tuple[Array, ...], poses: Array, twist: Array) -> Array:
         """Return squared distances (k,) of position, rotation, and backward motion in `BACK_TIME`."""
@@ -190,7 +190,7 @@ class Nearest:
         off = embed_poses(tool, CHORD_TURN) - embed_poses(poses, CHORD_TURN)
         return _add_backward_motion(off, twist * weight, motion[:, 0] * weight)
 
-    def _positions(self, found: Compared) -> PathPositions:
+    def _positions(self, found: PathComparison) -> PathPositions:
         """Return the positions along the path, with the path's poses and twists there."""
         return PathPositions(found.s, found.speed, found.points, found.tangents, np.empty((found.s.size, 0, 0)))
 
@@ -241,7 +241,7 @@ class NearestJoints(Nearest):
     def _size(self, tangents: Array) -> Array:
         return np.asarray(np.linalg.norm(tangents, axis=1))
 
-    def _compare(self, target: tuple[Array, ...], s: Array) -> Compared:
+    def _compare(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         (q, velocity, acceleration), (at, q1) = target, self._frames(s)
         off, size = q - at, np.maximum((q1 * q1).sum(axis=1), self._still**2)
         speed = (q1 * velocity).sum(axis=1) / size
@@ -249,12 +249,12 @@ class NearestJoints(Nearest):
             q2 = self._joints(s[cusp], 2)
             along = (q2 * acceleration[cusp]).sum(axis=1) / np.maximum((q2 * q2).sum(axis=1), 1e-300)
             speed[cusp] = np.sqrt(np.maximum(along, 0.0))
-        return Compared(s.copy(), (off * off).sum(axis=1), (off * q1).sum(axis=1) / size, speed, at, q1)
+        return PathComparison(s.copy(), (off * off).sum(axis=1), (off * q1).sum(axis=1) / size, speed, at, q1)
 
     def _misfit(self, target: tuple[Array, ...], poses: Array, twist: Array) -> Array:
         return _add_backward_motion(target[0] - poses, twist, target[1])
 
-    def _positions(self, found: Compared) -> PathPositions:
+    def _positions(self, found: PathComparison) -> PathPositions:
         joints = np.stack([found.points, found.tangents], axis=1)
         return PathPositions(found.s, found.speed, *self._path.frames(found.s), joints)
 
