@@ -217,7 +217,9 @@ def test_a_measured_state_that_noise_hides_from_the_end_is_continued() -> None:
     for each in noise:
         state = tuple(slow.trajectory(slow.trajectory.end - 5e-6, order) + each[order] for order in range(3))
         assert replan(slow, state)
-    still = tuple(slow.trajectory(slow.trajectory.end) * (order == 0) for order in range(3))
+    end = slow.trajectory(slow.trajectory.end)
+    assert replan(slow, (end, np.array([0.0, 1e-9, 0.0, 0.0, 0.0, 0.0]), np.zeros(6)))  # one joint's noise is enough
+    still = tuple(end * (order == 0) for order in range(3))
     with pytest.raises(InvalidInput, match="path's end"):
         replan(slow, still)
 
@@ -265,6 +267,19 @@ def test_lower_limits_hold_from_an_instant_on_and_the_old_ones_before(
     assert stored.certify().is_valid
     if since > 0.0:  # the new limits alone are exceeded before
         assert not replace(stored, before=None).certify().is_valid
+
+
+@pytest.mark.parametrize(
+    ("factor", "part", "lower"), [(0.9, 0.8, MotionLimits(1.5, 7.0, 15.0)), (0.96, 0.6, MotionLimits(0.6, 3.0, 50.0))]
+)
+def test_lower_limits_are_met_after_a_delay_from_a_measured_state_too(
+    running: Plan, factor: float, part: float, lower: MotionLimits
+) -> None:
+    """The arm is slower than its plan and cannot slow down at once; it does before its end."""
+    slower = running.trajectory.slowed(1.0 / factor)
+    again = replan(running, tuple(slower(part * slower.end, order) for order in range(3)), limits=lower)
+    assert again
+    assert 0.0 < again.within_limits_from < 0.95 * again.trajectory.end
 
 
 @pytest.mark.parametrize("new", [True, False])

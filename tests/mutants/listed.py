@@ -59,13 +59,18 @@ FILES = (
 DRIVE = ("tests/planners/test_drive.py",)
 LAWS = ("tests/planners/test_optimal.py", "tests/planners/test_laws.py", "tests/contract/test_time_laws.py")
 
-FREEDOM = ("tests/planners/test_freedom.py", "tests/contract/test_paths.py")
+FREEDOM = ("tests/planners/test_freedom.py", "tests/contract/test_paths.py", "tests/planners/test_free_bounds.py")
 """Tests of paths with freedoms."""
 AVOID = ("tests/planners/test_avoid.py",)
 POINTS = ("tests/planners/test_point_to_point.py",)
 """Tests of ways around obstacles, and of joint paths of free shape."""
 SHAPES = ("tests/optik/test_shapes.py", "tests/optik/test_meshes.py", "tests/optik/test_urdf.py")
-REPLAN = ("tests/contract/test_replans.py", "tests/planners/test_splice.py", "tests/planners/test_drive.py")
+REPLAN = (
+    "tests/planners/test_brake.py",
+    "tests/contract/test_replans.py",
+    "tests/planners/test_splice.py",
+    "tests/planners/test_drive.py",
+)
 CLOUDS = "tests/planners/test_clouds.py"
 """Tests of point clouds."""
 SEARCH = ("tests/planners/test_search.py", CLOUDS)
@@ -259,6 +264,13 @@ SCATTERED = {"areas": (20261126, 60, AREAS)}
 """Changes that are drawn from all of the files and folders at once: seed, how many, and of which."""
 
 LISTED: tuple[tuple[str, str, str], ...] = (
+    ("planners/timing/_brake/rows.py", "middle < other.x[-1]", "middle < other.x[1]"),
+    ("planners/timing/_brake/brake.py", "last != k + RAMP_STEPS or abs", "last != k + RAMP_STEPS and abs"),
+    ("planners/timing/_brake/brake.py", "need - 0.05 * abs(need) - slack", "need - 0.05 / abs(need) - slack"),
+    ("planners/replan/onward.py", "start.t + delay * rate, start", "start.t + delay / rate, start"),
+    ("planners/replan/state.py", "given[1].any() or given", "given[1].all() or given"),
+    ("planners/timing/_free/solve.py", "H[~self.free] = 0.0", "H[~self.free] = 1.0"),
+    ("planners/timing/_free/solve.py", "self.dual + dual * self", "self.dual - dual * self"),
     ("planners/search/_edges.py", "free = h * gap / rate", "free = 1.1 * h * gap / rate"),
     ("planners/search/_edges.py", "best = 2.0 * ahead / root", "best = 2.6 * ahead / root"),
     ("planners/search/_edges.py", "h * abs(d) + deviation[j]", "h * abs(d) + 0.7 * deviation[j]"),
