@@ -21,6 +21,8 @@ from planners.trajectory import cut_after, join
 LIMIT_FRACTIONS = (0.995, 0.8, 0.6)
 """Fractions of the limits for a sweep, tried in turn until one is smooth: a sweep exceeds its limits between its knots, and on
 a motion of many short pieces it is shorter with more room."""
+MORE_FRACTIONS = (0.99, 0.97, 0.9)
+"""Fractions that are tried, too, where the optimum is not found in time: a sweep is not shorter for every larger one."""
 DELAYS = (0.15, 0.35, 0.7, 1.2, 2.0, 3.5, 7.0)
 """Times for which the arm follows the motion if it cannot brake at once, as multiples of the time of a usual stop."""
 SHORTEST = 1e-6
@@ -63,7 +65,7 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
     """Yield sweeps to rest: at once, the shortest first; then after a part of the remaining motion."""
     plan, rate = start.plan, start.clock[0]
     running = plan.trajectory
-    brake = Brake(RunningMotion(plan.robot, running), request.limits, compute_limit_scales(request, plan))
+    brake = _brake(request, plan)
     found: list[BrakingMotion] = []
     for fraction in LIMIT_FRACTIONS:
         found.append(brake.run(start.t, start.clock, fraction))
@@ -89,6 +91,10 @@ def _sweep_stops(request: PlanRequest, start: MovingState) -> Iterator[Plan]:
         if braking.motion is not None:
             motion = join(cut_after(rest, delay), braking.motion)
             yield certify_motion(request, start, motion, StopKind.SWEEP, s_at(plan, braking.end))
+
+
+def _brake(request: PlanRequest, plan: Plan) -> Brake:
+    return Brake(RunningMotion(plan.robot, plan.trajectory), request.limits, compute_limit_scales(request, plan))
 
 
 def compute_limit_scales(request: PlanRequest, plan: Plan) -> dict[str, float]:
@@ -123,9 +129,14 @@ def _refine_stop(request: PlanRequest, start: MovingState, best: Plan, until: fl
             low = factor
         factor = high * FIRST_END if low == 0.0 else 0.5 * (low + high)
         longest = max(longest, perf_counter() - began)
+    kind, brake = StopKind.OPTIMUM, _brake(request, start.plan)
+    for fraction in () if found else MORE_FRACTIONS:
+        if perf_counter() > until:
+            break
+        motion, end, _ = brake.run(start.t, start.clock, fraction)
+        if motion is not None and motion.duration < best.trajectory.duration:
+            found.append((motion, s_at(start.plan, end)))
+            kind = StopKind.SWEEP
     found.sort(key=lambda each: each[0].duration)
-    optima = (
-        certify_motion(request, start, match_start(m, start.joints, request.limits), StopKind.OPTIMUM, s)
-        for m, s in found
-    )
-    return next((optimum for optimum in optima if optimum), best)
+    stops = (certify_motion(request, start, match_start(m, start.joints, request.limits), kind, s) for m, s in found)
+    return next((stop for stop in stops if stop), best)
