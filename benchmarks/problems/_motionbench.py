@@ -11,6 +11,7 @@ import re
 import tarfile
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from decimal import Decimal
 from functools import lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
@@ -43,11 +44,12 @@ READ_PARTS = "joint_state of start_state, and joint_constraints of goal_constrai
 
 
 class MotionProblem(NamedTuple):
-    """Obstacles, and both ends of a motion."""
+    """Obstacles, both ends of a motion, and whether one was moved onto a limit that the arm's file prints rounded."""
 
     scene: Scene
     start: Array
     goal: Array
+    moved: bool
 
 
 # ---------------------------------------------------------------- reading
@@ -83,16 +85,18 @@ def read_problem(
         known = ", ".join(dict.fromkeys(kind for kind, _number in problems))
         raise InvalidInput("problem", f"{kind!r} {number}", f"a number of one of {known}"[:160])
     texts = problems[kind, number]
-    start, goal = _read_ends(parse_yaml(texts["request"], "request", "reading motion requests"), robot)
+    ends = np.array([*_read_ends(parse_yaml(texts["request"], "request", "reading motion requests"), robot)])
+    start, goal = inside = _move_onto_limits(robot, ends)
+    moved = bool((inside != ends).any())
     given = scene_from_moveit(texts["scene"])
     if not grasping:
-        return MotionProblem(Scene(**given), start, goal)
+        return MotionProblem(Scene(**given), start, goal, moved)
     scene = Scene(**given | {"allow": ()})  # the file's links are those of another model
     while (near := find_contact(robot, scene, goal)).pair[0] in grasping and near.room <= 0.0:
         if near.pair[1] not in scene.names:
             break
         scene = replace(scene, allow=(*scene.allow, *((part, near.pair[1]) for part in grasping)))
-    return MotionProblem(scene, start, goal)
+    return MotionProblem(scene, start, goal, moved)
 
 
 def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:
@@ -109,6 +113,16 @@ def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:
         if missing := [name for name in names if name not in end]:
             raise InvalidInput(f"request: {part}", f"no position of {missing[0]}", READ_PARTS)
         yield robot.configuration([end[name] for name in names], part)
+
+
+def _move_onto_limits(robot: Robot, q: Array) -> Array:
+    """Return configurations; a joint beyond a limit by less than half a unit of its last digit, such as π, is moved onto it."""
+    for limit, nearer in ((robot.limits.lower, np.maximum), (robot.limits.upper, np.minimum)):
+        half = np.array(
+            [0.5 * 10.0 ** Decimal(repr(float(x))).as_tuple().exponent if np.isfinite(x) else 0.0 for x in limit]
+        )
+        q = np.where(np.abs(q - limit) < half, nearer(q, limit), q)
+    return q
 
 
 def _match_names(joints: tuple[str, ...], given: tuple[str, ...]) -> tuple[str, ...]:

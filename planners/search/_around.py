@@ -55,7 +55,7 @@ VIA_ADVICE = "another via point, or a smaller margin"
 
 
 MORE_SAMPLES_ADVICE = (
-    "more samples, avoid=planners.search.rrt_connect.RRTConnect(max_samples=100_000) in Python; or a smaller margin"
+    "more samples, avoid=planners.search.rrt_connect.RRTConnect(max_samples=1_000_000) in Python; or a smaller margin"
 )
 """What to try if the searches find no path."""
 

@@ -14,6 +14,10 @@ Trees = tuple[Array, Indices, Indices]
 """Two trees: configurations (2, most, n) [rad, m], parents (2, most), −1 for a root, and numbers of configurations (2,)."""
 
 
+LOCAL = 0.3
+"""Size of the box around a configuration from which a local sample is taken, as a fraction of the joints' ranges."""
+
+
 @inlined
 def _square(a: Array, b: Array) -> float:
     """Return the square of the distance of two configurations."""
@@ -34,13 +38,16 @@ def _find_nearest_node(trees: Trees, tree: int, q: Array) -> int:
 
 
 @compiled
-def connect(body: Body, trees: Trees, samples: Array, step: float, work: Work) -> tuple[int, int, int]:
+def connect(
+    body: Body, trees: Trees, samples: Array, ranges: Array, local: bool, step: float, work: Work
+) -> tuple[int, int, int]:
     """Grow a tree from the start and one from the goals towards samples, until they meet.
 
     This is RRT-Connect (Kuffner and LaValle 2000). Each sample extends the smaller tree by one step. Then the other tree grows
-    towards the new configuration until an edge is not free. The first attempt grows from the nearest goal to the start.
+    towards the new configuration until an edge is not free. The first attempt grows from the nearest goal to the start. If
+    `local`, every second sample is moved near a configuration of the smaller tree: one in a narrow place can grow only there.
 
-    Shapes and units: samples (k, n) [rad, m], step [rad, m].
+    Shapes and units: samples (k, n) within ranges (2, n) [rad, m], step [rad, m].
 
     Returns the number of samples used, and the last configurations of both trees, which are equal; −1 if they do not meet.
     """
@@ -51,6 +58,11 @@ def connect(body: Body, trees: Trees, samples: Array, step: float, work: Work) -
         grown, new, target = tree, -1, samples[k]
         if k == 0:
             tree, grown, new, target = 0, 1, 0, nodes[0, 0]
+        elif local and k % 2 == 1:
+            node = nodes[tree, k // 2 % counts[tree]]
+            for j in range(target.shape[0]):
+                x = node[j] + LOCAL * (target[j] - 0.5 * (ranges[0, j] + ranges[1, j]))
+                target[j] = min(max(x, ranges[0, j]), ranges[1, j])
         near = _find_nearest_node(trees, grown, target)
         while near >= 0:
             at, length = counts[grown], sqrt(_square(nodes[grown, near], target))

@@ -229,7 +229,7 @@ class Search(ABC):
     name: ClassVar[str]
     """Name of the search, the stem of its file."""
 
-    def __init__(self, max_samples: int = 20_000) -> None:
+    def __init__(self, max_samples: int = 100_000) -> None:
         check_count(max_samples, "max_samples", 1, MOST_CONFIGURATIONS)
         self.max_samples = max_samples
 

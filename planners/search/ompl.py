@@ -34,7 +34,7 @@ class OMPL(Search):
 
     name: ClassVar[str] = "ompl"
 
-    def __init__(self, max_samples: int = 20_000, step: float = 1.0) -> None:
+    def __init__(self, max_samples: int = 100_000, step: float = 1.0) -> None:
         super().__init__(max_samples)
         try:
             import ompl  # noqa: F401

@@ -13,13 +13,12 @@ from planners.search.base import Attempt, JointSpace, Search
 
 NODES_OF_A_SAMPLE = 4
 """Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
-
-MOST_RESTART = 1_000_000
-"""Largest number of samples before a restart: the trees of more would fill the memory."""
+GROWTH, MOST_RESTART = 4, 1_000_000
+"""Factor of the second number of samples before a restart over the first; and the largest: more trees would fill the memory."""
 
 
 class RRTConnect(Search):
-    """RRT-Connect (Kuffner and LaValle 2000) with proved edges.
+    """RRT-Connect (Kuffner and LaValle 2000) with proved edges; after the first restart every second sample is a local one.
 
     Parameters
     ----------
@@ -28,27 +27,29 @@ class RRTConnect(Search):
     step : float
         Longest edge in joint space [rad, m].
     restart : int
-        Number of samples after which both trees start anew: the time of a search varies much, and long ones rarely end well.
+        Number of samples after which both trees start anew, and again after four times as many more; then they grow. The time
+        of a search varies much, and long ones rarely end well; a narrow passage needs large trees.
     """
 
     name: ClassVar[str] = "rrt_connect"
 
-    def __init__(self, max_samples: int = 20_000, step: float = 1.0, restart: int = 5_000) -> None:
+    def __init__(self, max_samples: int = 100_000, step: float = 1.0, restart: int = 5_000) -> None:
         super().__init__(max_samples)
         self.step = check_number(step, "step", "a joint motion above 0 [rad, m]", above=0.0)
         check_count(restart, "restart", 1, MOST_RESTART)
         self.restart = restart
 
     def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
-        used, attempt, (lower, upper) = 0, 0, space.find_range(np.array([start, *goals]))
+        used, attempt, ranges = 0, 0, np.stack(space.find_range(np.array([start, *goals])))
         while used < self.max_samples:
-            count = min(self.restart, self.max_samples - used)
+            most = self.restart * GROWTH**attempt if attempt < 2 else MOST_RESTART
+            count = min(most, MOST_RESTART, self.max_samples - used)
             attempt += 1
-            samples = np.random.default_rng((*seed, attempt)).uniform(lower, upper, (count, len(start)))
-            most = NODES_OF_A_SAMPLE * count + len(goals) + 2
-            trees = np.empty((2, most, len(start))), np.full((2, most), -1), np.array([1, len(goals)])
+            samples = np.random.default_rng((*seed, attempt)).uniform(*ranges, (count, len(start)))
+            room = NODES_OF_A_SAMPLE * count + len(goals) + 2
+            trees = np.empty((2, room, len(start))), np.full((2, room), -1), np.array([1, len(goals)])
             trees[0][0, 0], trees[0][1, : len(goals)] = start, goals
-            done, first, last = connect(space.body, trees, samples, self.step, space.work)
+            done, first, last = connect(space.body, trees, samples, ranges, attempt > 1, self.step, space.work)
             used += done
             if first >= 0:
                 return Attempt(trace(trees, first, last), used)

@@ -12,7 +12,7 @@ import pytest
 
 import optik
 from benchmarks.problems._motionbench import END_ROOM, read_archive, read_problem, write_problems
-from optik import Robot
+from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.scene.contact import find_nearest_pairs
 from planners import find_path
@@ -62,7 +62,7 @@ def test_ten_problems_have_free_ends_and_a_way_around_the_obstacles(file: Path, 
     assert problems == [(kind, k) for kind in ("table_boxes", "table_cylinders") for k in range(1, 6)]
     assert len({texts["scene"] for texts in read_archive(file).values()}) == 10
     for kind, number in problems:
-        scene, start, goal = read_problem(file, kind, number, robot)
+        scene, start, goal, _ = read_problem(file, kind, number, robot)
         shapes = scene.cylinders if kind == "table_cylinders" else scene.boxes
         assert len(scene.names) == 6 and len(shapes) == (5 if kind == "table_cylinders" else 6)
         ends = np.array([start, goal])
@@ -73,7 +73,7 @@ def test_ten_problems_have_free_ends_and_a_way_around_the_obstacles(file: Path, 
 def test_the_straight_motion_between_the_ends_is_in_contact_by_coal(file: Path, robot: Robot) -> None:
     pytest.importorskip("coal")
     for kind, number in read_archive(file):
-        scene, start, goal = read_problem(file, kind, number, robot)
+        scene, start, goal, _ = read_problem(file, kind, number, robot)
         between = Oracle(robot, scene).near(np.linspace(start, goal, 100), 0.05, 0.05)
         assert min(between.scene.min(), between.own.min()) < 0.0, (kind, number)
 
@@ -96,12 +96,25 @@ def test_the_grasped_object_may_be_touched_by_the_hand_alone(tmp_path: Path, rob
     joints = ", ".join(f"{{joint_name: panda_{robot.joint_names[k]}, position: {goal[k]}}}" for k in reversed(order))
     request = REQUEST % (", ".join(["panda_finger_joint1", *names]), [0.04, *start[order].tolist()], joints)
     made = write(tmp_path / "grasp.tar", scene=SCENE % tuple(robot.fk(goal)[:3, 3]), request=request)
-    scene, *ends = read_problem(made, "table_pick", 7, robot, GRASPING)
+    scene, *ends, moved = read_problem(made, "table_pick", 7, robot, GRASPING)
+    assert not moved
     assert np.array_equal(ends, [start, goal])
     assert sorted(scene.allow) == [("fingers", "cup"), ("hand", "cup")]
     assert read_problem(made, "table_pick", 7, robot).scene.allow == (("other_link", "cup"),)
     made = write(tmp_path / "base.tar", scene=SCENE % (0.0, 0.0, 0.1), request=request)  # touched by the base
     assert not read_problem(made, "table_pick", 7, robot, GRASPING).scene.allow
+
+
+def test_ends_beyond_a_printed_limit_by_its_rounding_are_moved_onto_it(tmp_path: Path, robot: Robot) -> None:
+    lower, upper = np.full(7, -3.14159), np.full(7, 3.14159)
+    printed = replace(robot, limits=JointLimits(lower, upper, robot.limits.velocity))
+    for goal, inside in ((np.pi, 3.14159), (-np.pi, -3.14159), (3.141595001, None), (3.1415, 3.1415), (-3.2, None)):
+        joints = ", ".join(f"{{joint_name: {name}, position: {goal!r}}}" for name in robot.joint_names)
+        request = REQUEST % (", ".join(robot.joint_names), [0.5] * 7, joints)
+        made = write(tmp_path / f"{goal}.tar", scene=SCENE % (1, 1, 1), request=request)
+        problem = read_problem(made, "table_pick", 7, printed)
+        assert np.array_equal(problem.goal, np.full(7, goal if inside is None else inside))
+        assert problem.moved == (inside is not None and inside != goal)
 
 
 @pytest.mark.parametrize("form", ["%s", "panda_%s", "%s_joint", "left_%s_1"])

@@ -42,7 +42,7 @@ def limits_of(name: str) -> MotionLimits:
 @cache
 def warm(name: str) -> None:
     """Compile what the first problem needs."""
-    scene, start, goal = problem(name, "box", 2)
+    scene, start, goal, _ = problem(name, "box", 2)
     plan(arm(name), goal, start, limits=limits_of(name), scene=scene, avoid=True)
 
 
@@ -89,7 +89,7 @@ def measure(case: int) -> Row:
     """One problem of one arm."""
     name, kind, number = MODELS[case % 3], KINDS[case // 3 % len(KINDS)], 1 + case // (3 * len(KINDS))
     warm(name)
-    scene, *both = problem(name, kind, number)
+    scene, *both, _ = problem(name, kind, number)
     ends = both[0], both[1]
     row: Row = {"model": name, "kind": kind, "number": number, "ends": find_reason(name, scene, ends)}
     if row["ends"]:

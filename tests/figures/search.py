@@ -58,7 +58,7 @@ def problem(name: str, kind: str, number: int) -> MotionProblem:
 def measure(case: int) -> Row:
     name, kind = list(ARMS)[case % len(ARMS)], KINDS[case // len(ARMS) % len(KINDS)]
     robot = arm(name)
-    scene, start, goal = problem(name, kind, 1 + case // (len(ARMS) * len(KINDS)))
+    scene, start, goal, _ = problem(name, kind, 1 + case // (len(ARMS) * len(KINDS)))
     row: Row = {"arm": name, "kind": kind, "objects": len(scene.names)}
     if not robot.limits.contains(np.array([start, goal])).all():
         return row | {"status": "outside limits"}

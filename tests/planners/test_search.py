@@ -50,6 +50,20 @@ def gantry() -> Robot:
     return robot.with_shapes(Shapes(((2, (0, 0, 0), 0.1),)))
 
 
+def staircase(leg: float, room: float, count: int) -> Scene:
+    """Walls of a corridor for the gantry's sphere, with a dead end at (0, 0): legs along x and y in turn."""
+    half, width = np.array([0.1 + room, 0.1 + room]), 0.02
+    centre = np.array([(leg * ((i + 1) // 2), leg * (i // 2)) for i in range(count + 1)])
+    boxes = [(pose((-half[0] - width / 2, 0.0, 0.0)), (width, 2.0 * half[1], 1.0))]
+    for side in (1.0, -1.0):
+        line = centre + side * half * [-1.0, 1.0]
+        line[0] = side * half * [-side, 1.0]
+        for i, (a, b) in enumerate(pairwise(line)):
+            out = side * width / 2 * np.array([[0.0, 1.0], [-1.0, 0.0]])[i % 2]
+            boxes.append((pose((*(a + b) / 2 + out, 0.0)), (*np.maximum(np.abs(b - a), width), 1.0)))
+    return Scene(boxes=boxes)
+
+
 def rooms(robot: Robot, scene: Scene, q: Array) -> Array:
     return find_nearest_pairs(robot, scene, q)[0]
 
@@ -206,6 +220,14 @@ def test_a_start_at_the_goal_is_a_path_of_no_length(search: str) -> None:
     assert same.length == 0.0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_goal_in_a_narrow_corridor_is_left_by_local_samples(seed: int) -> None:
+    """Steps of up to 1 m towards samples everywhere do not leave legs of 0.25 m, with 100,000 samples of any of six seeds."""
+    result = find_path(gantry(), [3.0, 2.0], [0.0, 0.0], scene=staircase(0.25, 0.014, 5), paths=1, seed=seed)
+    assert result and result.samples > 5_000
+    check(gantry(), staircase(0.25, 0.014, 5), result.vertices)
+
+
 # ---------------------------------------------------------------- without a path
 @SEARCHES
 def test_a_goal_that_cannot_be_reached_ends_with_the_samples(search: str) -> None:
@@ -215,10 +237,10 @@ def test_a_goal_that_cannot_be_reached_ends_with_the_samples(search: str) -> Non
     result = find_path(robot, start, goal, scene=scene, max_samples=700, search=search)
     assert result.status is SearchStatus.NO_PATH_FOUND
     assert not result
-    assert result.samples == 3 * 700
+    assert result.samples == 700
     assert result.vertices.size == 0
     assert result.length == np.inf
-    assert "2100" in result.reason
+    assert "700" in result.reason
     assert "max_samples" in result.advice
     again = RRTConnect(700, restart=300).search(JointSpace(robot, scene), start, goal[None], (0, 0))
     assert (again.vertices, again.samples) == (None, 700)

@@ -83,6 +83,7 @@ MEASURES = (
 
 MOTION_TYPES = {
     "method": pl.String, "problem": pl.Int64, "kind": pl.String, "number": pl.Int64, "touched": pl.Boolean,
+    "moved": pl.Boolean,
     "status": pl.String, "reason": pl.String, "found": pl.Boolean, "length": pl.Float64, "edges": pl.Int64,
     "search_ms": pl.Float64, "ms": pl.Float64, "rounds": pl.Int64, "duration": pl.Float64, "stops": pl.Float64,
     "solved": pl.Boolean, "contact": pl.Boolean, "exceeded": pl.Boolean,
@@ -299,7 +300,7 @@ class _Motion(Kind):
         kind, number, problem = problems[index]
         tell(f"{block.id}: {kind} {number}, motion {index + 1:,} of {len(problems):,}")
         limits, reason = block.limits.of(robot), find_touching_end(robot, problem)
-        about = {"problem": index, "kind": kind, "number": number, "touched": bool(reason)}
+        about = {"problem": index, "kind": kind, "number": number, "touched": bool(reason), "moved": problem.moved}
         if reason:
             status = "outside the limits" if "limits" in reason else "contact"
             rows = [{"method": label, "status": status, "reason": reason} for label in block.labels]

@@ -79,6 +79,12 @@ def _table(b: BlockRows) -> Table:
     note = f"Problems with {b.block.robot}: {', '.join(kinds)}. Rates have Wilson's 95 % intervals." + (
         f" {touched} further problems are left out, because their start or goal is not free." if touched else ""
     )
+    moved = b.rows.filter(pl.col("method") == OURS)["moved"].sum() if "moved" in b.rows.columns else 0
+    note += (
+        f" In {moved} an end exceeds a limit by less than the rounding of its print, and is moved onto it."
+        if moved
+        else ""
+    )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
     note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
     return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
