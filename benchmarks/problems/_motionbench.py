@@ -118,9 +118,8 @@ def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:
 def _move_onto_limits(robot: Robot, q: Array) -> Array:
     """Return configurations; a joint beyond a limit by less than half a unit of its last digit, such as π, is moved onto it."""
     for limit, nearer in ((robot.limits.lower, np.maximum), (robot.limits.upper, np.minimum)):
-        half = np.array(
-            [0.5 * 10.0 ** Decimal(repr(float(x))).as_tuple().exponent if np.isfinite(x) else 0.0 for x in limit]
-        )
+        printed = [Decimal(repr(float(x))) for x in limit]
+        half = np.array([0.5 * 10.0 ** (x.adjusted() - len(x.as_tuple().digits) + 1) for x in printed])
         q = np.where(np.abs(q - limit) < half, nearer(q, limit), q)
     return q
 
