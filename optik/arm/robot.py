@@ -153,13 +153,10 @@ class Robot(ArmDynamics):
         source : str or path
             A file, or XML text (which begins with <). xacro must be expanded before.
         tip : str, optional
-            Link of the tool; by default the end of the longest chain below the base: ``tool0``, else ``flange``, else the only
-            link at its end, else the last link before a hand. ``source`` and `print` state the link and the reason. If no
-            rule decides, the error lists the usable links.
-        base : str, optional
-            Link of the base frame; by default the root.
-        name : str, optional
-            Name of the arm; by default the file's.
+            Link of the tool; by default the end of the longest chain, before a hand: ``tool0``, else ``flange``, else its
+            only end, else the last link before the hand, as `print` states. If no rule decides, the error lists the links.
+        base, name : str, optional
+            Link of the base frame, by default the root; name of the arm, by default the file's.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints before the
             base, which stand at 0. If one of them moves, a MovingMountWarning names it.
@@ -167,8 +164,7 @@ class Robot(ArmDynamics):
             Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
             {package: folder}, or folders that contain packages.
         srdf : str or path, optional
-            File, or its text, that names pairs of links that are not checked, by <disable_collisions> and
-            <disable_default_collisions>; checks against a scene remain.
+            File, or its text, whose <disable_…collisions> name links that are not checked against each other.
         values : mapping of str to float, optional
             Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
             them move along. By default, shapes enclose every value within the limits.
@@ -192,14 +188,12 @@ class Robot(ArmDynamics):
         from optik.arm.urdf import read_urdf
         from optik.arm.urdf_tree import name_file
 
-        meshes: dict[str, Any] = {
-            "shapes": shapes,
-            "package_dirs": package_dirs,
-            "srdf": srdf,
-            "without_shape": without_shape,
-        }
         with name_file(source):
-            return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, values=values, **meshes))
+            arm = read_urdf(
+                source, tip, base, name=name, gravity=gravity, shapes=shapes, package_dirs=package_dirs, srdf=srdf,
+                values=values, without_shape=without_shape,
+            )  # fmt: skip
+        return _robot(arm)
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.

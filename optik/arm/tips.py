@@ -17,7 +17,9 @@ TOOL_NAMES = ("tool0", "flange")
 """Names of the end of an arm in ROS, with or without a prefix, the preferred first."""
 FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of the joints of a hand."""
-NO_TOOL = re.compile(r"camera|optical|imu|accelero|range|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE)
+NO_TOOL = re.compile(
+    r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
+)
 """Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
 TAKES_ANOTHER = "; tip= takes another"
 """End of the sentence on a tip that was chosen by a rule."""
@@ -47,11 +49,9 @@ def find_tip(tree: Tree, base: str) -> tuple[str, str]:
 
 def _is_usable(tree: Tree, base: str, link: str) -> bool:
     """Return whether every joint between two links is fixed, or has one value of its own."""
-    joints = [tree.above[name] for name in tree.path(link) if name in tree.above]
-    above = {tree.above[name].name for name in tree.path(base) if name in tree.above}
-    return all(
-        j.kind == "fixed" or (j.kind in MOVING and "mimic" not in j.element) for j in joints if j.name not in above
-    )
+    links = tree.path(link)
+    joints = [tree.above[name] for name in links[: links.index(base)]]
+    return all(j.kind == "fixed" or (j.kind in MOVING and "mimic" not in j.element) for j in joints)
 
 
 def _find_ends(tree: Tree, base: str) -> list[Tip]:
@@ -66,7 +66,8 @@ def _find_ends(tree: Tree, base: str) -> list[Tip]:
     while todo:
         link, joints = todo.pop()
         body = _list_body(tree, link)
-        branches = [tree.above[child] for name in body for child in tree.below.get(name, ()) if child not in body]
+        branches = [tree.above[child] for name in body for child in tree.below.get(name, ())]
+        branches = [joint for joint in branches if joint.kind != "fixed"]
         branches.sort(key=lambda joint: -below[joint.child])
         lengths = [1 + below[joint.child] for joint in branches]
         similar = [joint for joint, length in zip(branches, lengths, strict=True) if 2 * length > lengths[0]]
@@ -105,19 +106,14 @@ def _choose_links(tree: Tree, body: list[str], branches: list[Joint], joints: in
     for name in TOOL_NAMES:
         if found := [link for link in body if _is_named(link, name)]:
             return [Tip(link, joints, "chosen by its name") for link in found]
-    kept = list(body)
+    carrying, leaves = {joint.parent for joint in branches}, []
     for link in reversed(body):
-        if (
-            NO_TOOL.search(link)
-            and link != body[0]
-            and not set(tree.below.get(link, ())) & {*kept, *(j.child for j in branches)}
-        ):
-            kept.remove(link)
-    carrying = {joint.parent for joint in branches} | {tree.above[link].parent for link in kept[1:]}
-    leaves = [link for link in kept if link not in carrying]
+        if link == body[0] or link in carrying or not NO_TOOL.search(link):
+            leaves += [link] if link not in carrying else []
+            carrying.add(tree.above[link].parent)
     if branches and len(leaves) != 1:
         paths = [set(tree.path(joint.parent)) for joint in branches]
         common = [link for link in body if all(link in path for path in paths)]
         return [Tip(common[-1], joints, "the last link before the hand")]
     reason = "the only end before the hand" if branches else "the end of the longest chain"
-    return [Tip(link, joints, reason) for link in leaves]
+    return [Tip(link, joints, reason) for link in reversed(leaves)]
