@@ -169,8 +169,7 @@ class Robot(ArmDynamics):
             Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
             them move along. By default, shapes enclose every value within the limits.
         without_shape : sequence of str, optional
-            Links whose <collision> is not read. Another one that cannot be read, such as a COLLADA mesh, gives an
-            UnreadShapeWarning, and plans in a scene are refused.
+            Links whose <collision> is not read. Another that cannot be read gives a warning; plans in a scene are refused.
 
         Returns
         -------

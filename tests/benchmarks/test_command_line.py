@@ -252,6 +252,11 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
         )
         assert "without_shape=" not in line and "package_dirs=" not in line
     assert typed(*words, "--without-shape", "base")[0] == 0
+    start = [word for word in words if not word.startswith("--start")][:-2]
+    assert typed(*start)[0] == 0  # its start is a sample, of an arm that is not checked
+    suite = tmp_path / "own.toml"
+    assert typed("bench", "new", str(suite), "-r", str(arm), "--without-shape", "base")[0] == 0
+    assert "arm.urdf#without_shape=base" in suite.read_text()
     status, _, said = typed(*words, "--package-dir", str(tmp_path / "ws"))
     assert status == 0, said
     words[3] = str(arm)

@@ -383,6 +383,8 @@ def test_a_shape_that_cannot_be_read_is_none_and_a_scene_is_refused_until_it_is_
             planners.plan(arm, [0.2, 0.1], [0.0, 0.0], limits=limits, scene=optik.Scene())
         assert arm == robot != left
     number = {"foot": 0, "arm": 1, "hand": 2}[link]
+    assert left == optik.load(file, tip="tip", without_shape=[link])
+    assert left == optik.load(f"{file}#tip=tip&without_shape={link}")
     given = robot.with_shapes(robot.shapes.with_part(link, number, [((0.0, 0.0, 0.0), 0.01)]))
     for arm in (left, given):
         assert planners.plan(arm, [0.2, 0.1], [0.0, 0.0], limits=limits, scene=optik.Scene())

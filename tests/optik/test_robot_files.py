@@ -51,6 +51,7 @@ TIPS = {
     "a hand behind tool0": (tree(6, fixed("link6", "tool0"), fixed("tool0", "hand"), *HAND), "tool0", 6, NAMED),
     "a hand with two frames": (tree(6, fixed("link6", "hand"), fixed("hand", "a"), fixed("hand", "b"), *HAND), "hand", 6, LAST),
     "a mimic finger alone": (tree(5, finger(2, "link5", MIMIC), finger(1, "link5")), "link5", 5, LAST),
+    "fingers as long as the arm": (tree(3, *chain("a", 3, "link3"), *chain("b", 3, "link3")), "link3", 3, LAST),
     "one jaw": (tree(5, fixed("link5", "frame"), finger(1, "link5", kind="revolute", name="Jaw")), "frame", 5, ONLY),
     "a screwdriver behind tool0": (tree(6, fixed("link6", "tool0"), finger(1, "tool0", name="bit")), "tool0", 6, NAMED),
     "jointed fingers and a longer thumb": (
