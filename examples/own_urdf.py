@@ -12,7 +12,7 @@ import optik
 import planners
 
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("arm.urdf")
-robot = optik.Robot.from_urdf(file)  # tip= and base= choose the chain if the file has several
+robot = optik.Robot.from_urdf(file)  # tip= and base= choose another chain
 print(f"{robot.name}: {robot.n} joints, {', '.join(robot.joint_names)}")
 
 q0 = robot.limits.middle + 0.2 * robot.limits.half * np.array([(-1.0) ** i for i in range(robot.n)])

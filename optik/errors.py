@@ -50,14 +50,15 @@ class RobotModelError(OptikError, ValueError):
 
     Attributes
     ----------
-    robot, problem : str
-        Name of the robot, and what is wrong with it.
+    robot, problem, file : str
+        Name of the robot, what is wrong with it, and the file that was read, or empty.
     """
 
-    def __init__(self, robot: str, problem: str) -> None:
-        super().__init__(f"robot {robot!r}: {problem}")
+    def __init__(self, robot: str, problem: str, file: str = "") -> None:
+        super().__init__(f"robot {robot!r}{f' in {file}' if file else ''}: {problem}")
         self.robot = robot
         self.problem = problem
+        self.file = file
 
 
 class RobotModelWarning(UserWarning):
@@ -84,6 +85,23 @@ class MovingMountWarning(RobotModelWarning):
 
 class DegreesWarning(RobotModelWarning):
     """Position limits that seem to be in degrees where the file format has radians."""
+
+
+class UnreadShapeWarning(RobotModelWarning):
+    """Links whose collision shape cannot be read: a plan in a scene is refused.
+
+    Attributes
+    ----------
+    links : tuple of (str, str)
+        Name of each link, and why its shape cannot be read.
+    """
+
+    def __init__(self, robot: str, problem: str, links: Iterable[tuple[str, str]]) -> None:
+        super().__init__(robot, problem)
+        self.links = tuple(links)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.robot, self.problem, self.links)
 
 
 class EnclosureWarning(RobotModelWarning):

@@ -131,7 +131,13 @@ class NewCommand(RobotCommand):
             return self.robot
         relative = Path(os.path.relpath(Path(path).resolve(), self.file.resolve().parent)).as_posix()
         given = dict(part.partition("=")[::2] for part in links.split("&") if part)
-        given |= {k: v for k, v in (("tip", self.tip), ("base", self.base), ("gravity", gravity)) if v}
+        typed = {
+            "tip": self.tip,
+            "base": self.base,
+            "gravity": gravity,
+            "without_shape": ",".join(self.without_shape or ()),
+        }
+        given |= {key: value for key, value in typed.items() if value}
         options = "&".join(f"{key}={value}" for key, value in given.items())
         return (relative if relative.startswith("..") else f"./{relative}") + (f"#{options}" if options else "")
 

@@ -18,6 +18,7 @@ from typer.core import TyperCommand
 
 import optik
 from optik.arm.model import unit_factors, unit_names
+from optik.arm.tips import TAKES_ANOTHER
 from optik.errors import InvalidInput
 from optik.registry import names, short_name
 
@@ -155,25 +156,37 @@ class RobotCommand(JsonCommand):
     robot: str = option(
         "Robot", "A name from `optik robots`, or a file: .urdf, .toml, .json or .py.", "paper6r", "--robot", "-r"
     )
-    tip: str | None = option("Robot", "Tool link of a URDF; required if it has several ends.")
+    tip: str | None = option(
+        "Robot",
+        "Tool link of a URDF; by default the end of its longest chain, before a hand. Required for several arms.",
+    )
     base: str | None = option("Robot", "Base link of a URDF, the frame of all poses; by default its root.")
     values: list[str] | None = option(
         "Robot",
         "Hold a joint beside the arm of a URDF at a value in the file's units [rad, m]; repeatable: gripper=0.3.", None,
         "--hold", metavar="JOINT=VALUE",
     )  # fmt: skip
+    without_shape: list[str] | None = option(
+        "Robot", "Link of a URDF whose collision shape is not read; comma separated or repeated.", metavar="LINK"
+    )
     gravity: str | None = numbers(
         "Robot",
         "Direction of gravity in the base frame, for example 0,0,-1. Default: the file's; for a URDF, −z of its root link.",
     )
 
     def load(self, name: str = "") -> optik.Robot:
-        """Load the robot, or the one that is named."""
+        """Load the robot, or the one that is named, and print the tip that a rule chose."""
         gravity = None if self.gravity is None else read_numbers(self.gravity, "--gravity", 3)
         if gravity is not None and not any(gravity):
             raise InvalidInput("--gravity", self.gravity, "a direction, such as 0,0,-1")
-        held = read_held(self.values)
-        return optik.load(name or self.robot, tip=self.tip, base=self.base, values=held, gravity=gravity)
+        links = [link.strip() for text in self.without_shape or () for link in text.split(",")] or None
+        arm = optik.load(
+            name or self.robot, tip=self.tip, base=self.base, values=read_held(self.values), gravity=gravity,
+            without_shape=links,
+        )  # fmt: skip
+        if arm.source.endswith(TAKES_ANOTHER):
+            err_console.print(name_robot_options(arm.source), soft_wrap=True)
+        return arm
 
 
 class Start(NamedTuple):
@@ -327,7 +340,7 @@ def sample_start(arm: optik.Robot) -> Any:
     """Return the best-conditioned of 64 fixed random configurations inside the joint ranges and without self-contact."""
     q = np.round(arm.limits.sample(np.random.default_rng(0), START_SAMPLES) * unit_factors(arm), 1) / unit_factors(arm)
     q = arm.limits.clip(q)
-    if arm.shapes is not None:
+    if arm.shapes is not None and not arm.shapes.unread:
         from optik.scene.contact import find_nearest_pairs
 
         free = find_nearest_pairs(arm, optik.Scene(), q)[0] > 0.0
@@ -363,16 +376,34 @@ def translate(words: str) -> str:
         values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
         return values + unit
 
-    def join(match: re.Match[str]) -> str:
-        values = re.findall(r"[-+.\w]+", match[2])
-        return f"--{match[1].replace('_', '-')} {','.join(values)}".rstrip()
-
     words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = re.sub(r"\b(allow|branch|gravity|rotation_speed|timing|tool_speed)=(\([^)]*\)|[^ ,;]*)", join, words)
+    words = name_options(words, "allow|branch|rotation_speed|timing|tool_speed")
+    words = name_robot_options(words)
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):
         words = words.replace(python, typed)
     return words.replace(" (max_restarts)", "")  # no option of `optik plan`
+
+
+def name_options(words: str, names: str) -> str:
+    """Return a message with options in place of Python arguments, such as --tip tool0 for tip='tool0'."""
+
+    def join(match: re.Match[str]) -> str:
+        values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", match[2])]
+        return f"--{match[1].replace('_', '-')} {','.join(values)}".rstrip()
+
+    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|[^ ,;)]*)", join, words)
+
+
+def name_robot_options(words: str) -> str:
+    """Return a message on the file of a robot with options in place of Python arguments."""
+    held = re.compile(r"values=\{([^}]*)\}")
+    words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
+    for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
+                          ("srdf=, or shapes.with_apart", "#srdf=FILE behind the robot's file"),
+                          ("a file, or shapes.with_part", "STL or OBJ")):  # fmt: skip
+        words = words.replace(python, typed)
+    return name_options(words, "tip|base|gravity|without_shape")
 
 
 def print_json(data: Any) -> None:

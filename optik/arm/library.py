@@ -93,7 +93,7 @@ URDF = (".urdf", ".xml")
 """Suffixes of URDF files."""
 RADIANS_PER_DEGREE = pi / 180.0
 """Factor from the degrees of data sheets to radians."""
-URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf"}
+URDF_OPTIONS = {"tip", "base", "gravity", "shapes", "packages", "srdf", "without_shape"}
 """Options that may follow the path of a URDF."""
 MOST_TOML_BYTES = 2**20
 """Largest file that is read [bytes]: a thousand times that of an arm of seven joints."""
@@ -119,7 +119,7 @@ LINK_KEYS = ("mass_kg", "com_mm", "inertia", "motor", "viscous", "coulomb")
 
 def load(
     name: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None,
-    values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None,
+    values: Mapping[str, float] | None = None, gravity: ArrayLike | None = None, without_shape: Sequence[str] | None = None,
 ) -> Robot:  # fmt: skip
     """Load a robot by name or from a file.
 
@@ -129,11 +129,10 @@ def load(
         A name from `optik.robots()`; or the path of a TOML file as those in ``optik/robots``, of a URDF, of a JSON file of
         `Robot.to_dict`, or of a Python file whose ``METHOD`` is a robot or returns one (it is run). Options of a URDF can
         follow its path: ``"./arm.urdf#tip=tool0&base=base_link&gravity=0,0,-1"``, and ``shapes=yes`` to read its
-        <collision> elements, with ``packages=FOLDER`` for a folder of packages and ``srdf=FILE``.
-    tip, base : str, optional
-        For a URDF, the links of `Robot.from_urdf`.
-    values : mapping of str to float, optional
-        For a URDF, values at which joints beside the chain are held, as of `Robot.from_urdf` [rad, m].
+        <collision> elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE`` and
+        ``without_shape=LINK,LINK``.
+    tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
+        For a URDF, as of `Robot.from_urdf`; with the last, shapes are read.
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1], in place of the file's.
 
@@ -153,8 +152,9 @@ def load(
     path, links = split_links(os.fspath(name)) if is_path(name) else ("", "")
     urdf = Path(path).suffix.lower() in URDF
     if gravity is not None and not urdf:
-        return load(name, tip=tip, base=base, values=values).with_gravity(gravity)
-    given = {k: v for k, v in (("tip", tip), ("base", base), ("values", values), ("gravity", gravity)) if v is not None}
+        return load(name, tip=tip, base=base, values=values, without_shape=without_shape).with_gravity(gravity)
+    options = {"tip": tip, "base": base, "values": values, "gravity": gravity, "without_shape": without_shape}
+    given = {key: value for key, value in options.items() if value is not None}
     if path:
         # A URDF contains the robot's name, so its file may be named like one of our robots.
         if not urdf:
@@ -196,24 +196,25 @@ def _parse_urdf_options(text: str) -> dict[str, str]:
     """Parse the options behind a URDF's path, ``tip=tool0&base=base_link``."""
     links = dict(part.partition("=")[::2] for part in text.split("&")) if text else {}
     if not set(links) <= URDF_OPTIONS or not all(links.values()) or links.get("shapes", "yes") not in ("yes", "no"):
-        expected = "tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER or srdf=FILE, joined by &"
-        raise InvalidInput("robot", repr(text), f"options of a URDF: {expected}")
+        expected = "tip=LINK, base=LINK, gravity=X,Y,Z, shapes=yes, packages=FOLDER, srdf=FILE, without_shape=LINK"
+        raise InvalidInput("robot", repr(text), f"options of a URDF, joined by &: {expected}")
     return links
 
 
 def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `Robot.from_urdf` for the options of a path; packages= and srdf= imply shapes=yes."""
-    plain = ("tip", "base", "gravity", "srdf", "values")
-    options: dict[str, Any] = {key: value for key, value in links.items() if key in plain}
+    """Return the arguments of `Robot.from_urdf` for the options of a path; others of shapes imply shapes=yes."""
+    options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes")}
     if isinstance(text := links.get("gravity"), str):
         try:
             options["gravity"] = [float(word) for word in text.split(",")]
         except ValueError:
             raise InvalidInput("gravity", repr(text), "three numbers, X,Y,Z") from None
+    if isinstance(text := links.get("without_shape"), str):
+        options["without_shape"] = text.split(",")
     if "packages" in links:
         options["package_dirs"] = [links["packages"]]
-    if {"srdf", "packages", "shapes"} & set(links):
-        options["shapes"] = links.get("shapes", "yes") == "yes"
+    implied = "yes" if {"srdf", "packages", "without_shape"} & set(links) else "no"
+    options["shapes"] = links.get("shapes", implied) == "yes"
     return options
 
 
@@ -343,11 +344,8 @@ def _limits(joints: Sequence[Mapping[str, Any]], dynamic: Any) -> JointLimits:
     limits: dict[str, Any] = {key: _check_positive(value, f"dynamic_limits.{key}", n) for key, value in dynamic.items()}
     if any(key in joint for joint in joints for key in SPEEDS):
         if "velocity" in limits:
-            raise InvalidInput(
-                "dynamic_limits.velocity",
-                "speeds in the rows, too",
-                "velocities either in the rows or in dynamic_limits",
-            )
+            expected = "velocities either in the rows or in dynamic_limits"
+            raise InvalidInput("dynamic_limits.velocity", "speeds in the rows, too", expected)
         limits["velocity"] = np.array([_speed(joint, f"joints[{i}]") for i, joint in enumerate(joints)])
     return JointLimits(ranges[:, 0], ranges[:, 1], **limits)
 

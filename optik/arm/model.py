@@ -269,7 +269,7 @@ def _check_shapes(name: str, value: Shapes | None, n: int) -> Shapes | None:
         return None
     if not isinstance(value, Shapes):
         raise InvalidInput("shapes", repr(value)[:60], "Shapes(capsules)")
-    if (last := int(value.capsules[0].max())) > n:
+    if (last := int(value.capsules[0].max(initial=0))) > n:
         raise RobotModelError(name, f"a capsule on link {last}, but the last link is {n}")
     return value
 

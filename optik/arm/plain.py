@@ -184,12 +184,13 @@ def shapes_to_dict(shapes: Shapes) -> dict[str, Any]:
     columns = [column.tolist() for column in (*shapes.capsules, shapes.excess)]
     columns[4] = [None if e != e else e for e in columns[4]]
     words_ = (list(shapes.names), [list(pair) for pair in shapes.apart], shapes.source)
-    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True))
+    unread = {"unread": [list(pair) for pair in shapes.unread]} if shapes.unread else {}
+    return dict(zip(SHAPES_KEYS, (*columns, *words_), strict=True)) | unread
 
 
 def shapes_from_dict(data: Any) -> Shapes:
     """Read shapes from plain data."""
-    data = read_record(data, SHAPES_KEYS, "robot.shapes")
+    data = read_record(data, SHAPES_KEYS, "robot.shapes", optional=("unread",))
     links = read_list(data["link"], "robot.shapes.link", "a list of numbers of links")
     m = len(links)
     a, b = (read_numbers(data[k], (m, 3), f"robot.shapes.{k}") for k in ("a", "b"))
@@ -198,7 +199,11 @@ def shapes_from_dict(data: Any) -> Shapes:
     stated = [np.nan if e is None else _number(e, "robot.shapes.excess") for e in known]
     capsules: Any = list(zip(links, a, b, radius.tolist(), strict=True))
     names = read_words(data["names"], "robot.shapes.names")
-    return Shapes(capsules, names, data["apart"], np.array(stated), read_word(data["source"], "robot.shapes.source"))
+    source = read_word(data["source"], "robot.shapes.source")
+    unread = [
+        read_words(pair, "robot.shapes.unread") for pair in read_list(data.get("unread", []), "robot.shapes.unread")
+    ]
+    return Shapes(capsules, names, data["apart"], np.array(stated), source, unread)  # type: ignore[arg-type]
 
 
 def describe_difference(a: ArmModel, b: ArmModel) -> str:

@@ -22,6 +22,7 @@ from optik.types import Array
 
 if TYPE_CHECKING:
     from optik.arm.compare import Comparison
+    from optik.arm.shapes.meshes import Folders
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,9 @@ class Robot(ArmDynamics):
         turned = np.abs(self.gravity - (0.0, 0.0, -1.0)).max() > UNIT_LENGTH
         gravity = f", gravity ({', '.join(f'{x + 0.0:.3g}' for x in np.round(self.gravity, 6))})" if turned else ""
         return f"Robot({self.name!r}, {self.n} joints{gravity})"
+
+    def __str__(self) -> str:
+        return f"{self!r}, {self.source}" if self.source else repr(self)
 
     # ------------------------------------------------------------ conventions
 
@@ -130,17 +134,11 @@ class Robot(ArmDynamics):
 
     @staticmethod
     def from_urdf(
-        source: str | os.PathLike[str],
-        tip: str | None = None,
-        base: str | None = None,
-        *,
-        name: str | None = None,
-        gravity: ArrayLike | None = None,
-        shapes: bool = False,
-        package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
-        srdf: str | os.PathLike[str] | None = None,
-        values: Mapping[str, float] | None = None,
-    ) -> Robot:
+        source: str | os.PathLike[str], tip: str | None = None, base: str | None = None, *, name: str | None = None,
+        gravity: ArrayLike | None = None, shapes: bool = False, package_dirs: Folders = None,
+        srdf: str | os.PathLike[str] | None = None, values: Mapping[str, float] | None = None,
+        without_shape: Sequence[str] = (),
+    ) -> Robot:  # fmt: skip
         """Read the chain between two links of a URDF.
 
         Fixed joints are merged into their neighbours. A velocity or an effort (the torque limit) that is missing or 0 is
@@ -155,11 +153,10 @@ class Robot(ArmDynamics):
         source : str or path
             A file, or XML text (which begins with <). xacro must be expanded before.
         tip : str, optional
-            Link of the tool; by default the only link without children below the base.
-        base : str, optional
-            Link of the base frame; by default the root.
-        name : str, optional
-            Name of the arm; by default the file's.
+            Link of the tool; by default the end of the longest chain, before a hand: ``tool0``, else ``flange``, else its
+            only end, else the last link before the hand, as `print` states. If no rule decides, the error lists the links.
+        base, name : str, optional
+            Link of the base frame, by default the root; name of the arm, by default the file's.
         gravity : (3,) array, optional
             Direction of gravity in the base frame [1]; by default −z of the root link, turned through the joints before the
             base, which stand at 0. If one of them moves, a MovingMountWarning names it.
@@ -167,10 +164,12 @@ class Robot(ArmDynamics):
             Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
             {package: folder}, or folders that contain packages.
         srdf : str or path, optional
-            File, or its text, whose <disable_collisions> name pairs of links that are not checked.
+            File, or its text, whose <disable_…collisions> name links that are not checked against each other.
         values : mapping of str to float, optional
             Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
             them move along. By default, shapes enclose every value within the limits.
+        without_shape : sequence of str, optional
+            Links whose <collision> is not read. Another that cannot be read gives a warning; plans in a scene are refused.
 
         Returns
         -------
@@ -179,16 +178,21 @@ class Robot(ArmDynamics):
         Raises
         ------
         InvalidInput
-            No such file, no XML, no URDF, xacro, a DOCTYPE, an entity; an unreadable mesh, or one outside the folders; a held
-            joint that does not exist, belongs to the chain or follows another, or a value outside its limits.
+            No such file, no XML, no URDF, xacro, a DOCTYPE, an entity; a held joint that does not exist, belongs to the chain
+            or follows another, or a value outside its limits.
         RobotModelError
-            No tree of links, no such link, no tip below the base, or a joint on the chain that is floating, planar, mimicking
+            No tree of links, no such link, several chains as tip, or a joint on the chain that is floating, planar, mimicking
             another, without an axis, or has crossed, equal or missing limits.
         """
         from optik.arm.urdf import read_urdf
+        from optik.arm.urdf_tree import name_file
 
-        meshes: dict[str, Any] = {"shapes": shapes, "package_dirs": package_dirs, "srdf": srdf, "values": values}
-        return _robot(read_urdf(source, tip, base, name=name, gravity=gravity, **meshes))
+        with name_file(source):
+            arm = read_urdf(
+                source, tip, base, name=name, gravity=gravity, shapes=shapes, package_dirs=package_dirs, srdf=srdf,
+                values=values, without_shape=without_shape,
+            )  # fmt: skip
+        return _robot(arm)
 
     def to_urdf(self, path: str | os.PathLike[str] | None = None) -> str:
         """Return the arm as URDF text, from link ``base`` to link ``tool``; write it to a file if one is named.

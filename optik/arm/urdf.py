@@ -6,7 +6,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import cos, sin
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
@@ -20,9 +20,10 @@ from optik.arm.branches import MOVING, hold_joints
 from optik.arm.inertia import Body, Inertia, check_body, join_bodies, transform_body
 from optik.arm.limits import LARGEST_LIMIT, JointLimits, warn_of_degrees
 from optik.arm.model import ArmModel
+from optik.arm.tips import find_tip
 from optik.arm.urdf_tree import Joint, Tree, join_names, joint_origin, origin_pose, read_number, read_tree, read_triple
-from optik.check import check_flag
-from optik.errors import InvalidInput, MovingMountWarning, RobotModelError, RobotModelWarning
+from optik.check import check_flag, check_words
+from optik.errors import InvalidInput, MovingMountWarning, RobotModelError, RobotModelWarning, UnreadShapeWarning
 from optik.file_io import write_atomically
 from optik.types import Array
 
@@ -52,6 +53,7 @@ def read_urdf(
     package_dirs: Folders = None,
     srdf: str | os.PathLike[str] | None = None,
     values: Mapping[str, float] | None = None,
+    without_shape: Iterable[str] = (),
 ) -> ArmModel:
     """Read the chain between two links; see `Robot.from_urdf`."""
     folders = None
@@ -59,14 +61,15 @@ def read_urdf(
         from optik.arm.shapes.meshes import find_mesh_folders
 
         folders = find_mesh_folders(source, package_dirs)
-    elif package_dirs is not None or srdf is not None:
-        raise InvalidInput("package_dirs" if srdf is None else "srdf", "one", "none without shapes=True")
+    for argument, given in (("package_dirs", package_dirs), ("srdf", srdf), ("without_shape", without_shape or None)):
+        if folders is None and given is not None:
+            raise InvalidInput(argument, "one", "none without shapes=True")
     for argument, value in (("tip", tip), ("base", base), ("name", name)):
         if value is not None and not isinstance(value, str):
             raise InvalidInput(argument, repr(value)[:60], "a name")
     tree = read_tree(source, name)
     base = _check_link(tree, base, "base") if base is not None else tree.root
-    tip = _check_link(tree, tip, "tip") if tip is not None else _find_leaf(tree, base)
+    tip, reason = find_tip(tree, base) if tip is None else (_check_link(tree, tip, "tip"), "")
     links = tree.path(tip)
     if base not in links:
         problem = f"link {tip!r} is not below link {base!r}; above it are: {join_names(links[1:])}"
@@ -74,7 +77,7 @@ def read_urdf(
     chain = [tree.above[link] for link in reversed(links[: links.index(base)])]
     tree = hold_joints(tree, chain, values, partial(_axis, tree.name))
     down = _find_gravity(tree, base) if gravity is None else np.asarray(gravity)
-    arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}")
+    arm, placed = _arm(tree, chain, down, f"URDF {tree.name!r}, from {base} to {tip}{reason}")
     if gravity is None:
         _warn_of_moving_mount(tree, base)
     if folders is None:
@@ -82,7 +85,12 @@ def read_urdf(
     from optik.arm.shapes.contact import warn_of_contact
     from optik.arm.shapes.urdf import read_shapes
 
+    for link in check_words(without_shape, "without_shape"):
+        for element in tree.parts(_check_link(tree, link, "without_shape"), "collision"):
+            tree.links[link].remove(element)
     enclosed = read_shapes(tree, base, placed, folders, partial(_axis, tree.name))
+    if enclosed.unread:
+        warnings.warn(UnreadShapeWarning(tree.name, enclosed.describe_unread(), enclosed.unread), stacklevel=3)
     arm = arm.with_shapes(enclosed if srdf is None else enclosed.with_srdf(srdf))
     warn_of_contact(arm, tree, {base, *(joint.child for joint in chain)})
     return arm
@@ -91,15 +99,8 @@ def read_urdf(
 def _check_link(tree: Tree, link: str, argument: str) -> str:
     if link != tree.root and link not in tree.above:
         links = join_names([tree.root, *tree.above])
-        raise RobotModelError(tree.name, f"{argument}: no link is named {link!r}; there are: {links}")
+        raise RobotModelError(tree.name, f"{argument}={link!r} names no link; there are: {links}")
     return link
-
-
-def _find_leaf(tree: Tree, base: str) -> str:
-    leaves = sorted(link for link in tree.list_below(base) if link not in tree.below)
-    if len(leaves) != 1:
-        raise RobotModelError(tree.name, f"{len(leaves)} chains end below {base!r}; name its tip: {join_names(leaves)}")
-    return leaves[0]
 
 
 def _find_gravity(tree: Tree, base: str) -> Array:

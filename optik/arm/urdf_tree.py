@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import cos, sin
 from pathlib import Path
@@ -85,27 +86,55 @@ def read_xml(source: str | os.PathLike[str]) -> Any:
     return _parse_xml(_read_source(source))
 
 
-def read_disabled_pairs(source: str | os.PathLike[str]) -> list[tuple[str, str, str]]:
-    """Read the pairs of links in the <disable_collisions> elements of an SRDF, with the reasons."""
+def read_disabled_pairs(source: str | os.PathLike[str], links: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Read the pairs of some links that an SRDF does not check, with the reasons.
+
+    As in MoveIt, <disable_default_collisions> means all pairs of a link but those in <enable_collisions>, and
+    <disable_collisions> has the last word.
+    """
     try:
         root = read_xml(source)
     except InvalidInput as error:
         raise InvalidInput("srdf", error.got, error.expected.replace("URDF", "SRDF")) from None
     if root.tag != "robot":
         raise InvalidInput("srdf", f"the element <{str(root.tag)[:60]}>", "an SRDF, whose outermost element is <robot>")
-    pairs = []
+    silent = [_read_links(e, ("link",))[0] for e in root.iter("disable_default_collisions")]
+    enabled = {frozenset(_read_links(e, ("link1", "link2"))) for e in root.iter("enable_collisions")}
+    found = {
+        frozenset((link, other)): (link, other, "disabled by default in the SRDF")
+        for link in silent for other in links if other != link and frozenset((link, other)) not in enabled
+    }  # fmt: skip
     for element in root.iter("disable_collisions"):
-        one, other = element.get("link1"), element.get("link2")
-        if not one or not other:
-            raise InvalidInput("srdf", "a <disable_collisions> without link1 or link2", "two links")
-        pairs.append((one, other, element.get("reason") or "disabled in the SRDF"))
-    return pairs
+        one, other = _read_links(element, ("link1", "link2"))
+        found[frozenset((one, other))] = one, other, element.get("reason") or "disabled in the SRDF"
+    return [pair for pair in found.values() if {pair[0], pair[1]} <= set(links)]
+
+
+def _read_links(element: Any, names: tuple[str, ...]) -> list[str]:
+    """Read the links that an element of an SRDF names."""
+    if not all(element.get(name) for name in names):
+        raise InvalidInput("srdf", f"a <{element.tag}> without {' or '.join(names)}", f"{len(names)} link names")
+    return [check_plain(element.get(name)) for name in names]
+
+
+def is_text(source: object) -> bool:
+    """Return whether a source is XML itself, not the path of a file."""
+    return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+
+
+@contextmanager
+def name_file(source: object) -> Iterator[None]:
+    """Name the file of a description in errors of the robot."""
+    try:
+        yield
+    except RobotModelError as error:
+        raise RobotModelError(error.robot, error.problem, "" if is_text(source) else str(source)) from None
 
 
 def _read_source(source: object) -> bytes:
     """Return XML as bytes: the argument if it begins with <, else the content of the file."""
     wanted = "the path of a URDF file, or its text (which begins with <)"
-    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
+    if isinstance(source, str) and is_text(source):
         # A string is already decoded, so the encoding of its XML declaration is removed.
         text = re.sub(r"\A\s*(<\?xml[^>]*?)\s+encoding\s*=\s*(\"[^\"]*\"|'[^']*')", r"\1", source.lstrip("\ufeff"))
         content = text.strip().encode("utf-8", errors="replace")
@@ -131,14 +160,28 @@ def _parse_xml(content: bytes) -> Any:
     except DefusedXmlException:
         raise InvalidInput("source", "a DOCTYPE or an entity", "URDF without them") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two for an unknown encoding
-        if b"<xacro:" in content:
-            _refuse_xacro("source")
+        _check_encoding(content)
+        if elements := re.findall(rb"<(xacro:\w+)", content):
+            _refuse_xacro(next((e for e in elements if e != b"xacro:property"), elements[0]).decode())
         raise InvalidInput("source", f"invalid XML: {error}", "URDF (XML)") from None
 
 
-def _refuse_xacro(file: str) -> NoReturn:
+def _check_encoding(content: bytes) -> None:
+    """Refuse bytes that are not UTF-8 where no encoding is declared."""
+    if re.match(rb"\s*<\?xml[^>]*\bencoding\b|\xff\xfe|\xfe\xff", content):
+        return
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        expected = 'UTF-8, or a first line that declares the encoding: <?xml version="1.0" encoding="NAME"?>'
+        got = f"bytes that are not UTF-8 in line {line}, and no encoding is declared"
+        raise InvalidInput("source", got, expected) from None
+
+
+def _refuse_xacro(words: str) -> NoReturn:
     raise InvalidInput(
-        "source", f"xacro in {file[:120]!r}", "URDF; expand it first, for example by: xacro in.xacro > out.urdf"
+        "source", f"xacro in {words[:120]!r}", "URDF; expand it first, for example by: xacro in.xacro > out.urdf"
     )
 
 
@@ -148,8 +191,10 @@ def _build_tree(root: Any, name: str | None) -> Tree:
     prefix = f"{space}}}" if space else ""
     if tag != "robot":
         raise InvalidInput("source", f"the element <{tag[:60]}>", "a URDF, whose outermost element is <robot>")
-    if any("xacro" in str(element.tag).partition("}")[0] and "}" in str(element.tag) for element in root.iter()):
-        _refuse_xacro("source")
+    for element in root.iter():
+        place, _, word = str(element.tag).rpartition("}")
+        if "xacro" in place and word != "property":  # a property is used by ${…}, which is refused where it is read
+            _refuse_xacro(f"<xacro:{word}>")
     robot = name or root.get("name") or "robot"
     elements = root.findall(f"{prefix}link")
     links = [_attribute(robot, e, "name", "a <link>") for e in elements]
@@ -204,14 +249,14 @@ def _joint(robot: str, element: Any, prefix: str) -> Joint:
             raise RobotModelError(robot, f"joint {name!r}: no <{end}>")
         ends.append(_attribute(robot, found, "link", f"joint {name!r}: its <{end}>"))
     inner = {child.tag.removeprefix(prefix): child for child in reversed(element) if isinstance(child.tag, str)}
-    return Joint(name, element.get("type", ""), ends[0], ends[1], inner)
+    return Joint(name, check_plain(element.get("type", "")), ends[0], ends[1], inner)
 
 
 def _attribute(robot: str, element: Any, name: str, what: str) -> str:
     value = element.get(name)
     if not value:
         raise RobotModelError(robot, f"{what} has no {name}")
-    return str(value)
+    return check_plain(str(value))
 
 
 def _find_repeated(names: Iterable[str]) -> str | None:
@@ -259,10 +304,16 @@ def read_triple(robot: str, where: str, text: str, what: str) -> Array:
     return np.array([read_number(robot, where, word, what) for word in words])
 
 
-def read_number(robot: str, where: str, text: str, what: str) -> float:
-    """Read a number."""
+def check_plain(text: str) -> str:
+    """Refuse an expression of xacro, and return any other text."""
     if "${" in text or "$(" in text:
         _refuse_xacro(text)
+    return text
+
+
+def read_number(robot: str, where: str, text: str, what: str) -> float:
+    """Read a number."""
+    check_plain(text)
     try:
         value = float(text) if "_" not in text else math.nan  # 1_000 is a number in Python only
     except ValueError:

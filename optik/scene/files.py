@@ -51,7 +51,7 @@ from optik import se3
 from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
 from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
-from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_triple
+from optik.arm.urdf_tree import joint_origin, name_file, origin_pose, read_tree, read_triple
 from optik.check import check_number
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
@@ -85,13 +85,14 @@ def load_scene(
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
     suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml"))
-    if suffix in (".urdf", ".xml"):
-        return scene_from_urdf(file, package_dirs)
-    if package_dirs is not None:
+    urdf, path = suffix in (".urdf", ".xml"), Path(file)
+    if package_dirs is not None and not urdf:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
-    path = Path(file)
-    content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
     try:
+        if urdf:
+            with name_file(file):
+                return scene_from_urdf(file, package_dirs)
+        content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
         text = decode_text(content)
         if suffix == ".json":
             return scene_from_dict(parse_json(text, "scene"))

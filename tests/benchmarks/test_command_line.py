@@ -232,6 +232,7 @@ STL = "solid bar\n" + "".join(
 ) + "endsolid bar\n"  # fmt: skip
 
 
+@pytest.mark.filterwarnings("default")
 def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, tmp_path: Path) -> None:
     arm = write(tmp_path / "robot" / "arm.urdf", URDF)
     write(tmp_path / "ws" / "parts" / "bar.stl", STL)
@@ -244,12 +245,47 @@ def test_meshes_of_packages_are_found_and_the_way_to_shapes_is_said(typed: Any, 
     assert f"--robot '{arm}#shapes=yes'" in said
     assert "--package-dir FOLDER" in said
     words[3] = f"{arm}#shapes=yes"
-    assert "on the command line --package-dir" in typed(*words)[2]
+    warned, said = typed(*words)[2].splitlines()[:2]
+    for line in (warned, said):
+        assert (
+            "link 'base'" in line and "bar.stl" in line and "(--package-dir)" in line and "--without-shape base" in line
+        )
+        assert "without_shape=" not in line and "package_dirs=" not in line
+    assert typed(*words, "--without-shape", "base")[0] == 0
+    start = [word for word in words if not word.startswith("--start")][:-2]
+    assert typed(*start)[0] == 0  # its start is a sample, of an arm that is not checked
+    suite = tmp_path / "own.toml"
+    assert typed("bench", "new", str(suite), "-r", str(arm), "--without-shape", "base")[0] == 0
+    assert "arm.urdf#without_shape=base" in suite.read_text()
     status, _, said = typed(*words, "--package-dir", str(tmp_path / "ws"))
     assert status == 0, said
     words[3] = str(arm)
     assert typed(*words, "--package-dir", str(tmp_path / "ws"))[0] == 0
     assert "is not a URDF" in typed("plan", "line", "--package-dir", str(tmp_path))[2]
+
+
+TWO_ENDS = """<robot name="two"><link name="base"/><link name="arm"/><link name="tool0"/><link name="ee"/>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1"/></joint>
+<joint name="a" type="fixed"><parent link="arm"/><child link="tool0"/><origin xyz="0.5 0 0"/></joint>
+<joint name="b" type="fixed"><parent link="arm"/><child link="ee"/><origin xyz="0.7 0 0"/></joint></robot>"""
+
+
+def test_one_line_says_which_tip_was_taken_or_how_to_take_one(typed: Any, tmp_path: Path) -> None:
+    arm = write(tmp_path / "two.urdf", TWO_ENDS)
+    for options, x, line in (
+        ((), 0.5, "URDF 'two', from base to tool0, chosen by its name; --tip takes another\n"),
+        (("--tip", "ee"), 0.7, ""),
+    ):
+        status, out, said = typed("fk", "0", "-r", str(arm), "--json", *options)
+        assert (status, said, json.loads(out)["xyz"]) == (0, line, [x, 0.0, 0.0])
+    write(arm, TWO_ENDS.replace("tool0", "tip"))
+    status, _, said = typed("fk", "0", "-r", str(arm))
+    assert (status, said) == (
+        2, f"error: robot 'two' in {arm}: usable tips are tip (1 joint), ee (1 joint); for the first: --tip tip\n"
+    )  # fmt: skip
+    assert "--tip hand names no link" in typed("fk", "0", "-r", str(arm), "--tip", "hand")[2]
+    assert "tip=LINK, base=LINK" in typed("fk", "0", "-r", f"{arm}#end=tip")[2]  # these follow a path
 
 
 def test_a_joint_beside_the_arm_is_held_and_one_that_cannot_be_is_named(typed: Any, tmp_path: Path) -> None:

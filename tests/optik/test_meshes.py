@@ -1,6 +1,9 @@
 """Meshes and URDF shapes: read as trimesh reads them, enclosed whole, with an excess that is a bound."""
 
+import pickle
+import re
 import struct
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import optik
+import planners
 from optik import se3
 from optik.arm.shapes.enclosure import (
     SPACING,
@@ -24,7 +28,7 @@ from optik.arm.shapes.enclosure import (
     split_mesh,
 )
 from optik.arm.shapes.meshes import MeshFolders, read_mesh
-from optik.errors import InvalidInput, RobotModelError
+from optik.errors import InvalidInput, RobotModelError, UnreadShapeWarning
 from tests.oracles.shapes import distances
 
 RNG = np.random.default_rng(3)
@@ -347,21 +351,67 @@ def test_shapes_are_asked_for_also_behind_a_path_and_pairs_by_srdf(folder):
 
 @pytest.mark.filterwarnings("ignore:.*read without")
 @pytest.mark.parametrize(
+    ("old", "new", "link", "words"),
+    [
+        ("meshes/bar.stl", "../bar.stl", "arm", "does not exist|elsewhere"),
+        ("meshes/bar.stl", "https://x.org/bar.stl", "arm", "URL"),
+        ('scale="1 1 -2"', 'scale="1 1"', "arm", "mesh scale"),
+        ("meshes/bar.stl", "meshes/bar.dae", "arm", r"bar\.dae"),
+        ("meshes/bar.stl", "$(find parts)/bar.stl", "arm", "xacro"),
+        ('size=".1 .04 .04"', 'size=".1 .04 0"', "foot", "box size"),
+        ('<sphere radius=".04"/>', "<sphere/>", "hand", "sphere radius"),
+        ('<sphere radius=".04"/>', '<cone radius=".04"/>', "hand", "cone"),
+    ],
+)
+def test_a_shape_that_cannot_be_read_is_none_and_a_scene_is_refused_until_it_is_given_or_left_out(
+    folder, old, new, link, words
+):
+    file = folder / "arm.urdf"
+    full = optik.Robot.from_urdf(file, "tip", shapes=True)
+    file.write_text(URDF.replace(old, new), encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UnreadShapeWarning)
+        assert optik.Robot.from_urdf(file, "tip").n == 2
+        left = optik.Robot.from_urdf(file, "tip", shapes=True, without_shape=[link])
+    with pytest.warns(UnreadShapeWarning, match=f"link '{link}'.*({words})") as caught:
+        robot = optik.Robot.from_urdf(file, "tip", shapes=True)
+    assert (len(caught), caught[0].filename, [name for name, _ in caught[0].message.links]) == (1, __file__, [link])
+    assert set(robot.shapes.names) == set(left.shapes.names) == set(full.shapes.names) - {link}
+    limits = planners.MotionLimits(1.0, 5.0, 50.0)
+    for arm in (robot, pickle.loads(pickle.dumps(robot)), optik.Robot.from_dict(robot.to_dict())):
+        with pytest.raises(InvalidInput, match=rf"link '{link}'.*({words}).*without_shape=\('{link}',\)"):
+            planners.plan(arm, [0.2, 0.1], [0.0, 0.0], limits=limits, scene=optik.Scene())
+        assert arm == robot != left
+    number = {"foot": 0, "arm": 1, "hand": 2}[link]
+    assert left == optik.load(file, tip="tip", without_shape=[link])
+    assert left == optik.load(f"{file}#tip=tip&without_shape={link}")
+    given = robot.with_shapes(robot.shapes.with_part(link, number, [((0.0, 0.0, 0.0), 0.01)]))
+    for arm in (left, given):
+        assert planners.plan(arm, [0.2, 0.1], [0.0, 0.0], limits=limits, scene=optik.Scene())
+
+
+def test_an_arm_of_which_no_shape_can_be_read_is_read(folder):
+    text = re.sub(r"<(box|sphere|capsule|mesh) ", r'<mesh filename="x.dae" n', URDF)
+    with pytest.warns(UnreadShapeWarning, match=r"link 'foot'.*x\.dae.*; and 3 more"):
+        robot = optik.Robot.from_urdf(text, "tip", shapes=True)
+    assert (robot.shapes.m, len(robot.shapes.unread)) == (0, 6)
+    assert optik.Robot.from_dict(robot.to_dict()) == robot
+    with pytest.raises(InvalidInput, match="shapes=True"):
+        optik.Robot.from_urdf(text, "tip", without_shape=["foot"])
+    with pytest.raises(RobotModelError, match="without_shape='feet' names no link"):
+        optik.Robot.from_urdf(text, "tip", shapes=True, without_shape=["feet"])
+
+
+@pytest.mark.filterwarnings("ignore:.*read without")
+@pytest.mark.parametrize(
     ("old", "new", "kind", "words"),
     [
-        ("meshes/bar.stl", "../bar.stl", InvalidInput, "arm'.*does not exist|elsewhere"),
-        ("meshes/bar.stl", "https://x.org/bar.stl", InvalidInput, "URL"),
-        ('scale="1 1 -2"', 'scale="1 1"', RobotModelError, "mesh scale"),
-        ('size=".1 .04 .04"', 'size=".1 .04 0"', RobotModelError, "box size"),
-        ('<sphere radius=".04"/>', "<sphere/>", RobotModelError, "sphere radius"),
-        ('<sphere radius=".04"/>', '<cone radius=".04"/>', RobotModelError, "cone"),
         ('<sphere radius=".04"/>', '<sphere radius="40"/>', InvalidInput, "millimetres"),
         ('<limit lower="-.04" upper=".04"/>', "", RobotModelError, "slide.*without limits"),
     ],
 )
-def test_a_bad_collision_element_is_named_and_matters_only_where_shapes_are_read(folder, old, new, kind, words):
-    text = URDF.replace(old, new)
-    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+def test_a_shape_of_unknown_size_is_refused_only_where_shapes_are_read(folder, old, new, kind, words):
+    (folder / "arm.urdf").write_text(URDF.replace(old, new), encoding="utf-8")
     assert optik.Robot.from_urdf(folder / "arm.urdf", "tip").n == 2
     with pytest.raises(kind, match=words):
         optik.Robot.from_urdf(folder / "arm.urdf", "tip", shapes=True)

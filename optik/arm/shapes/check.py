@@ -22,8 +22,8 @@ MOST_CAPSULES = 4096
 """Most capsules of an arm: all pairs of them fit in memory."""
 
 
-def check_capsules(value: Any) -> Capsules:
-    """Check capsules; return them as kernels take them."""
+def check_capsules(value: Any, least: int = 1) -> Capsules:
+    """Check capsules, at least some number of them; return them as kernels take them."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
         if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
             raise InvalidInput(
@@ -33,9 +33,9 @@ def check_capsules(value: Any) -> Capsules:
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InvalidInput("shapes.capsules", format_value(value), "a list of (link, a, b, radius)")
     rows = [_check_row(row, f"shapes.capsules[{i}]") for i, row in enumerate(value)]
-    if not 1 <= len(rows) <= MOST_CAPSULES:
+    if not least <= len(rows) <= MOST_CAPSULES:
         raise InvalidInput("shapes.capsules", f"{len(rows)} of them", f"1 to {MOST_CAPSULES} capsules")
-    links, a, b, radii = zip(*rows, strict=True)
+    links, a, b, radii = zip(*rows, strict=True) if rows else ((), np.empty((0, 3)), np.empty((0, 3)), ())
     link = np.array(links, dtype=np.int64)
     link.setflags(write=False)
     return link, freeze(np.array(a), "a"), freeze(np.array(b), "b"), freeze(np.array(radii), "radius")

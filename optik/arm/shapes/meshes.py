@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from optik.arm.urdf_tree import is_text
 from optik.check import check_words
 from optik.errors import InvalidInput
 from optik.file_io import read_bytes
@@ -97,8 +98,7 @@ class MeshFolders:
 
 def find_mesh_folders(source: str | os.PathLike[str], package_dirs: Folders) -> MeshFolders:
     """Return the folders from which meshes of a description may be loaded, subfolders included."""
-    text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
-    return MeshFolders(None if text else Path(source).absolute().parent, package_dirs)
+    return MeshFolders(None if is_text(source) else Path(source).absolute().parent, package_dirs)
 
 
 def read_mesh_bytes(file: Path) -> bytes:

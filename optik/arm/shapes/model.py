@@ -6,7 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,6 +22,8 @@ NEIGHBOURS = "neighbours"
 """Reason why capsules of one link and of two consecutive links are not checked: they touch at their joint."""
 PAYLOAD = "payload"
 """Name of the capsules of a payload, which move with the tool's frame."""
+MOST_DESCRIBED = 3
+"""Most links without a shape that a message describes."""
 Apart: TypeAlias = tuple[str | int, str | int, str]
 """Two parts of an arm, each a name of capsules or a number of a link, and the reason why they are not checked."""
 
@@ -43,6 +45,8 @@ class Shapes:
         Largest distance of each capsule's surface from the enclosed body [m]; NaN, the default, where unknown.
     source : str
         Source of the numbers.
+    unread : sequence of (str, str), optional
+        Links of a URDF whose shape could not be read, and why; a plan in a scene is then refused.
 
     Raises
     ------
@@ -55,9 +59,13 @@ class Shapes:
     apart: tuple[Apart, ...] = ()
     excess: Array = np.nan  # type: ignore[assignment]
     source: str = ""
+    unread: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        capsules = check_capsules(self.capsules)
+        unread = tuple(
+            (link, reason) for link, reason in map(partial(check_words, argument="shapes.unread"), self.unread)
+        )
+        capsules = check_capsules(self.capsules, least=0 if unread else 1)
         m = len(capsules[0])
         names = check_words(self.names, "shapes.names")
         if names and len(names) != m:
@@ -65,6 +73,7 @@ class Shapes:
         if not isinstance(self.source, str):
             raise InvalidInput("shapes.source", format_value(self.source), "a word")
         checked = {"capsules": capsules, "names": names, "excess": check_excess(self.excess, m, "shapes.excess")}
+        checked["unread"] = unread
         for field, value in checked.items():
             object.__setattr__(self, field, value)
         object.__setattr__(self, "apart", tuple(self._checked_apart(self.apart)))
@@ -78,12 +87,12 @@ class Shapes:
         return hash(self.digest)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Shapes, (self.capsules, self.names, self.apart, self.excess, self.source)
+        return Shapes, (self.capsules, self.names, self.apart, self.excess, self.source, self.unread)
 
     @cached_property
     def digest(self) -> bytes:
         """SHA-256 of the content, equal on all machines."""
-        digest = hashlib.sha256(repr((self.names, self.apart)).encode())
+        digest = hashlib.sha256(repr((self.names, self.apart, *self.unread)).encode())
         for array in (*self.capsules, self.excess):
             digest.update(array.tobytes())
         return digest.digest()
@@ -95,6 +104,14 @@ class Shapes:
     def m(self) -> int:
         """Number of capsules."""
         return len(self.capsules[3])
+
+    def describe_unread(self) -> str:
+        """Return which links have no shape because it could not be read, and what to do."""
+        words = "; ".join(f"link {link!r}: {reason}" for link, reason in self.unread[:MOST_DESCRIBED])
+        more = f"; and {len(self.unread) - MOST_DESCRIBED} more" if len(self.unread) > MOST_DESCRIBED else ""
+        links = tuple(dict.fromkeys(link for link, _ in self.unread))
+        advice = f"give the shapes (a file, or shapes.with_part), or plan without them: without_shape={links}"
+        return f"collision shapes that cannot be read ({words}{more}); plans in a scene are refused: {advice}"
 
     # ------------------------------------------------------------ pairs
 
@@ -202,8 +219,7 @@ class Shapes:
         """
         from optik.arm.urdf_tree import read_disabled_pairs
 
-        known = set(self.names)
-        return self.with_apart(pair for pair in read_disabled_pairs(source) if {pair[0], pair[1]} <= known)
+        return self.with_apart(read_disabled_pairs(source, tuple(dict.fromkeys(self.names))))
 
     def with_part(self, name: str, link: int, objects: Iterable[Any], place: ArrayLike | None = None) -> Shapes:
         """Return the shapes with a part added; it replaces a part of the same name.
@@ -235,7 +251,8 @@ class Shapes:
         rows = [*zip(*kept.capsules, strict=True), *((link, c.a, c.b, c.radius) for c in found)]
         names = (*kept.names, *(name for _ in found))
         excess = np.concatenate((kept.excess, [c.excess for c in found]))
-        return replace(kept, capsules=rows, names=names, excess=excess)  # type: ignore[arg-type]
+        unread = tuple(pair for pair in self.unread if pair[0] != name)
+        return replace(kept, capsules=rows, names=names, excess=excess, unread=unread)  # type: ignore[arg-type]
 
     def without_part(self, name: str) -> Shapes:
         """Return the shapes without a part.
@@ -257,7 +274,7 @@ class Shapes:
         kept = [i for i, other in enumerate(self.names) if other != name]
         rows = list(zip(*(column[kept] for column in self.capsules), strict=True))
         apart = tuple(pair for pair in self.apart if name not in pair[:2])
-        return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source)  # type: ignore[arg-type]
+        return Shapes(rows, tuple(self.names[i] for i in kept), apart, self.excess[kept], self.source, self.unread)  # type: ignore[arg-type]
 
     def transform_part(self, part: str | int, T: Array) -> Shapes:
         """Return the shapes with a part transformed in its links' frames.

@@ -14,8 +14,8 @@ from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder,
 from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh, read_mesh_bytes
 from optik.arm.shapes.model import Shapes
 from optik.arm.shapes.sweep import Step, sweep_capsules
-from optik.arm.urdf_tree import Joint, Tree, joint_origin, origin_pose, read_number, read_triple
-from optik.errors import RobotModelError
+from optik.arm.urdf_tree import Joint, Tree, check_plain, joint_origin, origin_pose, read_number, read_triple
+from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
 
@@ -27,8 +27,9 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     """
     chain = {base, *(joint.child for joint, _ in placed)}
     carried: dict[str, list[tuple[str, Capsule]]] = {link: [] for link in chain}
+    unread: list[tuple[str, str]] = []
     for link in tree.list_below(base):
-        if found := _read_own(tree, link, folders):
+        if found := _read_own(tree, link, folders, unread):
             carrier, steps, ranges = find_steps(tree, link, chain, axis)
             if steps:
                 found = enclose_once(partial(sweep_capsules, found, steps, ranges), found, steps, ranges)
@@ -37,23 +38,29 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
     for joint, T in placed:
         rows.append((rows[-1][0] + (joint.kind != "fixed"), T, joint.child))
     capsules = [(i, name, c.transform(T)) for i, T, link in rows for name, c in carried[link]]
-    if not capsules:
+    if not capsules and not unread:
         raise RobotModelError(tree.name, "no <collision> on any link of the chain")
     return Shapes(
         [(i, c.a, c.b, c.radius) for i, _, c in capsules],  # type: ignore[arg-type]
         tuple(name for _, name, _ in capsules),
         excess=np.array([c.excess for *_, c in capsules]),
         source=f"<collision> of URDF {tree.name!r}",
+        unread=tuple(unread),
     )
 
 
-def _read_own(tree: Tree, link: str, folders: MeshFolders) -> list[Capsule]:
-    """Read the capsules of a link's own <collision> elements, in the link's frame."""
+def _read_own(tree: Tree, link: str, folders: MeshFolders, unread: list[tuple[str, str]]) -> list[Capsule]:
+    """Read the capsules of a link's own <collision> elements, in the link's frame; add why one is not read to a list."""
     found = []
     for element in tree.parts(link, "collision"):
         where = f"<collision> of link {link!r}"
-        T = origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
-        found += [c.transform(T) for c in read_geometry(tree, element, where, folders)]
+        try:
+            T = origin_pose(tree.name, where, element.find(f"{tree.prefix}origin"))
+            found += [c.transform(T) for c in read_geometry(tree, element, where, folders)]
+        except RobotModelError as error:
+            unread.append((link, error.problem.removeprefix(f"{where}: ")))
+        except InvalidInput as error:
+            unread.append((link, str(error).removeprefix(f"{where}: ")))
     return found
 
 
@@ -113,7 +120,7 @@ def read_triangles(robot: str, shape: Any, where: str, folders: MeshFolders) -> 
 def _find_mesh(robot: str, shape: Any, where: str, folders: MeshFolders) -> tuple[Path, Array]:
     """Return the file of a <mesh>, and its scale (3,)."""
     scale = read_triple(robot, where, shape.get("scale", "1 1 1"), "mesh scale")
-    return folders.file(shape.get("filename", ""), where), scale
+    return folders.file(check_plain(shape.get("filename", "")), where), scale
 
 
 def _scale(triangles: Array, scale: Array) -> Array:

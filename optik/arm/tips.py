@@ -1,0 +1,119 @@
+"""The tip of a URDF where none is named: the end of the longest chain of moving joints, before a hand.
+
+Links that fixed joints connect are one body. A hand begins at a body where the arm behind it has at least as many joints as
+each of several branches of similar length, or at a joint that is named like that of a finger.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from optik.arm.branches import MOVING
+from optik.arm.urdf_tree import Joint, Tree, join_names
+from optik.errors import RobotModelError
+
+TOOL_NAMES = ("tool0", "flange")
+"""Names of the end of an arm in ROS, with or without a prefix, the preferred first."""
+FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb", re.IGNORECASE)
+"""Names of the joints of a hand."""
+NO_TOOL = re.compile(
+    r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
+)
+"""Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
+TAKES_ANOTHER = "; tip= takes another"
+"""End of the sentence on a tip that was chosen by a rule."""
+
+
+class Tip(NamedTuple):
+    """A link at the end of an arm, its number of moving joints, and the reason to take it."""
+
+    link: str
+    joints: int
+    reason: str
+
+
+def find_tip(tree: Tree, base: str) -> tuple[str, str]:
+    """Return the tip of the only or the longest chain below a link, and the reason if others were possible."""
+    ends = _find_ends(tree, base)
+    usable = [end for end in ends if _is_usable(tree, base, end.link)]
+    if len(usable) > 1:
+        words = join_names([f"{end.link} ({end.joints} joint{'s' * (end.joints > 1)})" for end in usable])
+        raise RobotModelError(tree.name, f"usable tips are {words}; for the first: tip={usable[0].link!r}")
+    if not ends:
+        return base, ""
+    end = (usable or ends)[0]  # a chain that is not usable is refused by the name of its joint
+    chosen = sum(link not in tree.below for link in tree.list_below(base)) > 1 or end.link in tree.below
+    return end.link, f", {end.reason}{TAKES_ANOTHER}" if chosen else ""
+
+
+def _is_usable(tree: Tree, base: str, link: str) -> bool:
+    """Return whether every joint between two links is fixed, or has one value of its own."""
+    links = tree.path(link)
+    joints = [tree.above[name] for name in links[: links.index(base)]]
+    return all(j.kind == "fixed" or (j.kind in MOVING and "mimic" not in j.element) for j in joints)
+
+
+def _find_ends(tree: Tree, base: str) -> list[Tip]:
+    """Return the possible ends of the longest chains below a link."""
+    below = dict.fromkeys(tree.list_below(base), 0)  # moving joints below each link
+    for link in reversed(below):
+        if link != base:
+            joint = tree.above[link]
+            below[joint.parent] = max(below[joint.parent], below[link] + (joint.kind != "fixed"))
+    ends: list[Tip] = []
+    todo = [(base, 0)]
+    while todo:
+        link, joints = todo.pop()
+        body = _list_body(tree, link)
+        branches = [tree.above[child] for name in body for child in tree.below.get(name, ())]
+        branches = [joint for joint in branches if joint.kind != "fixed"]
+        branches.sort(key=lambda joint: -below[joint.child])
+        lengths = [1 + below[joint.child] for joint in branches]
+        similar = [joint for joint, length in zip(branches, lengths, strict=True) if 2 * length > lengths[0]]
+        if joints and _is_end(tree, body, similar, lengths[0] <= joints if branches else True):
+            ends += _choose_links(tree, body, branches, joints)
+        else:
+            todo += [(joint.child, joints + 1) for joint in reversed(similar)]
+    return ends
+
+
+def _list_body(tree: Tree, link: str) -> list[str]:
+    """List a link and those that fixed joints connect to it, each behind its parent."""
+    body = [link]
+    for name in body:  # grows while it is read
+        body += [child for child in tree.below.get(name, ()) if tree.above[child].kind == "fixed"]
+    return body
+
+
+def _is_end(tree: Tree, body: list[str], branches: list[Joint], short: bool) -> bool:
+    """Return whether the arm ends at a body: nothing moves behind it, or only a hand, whose branches are short."""
+    if not branches:
+        return True
+    in_hand = FINGER.search(tree.above[body[0]].name)
+    if not in_hand and len(branches) == 1 and FINGER.search(branches[0].name):
+        return True
+    return short and (len(branches) > 1 or any(_is_named(link, name) for link in body for name in TOOL_NAMES))
+
+
+def _is_named(link: str, name: str) -> bool:
+    """Return whether a link has a name, or this name behind a prefix."""
+    return re.fullmatch(rf"(.*[_/\-.])?{name}", link) is not None
+
+
+def _choose_links(tree: Tree, body: list[str], branches: list[Joint], joints: int) -> list[Tip]:
+    """Return the link of a body to take as tip, or all among which no rule decides."""
+    for name in TOOL_NAMES:
+        if found := [link for link in body if _is_named(link, name)]:
+            return [Tip(link, joints, "chosen by its name") for link in found]
+    carrying, leaves = {joint.parent for joint in branches}, []
+    for link in reversed(body):
+        if link == body[0] or link in carrying or not NO_TOOL.search(link):
+            leaves += [link] if link not in carrying else []
+            carrying.add(tree.above[link].parent)
+    if branches and len(leaves) != 1:
+        paths = [set(tree.path(joint.parent)) for joint in branches]
+        common = [link for link in body if all(link in path for path in paths)]
+        return [Tip(common[-1], joints, "the last link before the hand")]
+    reason = "the only end before the hand" if branches else "the end of the longest chain"
+    return [Tip(link, joints, reason) for link in reversed(leaves)]
