@@ -48,6 +48,12 @@ def test_the_whole_motion_holds(whole: Trajectory) -> None:
     np.testing.assert_allclose([proof.coverage.begin, proof.coverage.end], [0.0, LINE.end], rtol=0.0, atol=1e-9)
 
 
+def test_a_motion_without_a_path_covers_itself(whole: Trajectory) -> None:
+    end, nothing = whole.end, (0.0, 0.0)
+    proof = certify(ROBOT, None, whole, LIMITS)
+    assert proof.coverage == Coverage(0.0, end, (0.0, end), end, end, (nothing, nothing, nothing))
+
+
 def test_half_of_a_motion_does_not_hold(whole: Trajectory) -> None:
     half = pieces(whole, 0, whole.knots.size // 2)
     words = judged(half).reasons

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import optik
+from optik import se3
 from optik.errors import InvalidInput, UnknownName
-from planners import free, load_motion, plan
+from planners import Line, free, load_motion, plan
 from planners.paths.free_path import FreePath
 from tests.planners.test_freedom import LIMITS, PANDA, line
 
@@ -39,6 +40,19 @@ def test_the_range_of_the_elbow_holds_its_coordinate_along_the_motion() -> None:
     assert values.shape == (found.freedom.s.size, 2)
     for k, one in enumerate(found.freedom.ranges):
         assert one.reached[0] - 1e-12 <= values[:, k].min() < values[:, k].max() <= one.reached[1] + 1e-12
+
+
+@pytest.mark.parametrize(("off", "breaks"), [(0.5e-9, 4), (2e-9, 5)])
+def test_a_knot_that_differs_by_rounding_from_a_break_of_a_short_path_is_that_break(off: float, breaks: int) -> None:
+    end = 0.01
+
+    class Broken(Line):
+        breaks = end * np.array([0.0, 1.0 / 3.0 + off, 1.0])
+
+    given = Broken(np.eye(4), se3.pose(np.eye(3), np.array([end, 0.0, 0.0])))
+    path = FreePath(given, {"turn": (-1.0, 1.0)}, count=8, coefficients=np.ones((8, 1)))
+    assert path.spline.breaks == pytest.approx(end * np.arange(4) / 3.0)
+    assert path.breaks.size == breaks
 
 
 SLIDE = """

@@ -110,7 +110,7 @@ def choice(
 @cache
 def all_limits(law: Optimal | None = None) -> Choice:
     """All freedoms under all limits."""
-    robot = optik.load("panda").with_payload(2.0)
+    robot = optik.load("panda").with_inertia(viscous=2.0).with_payload(2.0)
     limits = replace(MotionLimits.of(robot), tool_speed=0.5, rotation_speed=1.0)
     return choice(robot, free(line(robot, PANDA), tilt=0.3, turn=True, elbow=True), PANDA, limits, law=law)
 

@@ -124,15 +124,9 @@ def test_a_turn_too_few_is_refused() -> None:
 
 
 # ---------------------------------------------------------------- the bound from the joints, where its remainder is large
-@pytest.mark.parametrize("size", [1e-7, 1e-4, 0.02])
-@pytest.mark.parametrize("joint", range(6))
-def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
-    monkeypatch: pytest.MonkeyPatch, joint: int, size: float
-) -> None:
-    """On the line at both ends, at rest; between, one joint leaves it by 16 u² (1 − u)², and all move along it."""
-    monkeypatch.setattr(path_errors, "ERROR_INTERVALS", 0)
-    robot = optik.load("ur5e")
-    line, h = JointLine(robot, HOME, HOME + 0.4), 1.5
+def one_joint_off(joint: int, size: float) -> tuple[JointLine, Trajectory, Any]:
+    """A line, a motion that is on it at both ends, at rest, and u(t) along it; between, one joint is off by 16 u² (1 − u)²."""
+    line, h = JointLine(optik.load("ur5e"), HOME, HOME + 0.4), 1.5
     along = np.polynomial.Polynomial([0.0, 0.0, 3.0 / h**2, -2.0 / h**3])
     away = size * 16.0 * np.polynomial.Polynomial([0.0, 0.0, 1.0 / h**2, -2.0 / h**3, 1.0 / h**4])
     c = np.zeros((6, 1, 6))
@@ -140,9 +134,18 @@ def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
         p = 0.4 * along + (away if j == joint else 0.0)
         c[5 - np.arange(len(p.coef)), 0, j] = p.coef
     c[5, 0] += HOME
-    motion = Trajectory(PPoly(c, [0.0, h]), np.array([0.0, line.end]))
+    return line, Trajectory(PPoly(c, [0.0, h]), np.array([0.0, line.end])), along
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 0.02])
+@pytest.mark.parametrize("joint", range(6))
+def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
+    monkeypatch: pytest.MonkeyPatch, joint: int, size: float
+) -> None:
+    monkeypatch.setattr(path_errors, "ERROR_INTERVALS", 0)
+    robot, (line, motion, along) = optik.load("ur5e"), one_joint_off(joint, size)
     proved, _ = path_errors.path_error(robot, line, motion)
-    t = np.linspace(0.0, h, 401)
+    t = np.linspace(0.0, motion.end, 401)
     tool = robot.fk(motion(t))
     nearest = line.pose(np.clip(line.end * along(t), 0.0, line.end))
     off = np.linalg.norm(tool[:, :3, 3] - nearest[:, :3, 3], axis=1).max()
@@ -150,6 +153,17 @@ def test_no_instant_contradicts_the_bound_from_the_joints_on_one_interval(
     turned = np.linalg.norm(np.swapaxes(tool[:, :3, :3], 1, 2) @ nearest[:, :3, :3] - np.eye(3), axis=(1, 2)).max()
     assert 2.0 * np.arcsin(turned / np.sqrt(8.0)) <= proved.angle * (1.0 + 1e-9) + 1e-15
     assert proved.distance <= 20.0 * size, "the bound is of the size of the error"
+
+
+def test_a_tolerance_below_a_nanometre_is_proved_by_more_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, (line, motion, _) = optik.load("ur5e"), one_joint_off(1, 5e-10)
+    with monkeypatch.context() as patch:
+        patch.setattr(path_errors, "ERROR_INTERVALS", 0)
+        rough = path_errors.path_error(robot, line, motion)[0].distance
+    assert rough < 1e-9
+    for share, valid in ((0.93, True), (0.1, False)):
+        proof = certify(robot, line, motion, LIMITS, enforced=(), tolerance=(share * rough, 1e-9))
+        assert proof.is_valid == valid, proof.reasons
 
 
 # ---------------------------------------------------------------- a tool that turns fast

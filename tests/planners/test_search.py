@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -309,10 +309,24 @@ def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
         find_path(panda(), LEFT, RIGHT, scene=wall(), search=Straight())
     with pytest.raises(InvalidInput, match="path of Straight"):
         find_path(scara(), np.zeros(4), np.ones(4) * 0.1, scene=Scene(), search=Straight())
-    for start, goal in ((LEFT, LEFT + 0.1), (RIGHT - 0.1, RIGHT)):
+    for start, goal in ((LEFT, LEFT + 0.1), (LEFT, RIGHT - 0.1 * TURN), (RIGHT - 0.1, RIGHT)):
         with pytest.raises(InvalidInput, match="other ends"):
             find_path(panda(), start, goal, scene=Scene(), search=Straight())
     assert planners.search.Search is Search
+
+
+def test_goals_farther_than_the_shortest_path_so_far_are_not_searched() -> None:
+    class Detour(Search):
+        name = "detour"
+        seen: ClassVar[list[list[float]]] = []
+
+        def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:
+            self.seen.append(goals[:, 0].tolist())
+            far = (1.2, 4.0)[len(self.seen) % 2]  # paths of 7, 1.4 and 7
+            return Attempt(np.array([start, [far, 0.0], goals[0]]), 0)
+
+    find_path(gantry(), np.zeros(2), [[1.0, 0.0], [2.0, 0.0]], scene=Scene(), search=Detour(), shortcuts=0, paths=3)
+    assert Detour.seen == [[1.0, 2.0], [1.0, 2.0], [1.0]]
 
 
 def test_a_search_that_returns_nothing_is_named() -> None:

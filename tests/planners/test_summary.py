@@ -68,6 +68,15 @@ def test_a_certificate_prints_its_validity_and_every_peak(made: dict[str, planne
     assert "path error" not in str(low)
 
 
+def test_of_many_limits_those_with_the_largest_ratios_are_printed(
+    made: dict[str, planners.Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("planners.certificate.certificate.MOST_LIMITS", 1)
+    limits = planners.MotionLimits(velocity=50.0, acceleration=100.0, jerk=1.0)
+    (line,) = (x for x in short(str(planners.certify(ARM, None, made["solved"].trajectory, limits))) if "peak" in x)
+    assert line.startswith("peak / limit, jerk: ") and line.endswith("; 2 more limits with smaller ratios")
+
+
 def test_figures_have_three_digits(made: dict[str, planners.Plan]) -> None:
     for plan in made.values():
         ours = [line for line in str(plan).splitlines() if not line.startswith(("reason", "try"))]
