@@ -44,9 +44,13 @@ from planners.paths.point_to_point import PointToPoint
 from planners.result import Plan, PlanSeconds
 from planners.search._around import (
     DEFAULT_SEARCH,
-    DENSITY,
+    DENSITIES,
     ENOUGH_GAIN,
+    ENOUGH_NEAR,
+    FAST,
+    MAY_GAIN,
     MOST_WAYS,
+    NOT_FAR,
     SearchReport,
     check_avoid,
     check_avoidable,
@@ -54,7 +58,7 @@ from planners.search._around import (
 )
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._free.avoid import choose_around
+from planners.timing._free.avoid import choose_around, guess_from
 from planners.timing._free.choose import choice_for, choose, report_fixed
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
@@ -361,10 +365,6 @@ class _Planner:
             blocked = CollisionCheck(request.robot, scene).check_start(followed.joint_path.q[0])
             if blocked is not None:
                 return request._fail(PlanStatus.CONTACT, followed.joint_path, blocked)
-
-        def plan_along(chosen: FreePath | PointToPoint, q: Array) -> Plan:
-            return self._time(chosen, self._follow(chosen, q, "start", None), None, DENSITY)[0]
-
         given = find_first_paths(path, scene, search, request.winding) if isinstance(path, PointToPoint) else [None]
         for first in itertools.islice(given, MOST_WAYS):
             tried += 1
@@ -374,21 +374,49 @@ class _Planner:
                     plans = plans or [request._fail(PlanStatus(first.found.status), None, first.found)]
                     break
                 followed, path = self._follow(first.found, None, None, None), first.found
-            fixed, optimum = self._time(path, followed, None, DENSITY)
-            found, enough = fixed, bool(fixed)
-            if optimum is not None:
-                choice = choice_for(path, fixed.joint_path, optimum, held=starts_there)
-                found, result, spent = choose_around(choice, scene, fixed, plan_along)
-                found, rounds = replace(found, freedom=result), rounds + spent
-                enough = bool(found) and found.trajectory.duration < (1.0 - ENOUGH_GAIN) * fixed.trajectory.duration
-            elif fixed.has_motion:
-                found = replace(fixed, freedom=report_fixed(path, fixed))
-            plans.append(found)
-            if enough:
+            before = min((one.trajectory.duration for one in plans if one), default=np.inf)
+            found, spent = self._plan_around(path, scene, followed, starts_there, before)
+            plans, rounds = [*plans, found], rounds + spent
+            if found and self._is_enough(plans):
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
         made = SearchReport(search.name if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-        return replace(self._finish(best, duration, DENSITY), freedom=best.freedom, search=made)
+        return replace(self._finish(best, duration, DENSITIES[-1]), freedom=best.freedom, search=made)
+
+    def _is_enough(self, plans: list[Plan]) -> bool:
+        """Return whether no other initial path need be tried: the last motion is as fast as it can be, or one is shortened."""
+        if not isinstance(self.request.law, Optimal):
+            return True
+        over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
+        gained = any(one.freedom is not None and one.freedom.gain > ENOUGH_GAIN for one in plans if one)
+        return 0.0 < over <= ENOUGH_NEAR or (gained and (len(plans) > 1 or over <= NOT_FAR))
+
+    def _plan_around(
+        self, path: FreePath | PointToPoint, scene: Scene, followed: FollowResult, held: bool, before: float
+    ) -> tuple[Plan, int]:
+        """Return the fastest plan from one initial path, and the rounds.
+
+        A move of joints is planned on the coarse grid first. The fine one is left out for a motion as fast as it can be, or
+        slower than that from another initial path, `before` [s].
+        """
+        rounds, best = 0, None
+        for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
+
+            def plan_along(chosen: FreePath | PointToPoint, q: Array, density: float = density) -> Plan:
+                return self._time(chosen, self._follow(chosen, q, "start", None), None, density)[0]
+
+            fixed, optimum = self._time(path, followed, None, density)
+            if optimum is None:
+                made = replace(fixed, freedom=report_fixed(path, fixed)) if fixed.has_motion else fixed
+                return best or made, rounds
+            choice, least = choice_for(path, fixed.joint_path, optimum, held=held), fixed.least_duration or 0.0
+            guess = guess_from(best, NOT_FAR * least, optimum.programme.s)
+            made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
+            made, rounds = replace(made, freedom=result), rounds + spent
+            best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best
+            if made and not ENOUGH_NEAR * least < made.trajectory.duration <= MAY_GAIN * before:
+                break
+        return best or made, rounds
 
     def _finish(self, found: Plan, duration: float | None, density: float = 1.0) -> Plan:
         """Return a plan along a chosen path with the duration that is asked for, if it meets its via points."""

@@ -16,6 +16,7 @@ from planners.certificate.violation import Allow
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
+from planners.limits._moves import least_move_duration
 from planners.motion import Motion, PlanStatus
 from planners.paths.base import Path
 from planners.search._around import SearchReport
@@ -103,7 +104,9 @@ class Plan:
         path, why = self.path, self.failure
         what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
         failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
-        summary = plan_summary(f"{self.status}: {what}", path, failure, self._certificate, self.slowed)
+        summary = plan_summary(
+            f"{self.status}: {what}", path, failure, self._certificate, self.slowed, self.least_duration
+        )
         return summary if self.freedom is None else f"{summary}\n{self.freedom}"
 
     @property
@@ -135,6 +138,13 @@ class Plan:
         self._require_motion()
         assert self._certificate is not None
         return self._certificate
+
+    @property
+    def least_duration(self) -> float | None:
+        """Duration [s] of a joint move by its slowest joint alone, which no path between the ends beats; None for others."""
+        if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:
+            return None
+        return least_move_duration(self.goal - self.trajectory(0.0), self.limits)
 
     @property
     def goal(self) -> Array:

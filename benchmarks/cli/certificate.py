@@ -79,6 +79,8 @@ def print_certificate(plan: Any) -> None:
         elif field in DERIVATIVES:
             table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
+    if plan.least_duration:
+        out_console.print(f"the slowest joint alone takes {plan.least_duration:.4f} s from rest to rest")
     out_console.print(
         f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), tool speed "
         f"at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} at "

@@ -225,15 +225,16 @@ class Certificate:
 # ------------------------------------------------------------ summary
 
 
-def summary_lines(proof: Certificate) -> list[str]:
-    """Return a summary of a certificate, at most eleven lines: validity, limits, path, tool, clearance."""
+def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
+    """Return a summary of a certificate, at most eleven lines: validity, duration, limits, path, tool, clearance."""
     if proof.is_valid:
         enforced = ", ".join(name for name in proof.enforced if not np.isnan(proof.worst(name)[0]))
         status = f"certificate valid; enforced: {enforced or 'joint ranges and path only'}"
     else:
         more = f" (and {len(proof.reasons) - 1} more violations)" if len(proof.reasons) > 1 else ""
         status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
-    return [status, f"duration {proof.duration:.3g} s", *_limit_lines(proof), *_tool_lines(proof)]
+    joints = f", the slowest joint alone {least:.3g} s" if least else ""
+    return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]
 
 
 def _limit_lines(proof: Certificate) -> list[str]:
@@ -311,8 +312,12 @@ def plan_summary(
     failure: tuple[float, str | None, str, str] | None,
     proof: Certificate | None,
     slowed: float,
+    least: float | None = None,
 ) -> str:
-    """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion."""
+    """Return a summary of a plan: its failure (path parameter, joint, reason, advice), and the certificate of its motion.
+
+    The least duration of a joint move is stated beside the duration.
+    """
     lines = [headline]
     if failure is not None:
         s, name, reason, advice = failure
@@ -323,7 +328,7 @@ def plan_summary(
         lines.append(f"reason: {shorten(reason)}")
         lines.append(f"try: {shorten(advice)}")
     if proof is not None:
-        lines += summary_lines(proof)[failure is not None :]
+        lines += summary_lines(proof, least)[failure is not None :]
         if slowed > 1.0:
             lines.append(f"duration stretched by {100.0 * (slowed - 1.0):.3g} % to meet the limits")
     return "\n".join(lines)

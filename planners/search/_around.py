@@ -46,8 +46,13 @@ ENOUGH_GAIN = 0.01
 path is tried: where little is gained, the obstacles hold the path on a long way around."""
 MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
-DENSITY = 2.0
+DENSITIES = (1.0, 2.0)
 """Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
+ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
+"""Durations over the least one of a move of joints: up to the first, the coarse grid suffices; up to the second, an iteration
+ends, since the law then shortens the motion along its path; up to the third, the fine grid starts from the coarse result."""
+MAY_GAIN = 1.05
+"""Duration on the coarse grid, over that of another initial path, up to which the fine grid is tried, too."""
 
 
 VIA_ADVICE = "another via point, or a smaller margin"

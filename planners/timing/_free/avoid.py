@@ -14,7 +14,7 @@ from optik.types import Array, Indices
 from planners.paths._spline import DEGREE
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.timing._free.choose import Choice, FreedomResult, P, report
+from planners.timing._free.choose import Choice, FreedomResult, P, Timed, report
 from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.timing._free.columns import joint_changes
 from planners.timing._free.programme import FreeProgramme
@@ -153,24 +153,36 @@ def _between(path: Array, s: Array) -> Array:
     return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
 
 
+def guess_from(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
+    """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
+
+    A slower plan may be on a detour, which the iteration cannot leave.
+    """
+    if found is None or not isinstance(found.path, PointToPoint) or found.trajectory.duration > near:
+        return None
+    return found.path.coefficients, np.stack([found.joint_path(s, order) for order in range(4)])
+
+
 def choose_around(
-    choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P]
-) -> tuple[P, FreedomResult, int]:
+    choice: Choice, scene: Scene, fixed: P, plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    guess: tuple[Array, Array] | None = None, enough: float = 0.0,
+) -> tuple[P, FreedomResult, int]:  # fmt: skip
     """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
 
-    Every round starts from the initial path, because the iteration cannot leave an obstacle. If no valid plan is found and
-    the number of coefficients was not given, more coefficients are tried.
+    Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
+    given. An iteration ends at a duration [s] that is enough. If no valid plan is found and the number of coefficients was not
+    given, more coefficients are tried.
     """
     best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
     for finer in itertools.chain([choice], choice.refine()):
         before = tried
-        for p, near in itertools.chain(finer.guesses(), finer.swings()):
+        for p, near in [guess] if guess else itertools.chain(finer.guesses(), finer.swings()):
             if best and tried - before >= ENOUGH_GUESSES:
                 break
             tried, pushed = tried + 1, push_out(finer, scene, p, near)
             if pushed is None:
                 continue
-            found, chosen, spent = _clear(finer, scene, pushed, plan_along)
+            found, chosen, spent = _clear(finer, scene, pushed, plan_along, enough)
             rounds, steps = rounds + spent[0], steps + spent[1]
             if not (best or found):
                 chosen = finer.path_of(pushed[0])
@@ -185,14 +197,15 @@ def choose_around(
 
 
 def _clear(
-    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P]
+    choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P],
+    enough: float,
 ) -> tuple[P | None, FreePath | PointToPoint, tuple[int, int]]:  # fmt: skip
     """Return the fastest plan from a free initial path or None if none is valid, its path, and the rounds and Newton steps."""
     (p, near), s, steps = first, choice.optimum.programme.s, 0
     cuts, chosen = Cuts(choice.robot, scene, near[0]), choice.initial
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
-        solution = solve(programme, p, choice.bounds, near, damping=choice.damping)
+        solution = solve(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)
         if solution is None:
             break
         steps += solution.steps

@@ -15,6 +15,7 @@ from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
 from planners.following.joint_path import JointPath
 from planners.paths._spline import Basis
+from planners.paths.base import Path
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
 from planners.timing._free.programme import FreeProgramme, Statics, ToolCoordinates
@@ -310,6 +311,14 @@ class Timed(Protocol):
     @property
     def certificate(self) -> Certificate:
         """Its certificate."""
+
+    @property
+    def path(self) -> Path:
+        """The path of the tool or of the joints."""
+
+    @property
+    def joint_path(self) -> JointPath:
+        """The path of the joints that follow it."""
 
     @property
     def has_motion(self) -> bool:

@@ -15,6 +15,8 @@ FIRST_WEIGHT, LAST_WEIGHT = 0.01, 3e-5
 """First and last weight of the barrier, relative to the mean duration of an interval; the law solves the path found again."""
 MOST_FREE_STEPS, STEP_HALVINGS = 150, 12
 """Most Newton steps, and most halvings of each."""
+ROUGH_RESIDUAL = 0.05
+"""Residual at each grid point below which the iteration ends at a duration that is enough."""
 LEAST_PROGRESS, SLOW_STEPS, SMALL_WEIGHT, SMALL_RESIDUAL = 1e-3, 10, 5e-3, 1e-2
 """The iteration ends if the duration changed by less than a fraction in so many steps, at a weight below the third, with a
 residual below the last at each grid point: the law solves the path found again."""
@@ -29,6 +31,8 @@ weight falls; and the fraction of the possible length below
 which an accepted step counts as short."""
 STUCK_LENGTH, STUCK_STEPS = 1e-3, 10
 """A weight of the barrier has failed after so many steps in a row of which less than this fraction was possible."""
+LEAST_INERTIA = 1e-6
+"""Least multiple of the identity that is added to a Hessian which is not convex along the constraints."""
 LEAST_P_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-3, 1e6
 """Curvature that is added in each coefficient [1/rad²], since some do not change the motion: the least, the least after a step
 that was too long, and the most."""
@@ -151,18 +155,18 @@ def _slow_down(programme: FreeProgramme, problem: Problem, z: Array) -> Array:
 
 def solve(
     programme: FreeProgramme, p: Array, bounds: Bounds, near: Array, *, least: float = LAST_WEIGHT,
-    damping: float = LEAST_P_DAMPING,
+    damping: float = LEAST_P_DAMPING, enough: float = 0.0,
 ) -> FreeSolution | None:  # fmt: skip
     """Return the fastest motion over the coefficients near an initial guess p (C, D); None if the iteration finds none.
 
     near (4, K + 1, n) are configurations and their derivatives for p, or near them. A last weight below the default asks for
-    the optimum itself, not only for the path.
+    the optimum itself, not only for the path. The iteration ends at a duration [s] that is enough.
     """
     place = programme.place(p, near)
     if place is None:
         return None
     for longest in LONGEST_STEPS:
-        found = _Iteration(programme, p.copy(), bounds, place, longest, damping).run(least)
+        found = _Iteration(programme, p.copy(), bounds, place, longest, damping).run(least, enough)
         if found is not None:
             return found
     return None
@@ -190,8 +194,8 @@ class _Iteration:
         self.passed, self.count, self.delta = np.empty((2, MOST_FREE_STEPS)), 0, 0.0
         self.damping = self.least_damping = damping
 
-    def run(self, least: float) -> FreeSolution | None:
-        """Return the solution at the last barrier weight, or as soon as the duration no longer falls.
+    def run(self, least: float, fast: float) -> FreeSolution | None:
+        """Return the solution at the last barrier weight, or as soon as the duration no longer falls or is at most `fast` [s].
 
         If a weight fails, the solution is that of the weight before it.
         """
@@ -211,6 +215,8 @@ class _Iteration:
             enough = off < SMALL_RESIDUAL * K and self.mu < SMALL_WEIGHT and least >= LAST_WEIGHT
             if enough and (slow or steps == MOST_FREE_STEPS):
                 return self._solution(steps)
+            if off < ROUGH_RESIDUAL * K and durations[-1] * self.programme.given.units[1] <= fast:
+                return self._solution(steps)
             close = longest < CLOSE_STEP and abs(durations[-2] - durations[-1]) < CLOSE_CHANGE * durations[-1]
             if alpha > 0.7 and dual > 0.7 and off <= 10.0 * self.mu * K and close:
                 if self.mu <= least and off < 1e-6 * K:
@@ -226,9 +232,9 @@ class _Iteration:
         self.programme.fill(self.place, at.z, at.dual[:, 0] - at.dual[:, 1], border)
         while True:
             self.box.model(self.p, self.mu, border.own, border.pull, self.damping)
-            delta = 0.0
+            delta = self.delta / 3.0 if self.delta > LEAST_INERTIA else 0.0  # mostly enough, and one factorisation
             while not back(self.problem, at, self.mu, delta, self.models, self.law, self.cost, border):
-                delta = max(4.0 * delta, self.delta / 3.0, 1e-6)
+                delta = max(4.0 * delta, LEAST_INERTIA)
                 if delta > 1e8:
                     return False
             forth(self.problem, at, self.models, self.law, self.cost, self.d, self.lam, border)
