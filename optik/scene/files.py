@@ -1,4 +1,4 @@
-"""Readers of scenes: TOML in millimetres and degrees, JSON, URDF, and MoveIt scenes in YAML (`optik.scene.moveit`).
+"""Readers of scenes: TOML in millimetres and degrees, JSON, URDF, and MoveIt scenes (`optik.scene.moveit`).
 
 A TOML file contains optional tables of objects, in the frame of the arm's base:
 
@@ -52,7 +52,7 @@ from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
 from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
 from optik.arm.urdf_tree import joint_origin, origin_pose, read_tree, read_triple
-from optik.check import check_number
+from optik.check import check_number, error_in
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
 from optik.scene.mesh import is_convex
@@ -84,9 +84,12 @@ def load_scene(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
-    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml"))
+    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml", ".scene"))
     if suffix in (".urdf", ".xml"):
-        return scene_from_urdf(file, package_dirs)
+        try:
+            return scene_from_urdf(file, package_dirs)
+        except RobotModelError as error:
+            raise RobotModelError(error.robot, f"{error.problem} ({Path(file).name})") from None
     if package_dirs is not None:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
     path = Path(file)
@@ -95,9 +98,9 @@ def load_scene(
         text = decode_text(content)
         if suffix == ".json":
             return scene_from_dict(parse_json(text, "scene"))
-        return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text)
+        return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text, suffix)
     except InvalidInput as error:
-        raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
+        raise error_in(path.name, error) from None
 
 
 def scene_from_toml(text: str) -> dict[str, Any]:

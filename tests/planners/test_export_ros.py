@@ -18,14 +18,14 @@ from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
+from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
 from planners.files._setpoints import load_trajectory
 from planners.motion import Motion, get_motion
 from planners.ros.export import to_ros
-from planners.ros.message import LONGEST_DURATION, _to_yaml
+from planners.ros.message import _to_yaml
 from planners.ros.pace import NEAR_KNOT
-from planners.ros.replies import NANOSECONDS
 from planners.trajectory import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
