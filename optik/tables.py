@@ -41,6 +41,10 @@ Names = str | Iterable[str] | None
 """Names: a list, text with commas, or none."""
 
 
+NO_HEADER = "columns='x,y,z,…' names the columns of a file without a header"
+"""Advice for a header of numbers."""
+
+
 class Column(NamedTuple):
     """A column: its place in a row, its unit in the header or empty, and the size of its unit in SI units."""
 
@@ -100,8 +104,13 @@ class Table(NamedTuple):
     def refuse_others(self, known: Iterable[str], expected: str) -> None:
         """Raise InvalidInput for columns that are not known."""
         if others := [name for name in self.columns if name not in known]:
-            came = f"{', '.join(map(repr, others))} in {','.join(self.columns)!r}"[:160]
-            raise InvalidInput(self.place(), came, expected, advice=f"ignore={','.join(others)!r} leaves columns out")
+            raise self.header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
+
+    def header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
+        """Return the error for the columns."""
+        names = names or list(self.columns)
+        advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
+        return InvalidInput(self.place(), repr(",".join(names))[:160], expected, advice=advice)
 
     def part(self, rows: Iterable[int]) -> Table:
         """Return some rows."""
@@ -151,22 +160,26 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
 def _read_header(table: Table, given: tuple[str, ...]) -> Table:
     """Return the table with its separator and columns, without the line of the header."""
     first = table.lines[0][1].strip(" ")
-    separator = next((each for each in SEPARATORS if each in first), ",")
+    fitting = [each for each in SEPARATORS if given and _holds_numbers(_split(first, each), len(given))]
+    separator = next((each for each in (*fitting, *SEPARATORS) if each in first), ",")
     cells = _split(first, separator)
     cells = cells if cells[-1] else cells[:-1]  # a separator may end the line
     data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
-    if all(data) and not given:
-        advice = "columns='x,y,z,…' names the columns of a file without a header"
-        raise InvalidInput(table.place(), repr(first)[:80], "a header line that names the columns", advice=advice)
     lines = table.lines if given and any(data) else table.lines[1:]
     if given and not any(data):
         table.notes.append(f"the columns {','.join(cells)} are taken as {','.join(given)}"[:200])
     names = given or cells
     columns = {name: Column(at) for at, name in enumerate(names)}
+    table = table._replace(separator=separator, columns=columns, lines=lines)
     if len(columns) < len(names) or len(names) > MOST_COLUMNS:
-        got = f"{len(names)} columns, {len(columns)} different: {','.join(names)!r}"[:160]
-        raise InvalidInput(table.place(), got, f"different columns, at most {MOST_COLUMNS}")
-    return table._replace(separator=separator, columns=columns, lines=lines)
+        raise table.header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
+    return table
+
+
+def _holds_numbers(cells: list[str], count: int) -> bool:
+    """Return whether cells are so many numbers, or text without digits; a separator may end the line."""
+    numbers = all(isfinite(read_number(cell)) or not re.search(r"\d", cell) for cell in cells)
+    return len(cells) - (not cells[-1]) <= count <= len(cells) and numbers
 
 
 def _split(line: str, separator: str) -> list[str]:

@@ -180,7 +180,7 @@ def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
         chosen.append(next((columns for columns in sets if set(columns) <= set(table.columns)), []))
     expected = f"only times ({', '.join(CLOCKS)}) and a column for each of {', '.join(names)}; see load_trajectory"
     if len(clock) != 1 or not chosen[0] or (chosen[2] and not chosen[1]):
-        raise InvalidInput(table.place(), ", ".join(table.columns)[:120], expected)
+        raise table.header_error(expected)
     table.refuse_others([*clock, *chosen[0], *chosen[1], *chosen[2]], expected)
     if len(table.lines) < 2:
         raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")

@@ -77,7 +77,7 @@ def read_joint_waypoints(
     names, parts = table.columns, (POSITION_COLUMNS, TOLERANCE_COLUMNS)
     table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
     if not set(joints) <= set(names) or any(0 < len(set(part) & set(names)) < len(part) for part in parts):
-        raise InvalidInput(table.place(), repr(",".join(names))[:160], accepted)
+        raise table.header_error(accepted)
     others = [name for name in names if name in POSITION_COLUMNS + turned]
     if len(table.lines) < 2:
         raise InvalidInput(str(file), "fewer than two rows", "a start and a goal")
@@ -125,7 +125,7 @@ def _resolve(
     resolved = table.resolve({**others, **units, **dict.fromkeys(POSITION_COLUMNS, unit or ("mm" if kuka else "m"))})
     turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(resolved.columns)]
     if len(turned) > 1 or (not set(POSITION_COLUMNS) <= set(resolved.columns) and (turned or not others)):
-        raise InvalidInput(table.place(), repr(",".join(table.columns))[:160], accepted)
+        raise table.header_error(accepted)
     stated = {resolved.columns[name].unit for name in POSITION_COLUMNS if name in resolved.columns} - {""}
     if unit is not None and stated - {unit}:
         raise InvalidInput("unit", repr(unit), f"{', '.join(stated)}, the unit in {table.place()}, or none")

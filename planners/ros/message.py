@@ -96,6 +96,8 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
         raise InvalidInput("points", "accelerations without velocities", "velocities, too")
     count, values = len(message["joint_names"]), []
     for field in fields:
+        for i in [i for i, p in enumerate(points) if not p.get(field)][:1]:
+            raise InvalidInput(f"points[{i}].{field}", "none", f"{count} numbers, in all points or in none")
         read = [read_floats(p.get(field), f"points[{i}].{field}", count) for i, p in enumerate(points)]
         values.append(np.array(read)[:, order])
     if times is not None:
