@@ -381,8 +381,9 @@ def translate(words: str) -> str:
         return values + unit
 
     def join(match: re.Match[str]) -> str:
-        value = match[2][1:-1] if match[2].startswith("'") else ",".join(re.findall(r"[-+.\w]+", match[2])) or "none"
-        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}"
+        value = match[2][1:-1] if match[2].startswith("'") else ",".join(re.findall(r"[-+.\w]+", match[2]))
+        value = "none" if match[2] == "()" else value
+        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}".rstrip()
 
     words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
