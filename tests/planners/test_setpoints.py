@@ -152,6 +152,7 @@ def test_units_are_those_of_the_header(read: Callable[..., Trajectory]) -> None:
         ("t,j1_deg,j2", "columns? j2: .*no unit"),
         ("t,j1 [mm],j2", "line 1"),
         ("t [deg],j1,j2", "line 1"),
+        ("t,j1 [rad/s],j2 [rad/s]", "line 1"),
     ):
         with pytest.raises(InvalidInput, match=words):
             read(head + "\n0,0,0\n1,1,1\n")
@@ -189,7 +190,7 @@ def test_columns_can_be_named_by_the_caller(read: Callable[..., Trajectory]) -> 
     with pytest.raises(InvalidInput, match="line 1: expected 4, one for each column"):
         read(rows, columns="t,j1,j2,j3")
     with pytest.raises(InvalidInput, match="line 1, column t"):
-        read("nan 0 0\n" + rows, columns="t,j1,j2")
+        read("nan nan NaN\n" + rows, columns="t,j1,j2")
 
 
 # ---------------------------------------------------------------- joints that turn
