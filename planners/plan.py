@@ -37,7 +37,7 @@ from planners.following.follow import (
 )
 from planners.limits import SAME_SPEED, MotionLimits, check_path
 from planners.motion import PlanStatus
-from planners.paths._goal import check_extent, check_winding, path_to
+from planners.paths._goal import check_winding, path_to
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
@@ -158,7 +158,6 @@ def _build_request(
         raise InvalidInput("solver", other, f"one built for this {robot.name}")
     law.need(limits, robot)
     check_path(limits, path)
-    check_extent(robot, path)
     return solver, PlanRequest(
         robot, path, limits, solver.name, law, Tolerance.of(tolerance), rate, scene=scene,
         allow=check_allow(allow, LIMIT_WORDS), avoid=avoid, winding=winding,

@@ -19,7 +19,7 @@ from benchmarks.cli.command import (
     read_configuration,
     read_freedoms,
     read_numbers,
-)
+)  # fmt: skip
 from benchmarks.cli.plan import PlanCommand, choose_branch
 from optik.errors import InvalidInput
 from optik.registry import names
@@ -156,8 +156,8 @@ class PolylineCommand(ToolPathCommand, TableCommand):
         poses = [start.arm.fk(start.q)]
         if self.waypoints is not None:
             return planners.Polyline.from_csv(
-                self.waypoints, orientation=poses[0][:3, :3], blend=self.blend, unit=self.unit, columns=self.columns,
-                ignore=self.ignore,
+                self.waypoints, orientation=poses[0][:3, :3], blend=self.blend, robot=start.arm, unit=self.unit,
+                columns=self.columns, ignore=self.ignore,
             )  # fmt: skip
         for text in self.via or ():
             poses.append(read_pose(text, "--via", poses[-1]))

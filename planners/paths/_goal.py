@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik._problem import check_start
-from optik.task import POSE
 from optik.types import Array, Flags
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine
@@ -19,10 +17,6 @@ from planners.paths.line import Line
 
 WINDINGS = ("nearest", "exact")
 """Choices of the winding of joints without limits: any one, the nearest if possible, or that of the given goal."""
-
-
-EXTENT, EXTENT_SAMPLES = 3.0, 9
-"""Largest distance of a path, in reaches of the arm, and samples at which it is looked at."""
 
 
 def path_to(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding: str = "nearest") -> Path:
@@ -46,15 +40,6 @@ def read_goal(robot: Robot, goal: ArrayLike, q_start: ArrayLike | None, winding:
     if array.ndim == 1 and winding == "nearest":
         array = unwind(robot, check_start(robot, array, "q_goal"), start)
     return start, array
-
-
-def check_extent(robot: Robot, path: Path) -> None:
-    """Raise InvalidInput for a path of the tool far beyond the arm's reach."""
-    reach, T = reach_bound(robot, POSE), path.pose(np.linspace(0.0, path.end, EXTENT_SAMPLES))
-    far = np.linalg.norm(T[:, :3, :3] @ reach[3:6] + T[:, :3, 3] - reach[:3], axis=1).max()
-    if far > EXTENT * reach[7]:
-        got, most = f"poses up to {far:.4g} m away", f"a path near {robot.name}, whose reach is {reach[7]:.3g} m"
-        raise InvalidInput("path", got, most, advice="if they are millimetres, unit='mm' reads a file in millimetres")
 
 
 def check_winding(value: Any) -> str:

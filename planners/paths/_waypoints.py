@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -10,10 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
+from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.tables import UNIT_SIZES, Names, Table, read_table
+from optik.tables import UNIT_SIZES, Table
+from optik.task import POSE
 from optik.types import Array, Flags
 
 POSITION_COLUMNS = ("x", "y", "z")
@@ -29,8 +30,8 @@ ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B
 """What is assumed of columns that other programs use in another way."""
 LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
 """Longest rotation vector [rad], more looks like degrees, and shortest axis [1]."""
-FARTHEST_POINT = 100.0
-"""Farthest point [m]: larger numbers look like millimetres."""
+FARTHEST_POINT, FARTHEST_REACH = 100.0, 3.0
+"""Farthest point [m], and in reaches of a known arm: larger numbers look like millimetres."""
 ACCEPTED_HEADER = (
     "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
     "roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz [rad]; A,B,C"
@@ -47,32 +48,27 @@ class JointWaypoint(NamedTuple):
     tolerance: tuple[float, float] | None
 
 
-def read_waypoints(
-    file: str | os.PathLike[str], orientation: ArrayLike | None, unit: str | None, columns: Names, ignore: Names
-) -> tuple[Array, list[str]]:
-    """Return the poses (k, 4, 4) of a file, and what was assumed; see `Polyline.from_csv`."""
-    table, turned = _resolve(read_table(file, columns, ignore), {}, unit)
+def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | None, unit: str | None) -> Array:
+    """Return the poses (k, 4, 4) of a table; see `Polyline.from_csv`."""
+    table, turned = _resolve(table, {}, unit)
     table.refuse_others(POSITION_COLUMNS + turned, ACCEPTED_HEADER)
     if len(table.lines) < 2:
-        raise InvalidInput(str(file), "fewer than two rows", "at least two waypoints")
+        raise InvalidInput(table.file, "fewer than two rows", "at least two waypoints")
     if (turned in AXIS_COLUMNS or not turned) and orientation is None:
         free = f"{','.join(turned)}, which leave the rotation about the axis free,"
         what = f"the file has {free if turned else 'no columns of an orientation'}"
         raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because {what}")
-    return _poses(table, turned, _rotation(np.eye(3) if orientation is None else orientation)), table.notes
+    return _poses(table, turned, _rotation(np.eye(3) if orientation is None else orientation), robot)
 
 
-def read_joint_waypoints(
-    robot: Robot, file: str | os.PathLike[str], unit: str | None, columns: Names, ignore: Names
-) -> tuple[list[JointWaypoint], list[str]]:
-    """Return the rows of a file, the first a configuration, and what was assumed; see `PointToPoint.from_csv`."""
+def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[JointWaypoint]:
+    """Return the rows of a table, of which the first is a configuration; see `PointToPoint.from_csv`."""
     in_units = [f"q{i + 1}_{'mm' if slides else 'deg'}" for i, slides in enumerate(robot.prismatic)]
     accepted = (
         f"a header line that names {','.join(in_units)} (or q1,… [rad, m]) for {robot.name}, with x_mm,y_mm,z_mm and an "
         f"orientation for rows with poses, and {','.join(TOLERANCE_COLUMNS)} for tolerances"
     )
     joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
-    table = read_table(file, columns, ignore)
     table, turned = _resolve(table, joints | dict.fromkeys(TOLERANCE_COLUMNS, ""), unit, accepted)
     names, parts = table.columns, (POSITION_COLUMNS, TOLERANCE_COLUMNS)
     table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
@@ -80,7 +76,7 @@ def read_joint_waypoints(
         raise table.header_error(accepted)
     others = [name for name in names if name in POSITION_COLUMNS + turned]
     if len(table.lines) < 2:
-        raise InvalidInput(str(file), "fewer than two rows", "a start and a goal")
+        raise InvalidInput(table.file, "fewer than two rows", "a start and a goal")
     tolerances = TOLERANCE_COLUMNS if TOLERANCE_COLUMNS[0] in names else ()
     at_joints, with_tolerance = _filled(table, joints), _filled(table, tolerances)
     at_poses = ~at_joints
@@ -93,12 +89,11 @@ def read_joint_waypoints(
         raise InvalidInput(table.place(i), repr(table.lines[i][1])[:100], expected)
     q = table.part(np.flatnonzero(at_joints)).numbers(list(joints))
     rows = table.part(np.flatnonzero(at_poses))
-    targets = iter(q), iter(_poses(rows, turned, robot.fk(q[0])[:3, :3]) if rows.lines else ())
+    targets = iter(q), iter(_poses(rows, turned, robot.fk(q[0])[:3, :3], robot) if rows.lines else ())
     chosen = table.part(np.flatnonzero(with_tolerance))
     allowed = iter((chosen.numbers(tolerances) * [1e-3, np.pi / 180.0]).tolist() if tolerances else ())
     given = zip(at_poses.astype(int), with_tolerance, strict=True)
-    points = [JointWaypoint(next(targets[kind]), tuple(next(allowed)) if has else None) for kind, has in given]
-    return points, table.notes
+    return [JointWaypoint(next(targets[kind]), tuple(next(allowed)) if has else None) for kind, has in given]
 
 
 def _filled(table: Table, names: Iterable[str]) -> Flags:
@@ -135,14 +130,17 @@ def _resolve(
     return resolved, turned[0] if turned else ()
 
 
-def _poses(table: Table, turned: tuple[str, ...], first: Array) -> Array:
+def _poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
     """Return the poses (k, 4, 4) of rows; a tool axis has the orientation nearest to the first one."""
     p, values = table.numbers(POSITION_COLUMNS), table.numbers(turned)
-    far = np.abs(p).max(axis=1)
-    for row in np.flatnonzero(far > FARTHEST_POINT)[:1]:
-        place, got = table.place(row, *POSITION_COLUMNS), f"a point {far[row]:.6g} m away"
+    far, most = np.linalg.norm(p, axis=1), FARTHEST_POINT
+    if robot is not None:
+        reach = reach_bound(robot, POSE)
+        most = min(most, FARTHEST_REACH * float(reach[7] + np.linalg.norm(reach[:3]) + np.linalg.norm(reach[3:6])))
+    for row in np.flatnonzero(far > most)[:1]:
+        place, got = table.place(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
         advice = "unit='mm' takes x,y,z as millimetres"
-        raise InvalidInput(place, got, f"points within {FARTHEST_POINT:g} m", advice=advice)
+        raise InvalidInput(place, got, f"points within {most:.3g} m of the base", advice=advice)
     return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table, turned, values, first), p, strict=True)])
 
 

@@ -20,7 +20,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
 from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
-from optik.tables import Names, tell_assumed
+from optik.tables import Names, read_table, tell_assumed
 from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
@@ -181,7 +181,8 @@ class PointToPoint(Path):
         """
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-        (start, *points), notes = read_joint_waypoints(robot, file, unit, columns, ignore)
+        table = read_table(file, columns, ignore)
+        start, *points = read_joint_waypoints(robot, table, unit)
 
         def name(text: object) -> str:
             return re.sub(r"\bpoint (\d+)", lambda i: f"row {int(i[1]) + 2} of {os.path.basename(file)}", str(text))
@@ -192,7 +193,7 @@ class PointToPoint(Path):
             raise InvalidInput(name(error.argument), name(error.got), name(error.expected)) from None
         except NoSolution as error:
             raise NoSolution(name(error.reason), advice=error.advice) from None
-        path.notes = tell_assumed(file, notes)
+        path.notes = tell_assumed(file, table.notes)
         return path
 
     def with_coefficients(self, coefficients: Array) -> PointToPoint:

@@ -13,7 +13,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.tables import Names, tell_assumed
+from optik.tables import Names, read_table, tell_assumed
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
 from planners.paths._poses import make_poses, shortest_turn
@@ -127,7 +127,8 @@ class Polyline(Path):
     @classmethod
     def from_csv(
         cls, file: str | os.PathLike[str], *, orientation: ArrayLike | None = None, blend: float = 1e-3,
-        blend_rotation: float = 1e-2, unit: str | None = None, columns: Names = None, ignore: Names = None,
+        blend_rotation: float = 1e-2, robot: Robot | None = None, unit: str | None = None, columns: Names = None,
+        ignore: Names = None,
     ) -> Self:  # fmt: skip
         """Return the polyline through the waypoints of a table.
 
@@ -152,6 +153,8 @@ class Polyline(Path):
             waypoint has the orientation nearest to it.
         blend, blend_rotation : float
             As of `Polyline` [m, rad].
+        robot : Robot, optional
+            The arm: points beyond three times its reach are refused, because they look like millimetres.
         unit : {"m", "mm", "cm", "in"}, optional
             Unit of x,y,z, if the header has none.
         columns : str or sequence of str, optional
@@ -170,9 +173,9 @@ class Polyline(Path):
             A file that cannot be read; unknown columns or an invalid value (the error names line and column); no
             ``orientation`` although the file needs one; points beyond 100 m; waypoints that do not form a polyline.
         """
-        waypoints, notes = read_waypoints(file, orientation, unit, columns, ignore)
-        path = cls(waypoints, blend=blend, blend_rotation=blend_rotation)
-        path.notes = tell_assumed(file, notes)
+        table = read_table(file, columns, ignore)
+        path = cls(read_waypoints(table, orientation, robot, unit), blend=blend, blend_rotation=blend_rotation)
+        path.notes = tell_assumed(file, table.notes)
         return path
 
     @property

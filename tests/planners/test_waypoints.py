@@ -14,7 +14,7 @@ from optik import load
 from optik.errors import AssumptionWarning, InvalidInput
 from optik.ik import Tolerance
 from optik.types import Array
-from planners import MotionLimits, PointToPoint, Polyline, ViaPoint, plan
+from planners import PointToPoint, Polyline, ViaPoint
 
 HEAD = "x,y,z\n0,0,0\n"
 
@@ -78,7 +78,7 @@ def test_every_header_gives_the_poses_that_were_written(
         ("x;y;z\n1.234,5;0;0\n0,5;0;0\n", ["line 2, column x", "'1.234,5'", "a finite number"]),
         ("x_mm,y,z\n0,0,0\n1,1,1\n", ["line 1, columns y,z", "a unit for each of x,y,z"]),
         ("x [deg],y [deg],z [deg]\n0,0,0\n1,1,1\n", ["line 1", "x_mm,y_mm,z_mm"]),
-        ("x,y,z\n0,0,0\n400,0,300\n", ["line 3, columns x,y,z", "400 m away", "unit='mm'"]),
+        ("x,y,z\n0,0,0\n400,0,300\n", ["line 3, columns x,y,z", "a coordinate of 400 m", "unit='mm'"]),
         ("x,y,z,rx,ry,rz\n0,0,0,0,180,0\n1,0,0,0,180,0\n", ["line 2, columns rx,ry,rz", "length 180", "at most a turn"]),
         ("x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,0\n", ["line 3, columns nx,ny,nz", "length 0", "not 0"]),
         ('x,y,z\n0,0,"0\n1,1,1\n', ["line 2", "closed quotes"]),
@@ -167,15 +167,21 @@ def test_a_unit_is_that_of_the_header_or_the_given_one(tmp_path: Path) -> None:
             Polyline.from_csv(file, orientation=np.eye(3), unit=unit)
 
 
-def test_a_path_far_beyond_the_reach_is_refused_with_the_unit(tmp_path: Path) -> None:
-    (file := tmp_path / "seam.csv").write_text(seam("x,y,z,n", "1", 1e2))  # 40 m away: no longer than a point may be
-    robot = load("ur5e")
-    limits = MotionLimits(1.0, 5.0, 50.0)
-    path = Polyline.from_csv(file, orientation=np.diag([1.0, -1.0, -1.0]), ignore="n")
-    with pytest.raises(
-        InvalidInput, match=r"path: expected a path near ur5e, .*; got poses up to 57.* m away; .*unit='mm'"
-    ):
-        plan(robot, path, limits=limits)
+def test_points_far_beyond_the_reach_are_refused_with_the_unit(tmp_path: Path) -> None:
+    down, robot = np.diag([1.0, -1.0, -1.0]), load("ur5e")  # its wrist is within 0.98 m of the base
+    for scale, refused in ((5.0, False), (1e2, True)):
+        (file := tmp_path / "seam.csv").write_text(seam("x,y,z,n", "1", scale))
+        assert len(Polyline.from_csv(file, orientation=down, ignore="n").waypoints) == 3
+        if refused:
+            with pytest.raises(
+                InvalidInput, match=r"line 2, columns x,y,z: .* within 3.* m of the base; got .* 40 m.*unit='mm'"
+            ):
+                Polyline.from_csv(file, orientation=down, ignore="n", robot=robot)
+        else:
+            Polyline.from_csv(file, orientation=down, ignore="n", robot=robot)
+    file.write_text(f"{JOINTS},x,y,z\n{STARTS},,,\n,,,,,,30,5,40\n{GOAL},,,\n")
+    with pytest.raises(InvalidInput, match=r"line 3, columns x,y,z: .*unit='mm'"):
+        PointToPoint.from_csv(load("paper6r"), file)
 
 
 AXES = "x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n"
