@@ -62,6 +62,11 @@ def check_flag(value: Any, argument: str) -> bool:
     return bool(value)
 
 
+def error_in(where: object, error: InvalidInput) -> InvalidInput:
+    """Return an error with the place of its argument, such as a file, before it."""
+    return InvalidInput(f"{where}: {error.argument}", error.got, error.expected, advice=error.advice)
+
+
 def check_words(value: Any, argument: str) -> tuple[str, ...]:
     """Check that a value is a sequence of strings; return it as a tuple."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):

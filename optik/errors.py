@@ -121,6 +121,10 @@ class EnclosureWarning(RobotModelWarning):
         return type(self), (self.robot, self.problem, self.pairs)
 
 
+class AssumptionWarning(UserWarning):
+    """Assumptions with which a file of another program was read; the result has them as ``notes``."""
+
+
 class UnknownName(OptikError, LookupError):
     """An unknown name.
 

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import tomllib
 import uuid
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from optik.errors import InvalidInput, MissingDependency, OutputError
-from optik.types import Array
 
 MOST_BYTES = 2**30
 """Default size limit of a file [bytes]."""
@@ -114,50 +108,6 @@ def parse_yaml(text: str, argument: str, purpose: str) -> Any:
     if len(documents) != 1:
         raise InvalidInput(argument, f"{len(documents)} documents", "one document")
     return documents[0]
-
-
-class CsvTable(NamedTuple):
-    """Cells of comma-separated values with a header line; the places of the header and of each row are for errors."""
-
-    columns: list[str]
-    rows: list[list[str]]
-    header: str
-    places: list[str]
-
-    def numbers(self, names: Sequence[str]) -> Array:
-        """Return the finite numbers of some columns (k, m)."""
-        chosen = [self.columns.index(name) for name in names]
-        values = np.full((len(self.rows), len(names)), np.nan)
-        for i, row in enumerate(self.rows):
-            for j, at in enumerate(chosen):
-                with suppress(ValueError):
-                    values[i, j] = float(row[at])
-                if not np.isfinite(values[i, j]):
-                    raise InvalidInput(f"{self.places[i]}, column {names[j]}", repr(row[at])[:60], "a finite number")
-        return values
-
-
-def read_csv(file: Path) -> CsvTable:
-    """Read comma-separated values with a header; skip empty lines and lines that begin with #."""
-    text = decode_text(read_bytes(file), str(file)).lstrip("\ufeff")
-    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
-    table = CsvTable([], [], str(file), [])
-    try:
-        for row in reader:
-            cells, place = [cell.strip() for cell in row], f"{file}, line {reader.line_num}"
-            if not any(cells) or cells[0].startswith("#"):
-                continue
-            if not table.columns:
-                table = table._replace(columns=cells, header=place)
-                continue
-            if len(cells) != len(table.columns):
-                expected = f"{len(table.columns)}, one for each column of the header"
-                raise InvalidInput(place, f"{len(cells)} values", expected)
-            table.rows.append(cells)
-            table.places.append(place)
-    except csv.Error as error:
-        raise InvalidInput(f"{file}, line {reader.line_num}", str(error), "comma-separated values") from None
-    return table
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], object]) -> None:

@@ -51,6 +51,7 @@ class Trajectory(PiecewiseCurve):
     """
 
     parameter = "t"
+    notes: tuple[str, ...] = ()
 
     def __init__(self, polynomial: Any, s: Array | None = None) -> None:
         if not isinstance(polynomial, scipy.interpolate.PPoly):

@@ -16,7 +16,7 @@ from benchmarks.cli.bench import CheckCommand, ListCommand, NewCommand
 from benchmarks.cli.cell import CellCommand
 from benchmarks.cli.command import add_command, err_console, name_robot_options, translate
 from benchmarks.cli.installation import DoctorCommand, KernelsCommand, PeerCommand
-from benchmarks.cli.motion import DriveCommand, ViewCommand
+from benchmarks.cli.motion import CertifyCommand, DriveCommand, ViewCommand
 from benchmarks.cli.paths import (
     ArcCommand,
     JointsCommand,
@@ -53,6 +53,7 @@ add_command(plan_app, "polyline", PolylineCommand, "plan polyline --waypoints se
 add_command(plan_app, "joints", JointsCommand, "plan joints --to-deg 0,0,10,0,30,0 --duration 4")
 add_command(plan_app, "ptp", PointToPointCommand, "plan ptp --waypoints cycle.csv")
 add_command(plan_app, "path", PathCommand, "plan path ./spiral.py --set radius=0.1")
+add_command(app, "certify", CertifyCommand, "certify log.csv --robot ur5e --ignore effort --jerk 100")
 add_command(app, "drive", DriveCommand, "drive line.json --on mujoco")
 add_command(app, "view", ViewCommand, "view line.json --html line.html")
 add_command(app, "cell", CellCommand, "cell --miscalibration 3,5 --corrections 2 --readings 10")

@@ -66,11 +66,11 @@ def print_certificate(plan: Any) -> None:
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
-    way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
-    table = Table(
-        "", "peak / limit", "joint", "time, s", "enforced",
-        title=f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s",
-    )  # fmt: skip
+    title = f"{plan.law}: {proof.duration:.4f} s"
+    if plan.path is not None:
+        way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
+        title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
+    table = Table("", "peak / limit", "joint", "time, s", "enforced", title=title)
     for field in ALL_LIMITS:
         ratio, joint, t = proof.worst(field)
         name, required = field.replace("_", " "), "yes" if field in proof.enforced else "no"
@@ -81,10 +81,12 @@ def print_certificate(plan: Any) -> None:
     out_console.print(table)
     if plan.least_duration:
         out_console.print(f"the slowest joint alone takes {plan.least_duration:.4f} s from rest to rest")
+    error = (
+        f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
+    )
     out_console.print(
-        f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), tool speed "
-        f"at most {proof.tool_speed.value:.3g} m/s, smallest singular value {proof.singular_value:.3g} at "
-        f"{proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
+        f"{error if plan.path is not None else ''}tool speed at most {proof.tool_speed.value:.3g} m/s, smallest singular value "
+        f"{proof.singular_value:.3g} at {proof.t_singular_value:.3f} s, {SMOOTH[proof.continuous]}"
     )
     if proof.energy is not None:
         out_console.print(describe_effort(plan))

@@ -33,6 +33,8 @@ NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
 
+TRANSLATED = "allow|branch|columns|gravity|ignore|rotation_speed|start|timing|tool_speed|unit|unwrap"
+"""Arguments of the library, in messages, that are options of the same name."""
 NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 """Regular expression of a number in a message."""
 
@@ -86,6 +88,7 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
             if (name := error.argument) in flags:  # an argument of the library
                 typed = flags[name] or f"--{name.replace('_', '-')}"
                 error.args = (f"{typed}{str(error).removeprefix(name)}",)
+            error.args = (str(error).replace(error.advice, translate(error.advice)),)
             raise
 
     run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
@@ -227,12 +230,9 @@ class StartCommand(RobotCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionCommand(StartCommand):
-    """A command that plans a motion under limits."""
+class LimitsCommand(RobotCommand):
+    """A command on motions under limits."""
 
-    timing: str = option(
-        "Method", f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.", "optimal"
-    )
     velocity: float | None = option(
         "Limits", "Velocity limit of every joint [rad/s, prismatic m/s]; by default the robot's."
     )
@@ -240,6 +240,27 @@ class MotionCommand(StartCommand):
         "Limits", "Acceleration limit of every joint [rad/s², prismatic m/s²]; by default the robot's."
     )
     jerk: float | None = option("Limits", "Jerk limit of every joint [rad/s³, prismatic m/s³]; by default the robot's.")
+
+    def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
+        """Return the typed limits by name."""
+        return {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableCommand(Command):
+    """A command that reads a table of another program."""
+
+    columns: str | None = option("Path", "Names of the columns of a file without a header, or new names: x,y,z.")
+    ignore: str | None = option("Path", "Columns of the file to leave out, or joints of a message, comma separated.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionCommand(LimitsCommand, StartCommand):
+    """A command that plans a motion under limits."""
+
+    timing: str = option(
+        "Method", f"Time law, one of: {', '.join(names('planners.timing'))}; or a file: ./law.py.", "optimal"
+    )
 
     def read_limits(self, arm: optik.Robot, law: Any) -> Any:
         """Return the typed limits, and the robot's own for the others."""
@@ -252,10 +273,6 @@ class MotionCommand(StartCommand):
                 expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {example}"
                 raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
         return limits
-
-    def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
-        """Return the typed limits by name."""
-        return {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
 
 
 # ---------------------------------------------------------------- readers
@@ -378,8 +395,7 @@ def translate(words: str) -> str:
 
     words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
-    words = name_options(words, "allow|branch|rotation_speed|timing|tool_speed")
-    words = name_robot_options(words)
+    words = name_robot_options(name_options(words, TRANSLATED))
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):
         words = words.replace(python, typed)
     return words.replace(" (max_restarts)", "")  # no option of `optik plan`
@@ -390,9 +406,10 @@ def name_options(words: str, names: str) -> str:
 
     def join(match: re.Match[str]) -> str:
         values = [quoted or plain for quoted, plain in re.findall(r"'([^']+)'|([-+.\w]+)", match[2])]
-        return f"--{match[1].replace('_', '-')} {','.join(values)}".rstrip()
+        value = "none" if match[2] == "()" else ",".join(values)
+        return f"--{match[1].replace('_', '-')}{'-deg' * (match[1] == 'start')} {value}".rstrip()
 
-    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|[^ ,;)]*)", join, words)
+    return re.sub(rf"(?<![\w#&])({names})=(?!LINK|X,Y,Z)(\([^)]*\)|'[^']*'|[^ ,;)]*)", join, words)
 
 
 def name_robot_options(words: str) -> str:

@@ -1,4 +1,4 @@
-"""`optik drive` and `optik view`: execute a saved motion, simulated or through ROS 2, or show it in a page."""
+"""`optik certify`, `optik drive`, `optik view`: certify, execute or show a motion."""
 
 from __future__ import annotations
 
@@ -8,24 +8,31 @@ from dataclasses import dataclass
 from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
 from rich.table import Table
 
+from benchmarks.cli.certificate import print_certificate
 from benchmarks.cli.command import (
     ALLOW_HELP,
     Command,
     JsonCommand,
+    LimitsCommand,
+    TableCommand,
     argument,
     err_console,
+    numbers,
     option,
     out_console,
     print_json,
     read_allowed,
+    read_configuration,
     translate,
-)
+)  # fmt: skip
+from benchmarks.cli.plan import SceneCommand
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically
@@ -41,6 +48,47 @@ STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or
 
 ROS_PANEL = "With --on ros"
 """Panel of the help."""
+
+
+# ---------------------------------------------------------------- optik certify
+
+
+@dataclass(frozen=True, kw_only=True)
+class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
+    """Certify a trajectory that another program wrote: limits, smoothness, and with --scene the clearance.
+
+    The exit status is 0 if the certificate is valid, and 1 if not.
+    """
+
+    file: Path = argument("FILE", "A table .csv, or .json, .yaml or .yml with a table or a ROS message.")
+    start_deg: str = numbers(
+        "Path", "Configuration at 0 s [degrees, prismatic mm], where the first point is later.", ""
+    )
+    unwrap: str | None = option("Path", "Joints whose jumps by whole turns are removed, comma separated; or none.")
+    interpolation: str | None = option("Path", "Between points: linear, cubic, quintic, or spline (through positions).")
+
+    def run(self) -> None:
+        """Read, certify and print."""
+        import planners
+
+        arm = self.load()
+        start = read_configuration(arm, self.start_deg) if self.start_deg.strip() else None
+        unwrap = () if self.unwrap == "none" else self.unwrap
+        trajectory = planners.load_trajectory(
+            self.file, arm, start=start, unwrap=unwrap, interpolation=self.interpolation, columns=self.columns,
+            ignore=self.ignore,
+        )  # fmt: skip
+        limits = planners.MotionLimits.of(arm, **self.read_typed_limits(arm))
+        proof = planners.certify(arm, None, trajectory, limits, scene=self.load_scene(arm))
+        if self.as_json:
+            print_json(proof.to_dict() | {"notes": list(trajectory.notes)})
+        else:
+            print_certificate(
+                SimpleNamespace(
+                    certificate=proof, path=None, robot=arm, law=self.file.name, slowed=1.0, least_duration=None
+                )
+            )
+        raise typer.Exit(0 if proof.is_valid else 1)
 
 
 # ---------------------------------------------------------------- optik drive

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.cli.command import Start, argument, numbers, option, read_configuration, read_freedoms, read_numbers
+from benchmarks.cli.command import (
+    Start,
+    TableCommand,
+    argument,
+    numbers,
+    option,
+    read_configuration,
+    read_freedoms,
+    read_numbers,
+)  # fmt: skip
 from benchmarks.cli.plan import PlanCommand, choose_branch
 from optik.errors import InvalidInput
 from optik.registry import names
@@ -31,6 +40,8 @@ EXACT_WINDING_HELP = (
     "collision-free motion."
 )
 """Help of ``--exact-winding``."""
+UNIT_HELP = "Unit of x,y,z that have none in the header: m (default), mm, cm or in."
+"""Help of ``--unit``."""
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""
 
@@ -119,7 +130,7 @@ class ArcCommand(ToolPathCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolylineCommand(ToolPathCommand):
+class PolylineCommand(ToolPathCommand, TableCommand):
     """Plan and certify a motion of the tool along a polyline with blended corners.
 
     With --via, the path begins at the start configuration. With --waypoints, it begins at the first waypoint of the file, by
@@ -129,9 +140,10 @@ class PolylineCommand(ToolPathCommand):
     via: list[str] | None = numbers("Path", f"Waypoint, repeatable; the last one is the end: {POSE_SYNTAX}")
     waypoints: Path | None = option(
         "Path",
-        "CSV file of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as "
-        "qx,qy,qz,qw; roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; or i,j,k.",
+        "Table of all waypoints with a header: x,y,z [m] or x_mm,y_mm,z_mm, and optionally the orientation as qx,qy,qz,qw; "
+        "roll,pitch,yaw [rad]; roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz; or KUKA's A,B,C.",
     )
+    unit: str | None = option("Path", UNIT_HELP)
     blend: float = option("Path", "Largest distance of a blended corner from its waypoint [m].", 1e-3)
 
     def make_given(self, start: Start) -> planners.Path:
@@ -143,7 +155,10 @@ class PolylineCommand(ToolPathCommand):
             raise InvalidInput("polyline", came, "either --via (repeatable) or --waypoints FILE.csv")
         poses = [start.arm.fk(start.q)]
         if self.waypoints is not None:
-            return planners.Polyline.from_csv(self.waypoints, orientation=poses[0][:3, :3], blend=self.blend)
+            return planners.Polyline.from_csv(
+                self.waypoints, orientation=poses[0][:3, :3], blend=self.blend, robot=start.arm, unit=self.unit,
+                columns=self.columns, ignore=self.ignore,
+            )  # fmt: skip
         for text in self.via or ():
             poses.append(read_pose(text, "--via", poses[-1]))
         return planners.Polyline(np.stack(poses), blend=self.blend)
@@ -169,7 +184,7 @@ class JointsCommand(PlanCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointToPointCommand(PlanCommand):
+class PointToPointCommand(PlanCommand, TableCommand):
     """Plan and certify a motion through via points without stops; path and timing are chosen together.
 
     The first row of the file is the start configuration, the last one the goal. A row is a
@@ -182,6 +197,7 @@ class PointToPointCommand(PlanCommand):
         "for `optik plan polyline`; tolerance_mm,tolerance_deg for via points that are passed within a tolerance.",
         ...,
     )
+    unit: str | None = option("Path", UNIT_HELP)
 
     def load_start(self) -> Start:
         """Load the robot; the start is that of the file."""
@@ -195,7 +211,9 @@ class PointToPointCommand(PlanCommand):
         """Return the path through the points."""
         import planners
 
-        return planners.PointToPoint.from_csv(start.arm, self.waypoints)
+        return planners.PointToPoint.from_csv(
+            start.arm, self.waypoints, unit=self.unit, columns=self.columns, ignore=self.ignore
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

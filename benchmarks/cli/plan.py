@@ -16,6 +16,7 @@ from benchmarks.cli.certificate import print_certificate, print_choice
 from benchmarks.cli.command import (
     ALLOW_HELP,
     MotionCommand,
+    RobotCommand,
     Start,
     err_console,
     format_numbers,
@@ -56,7 +57,37 @@ TORQUE_UNITS = {"torque": "[N·m, prismatic N]", "torque_rate": "[N·m/s, prisma
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanCommand(MotionCommand):
+class SceneCommand(RobotCommand):
+    """A command on motions among obstacles."""
+
+    scene: str | None = option(
+        "Scene",
+        "File of obstacles: .toml, .json, .urdf, .yaml or .scene; or self, to check collisions between links only.",
+    )
+    margin: float | None = option("Scene", "Least distance between arm and scene at every instant [m]; with --scene.")
+
+    def load_scene(self, arm: optik.Robot) -> optik.Scene | None:
+        """Return the scene of ``--scene``."""
+        if self.margin is not None and not self.margin >= 0.0:
+            raise InvalidInput("--margin", self.margin, "a distance of 0 or more [m]")
+        if self.scene is None:
+            if self.margin is not None:
+                advice = "add --scene FILE, or --scene self"
+                raise InvalidInput("--margin", f"{self.margin:g} without --scene", "a scene", advice=advice)
+            return None
+        if arm.shapes is None:
+            advice = ""
+            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml")):
+                typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
+                advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
+            came = f"{self.scene} for {arm.name}, which has no shapes"
+            raise InvalidInput("--scene", came, "an arm whose file has shapes", advice=advice)
+        scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene, robot=arm)
+        return scene if self.margin is None else replace(scene, margin=self.margin)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanCommand(MotionCommand, SceneCommand):
     """A command that plans a motion along a path, certifies it, and writes it."""
 
     package_dir: str | None = option(
@@ -84,10 +115,6 @@ class PlanCommand(MotionCommand):
         "Limits", "Torque rate limits [N·m/s, prismatic N/s]: robot (default), none, or numbers."
     )
     allow: list[str] | None = option("Limits", ALLOW_HELP)
-    scene: str | None = option(
-        "Scene", "File of obstacles: .toml, .json or .urdf; or self, to check collisions between links only."
-    )
-    margin: float | None = option("Scene", "Least distance between arm and scene at every instant [m]; with --scene.")
     avoid: bool = option("Scene", AVOID_HELP, False, "--avoid")
     out: Path | None = option("Output", "File for the motion: .json, .npz, .csv, or .yaml for ROS.")
     out_failed: Path | None = option("Output", "File for a failed plan, FILE.json, for `optik view`; drives refuse it.")
@@ -118,7 +145,7 @@ class PlanCommand(MotionCommand):
         plan = planners.plan(
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
             branch=self.branch or choose_branch(start, path), duration=self.duration, strict=self.strict,
-            scene=self._load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS], avoid=self.avoid,
+            scene=self.load_scene(arm), allow=[word for word in allow if word in LIMIT_WORDS], avoid=self.avoid,
             winding=self.choose_winding(),
         )  # fmt: skip
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
@@ -195,25 +222,6 @@ class PlanCommand(MotionCommand):
         if self.avoid and self.scene is None:
             advice = "add --scene FILE, or --scene self to avoid contact between links"
             raise InvalidInput("--avoid", "no --scene", "a scene", advice=advice)
-
-    def _load_scene(self, arm: optik.Robot) -> optik.Scene | None:
-        """Return the scene of ``--scene``."""
-        if self.margin is not None and not self.margin >= 0.0:
-            raise InvalidInput("--margin", self.margin, "a distance of 0 or more [m]")
-        if self.scene is None:
-            if self.margin is not None:
-                advice = "add --scene FILE, or --scene self"
-                raise InvalidInput("--margin", f"{self.margin:g} without --scene", "a scene", advice=advice)
-            return None
-        if arm.shapes is None:
-            advice = ""
-            if split_links(self.robot)[0].lower().endswith((".urdf", ".xml")):
-                typed = f"--robot '{self.robot}{'&' if '#' in self.robot else '#'}shapes=yes'"
-                advice = f"to read its <collision> elements: {typed} (for package:// meshes: --package-dir FOLDER)"
-            came = f"{self.scene} for {arm.name}, which has no shapes"
-            raise InvalidInput("--scene", came, "an arm whose file has shapes", advice=advice)
-        scene = optik.Scene() if self.scene == "self" else optik.Scene.load(self.scene, robot=arm)
-        return scene if self.margin is None else replace(scene, margin=self.margin)
 
 
 def choose_branch(start: Start, path: Any) -> str:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.file_io import read_bytes, read_csv
+from optik.file_io import check_suffix, read_bytes
+from optik.tables import read_table, tell_assumed
 from optik.types import Array
 
 POSITION = ("x_m", "y_m", "z_m")
@@ -40,14 +41,7 @@ class Poses(NamedTuple):
 
 def read_poses(path: Path, robot: Robot | None = None) -> Poses:
     """Read poses and optional starts from a CSV or NPZ file."""
-    suffix = path.suffix.lower()
-    if suffix == ".csv":
-        poses = _from_csv(path, robot)
-    elif suffix == ".npz":
-        poses = _from_npz(path, robot)
-    else:
-        raise InvalidInput("path", repr(str(path)), "a file of poses: .csv or .npz")
-    return poses
+    return (_from_csv if check_suffix(path, (".csv", ".npz")) == ".csv" else _from_npz)(path, robot)
 
 
 # ---------------------------------------------------------------- CSV
@@ -55,8 +49,9 @@ def read_poses(path: Path, robot: Robot | None = None) -> Poses:
 
 def _from_csv(path: Path, robot: Robot | None) -> Poses:
     """Return the poses of a CSV file."""
-    table = read_csv(path)
-    columns, where = table.columns, table.places
+    table = read_table(path)
+    tell_assumed(path, table.notes)
+    columns, where = list(table.columns), [table.place(row) for row in range(len(table.lines))]
     if not where:
         raise InvalidInput(str(path), "no rows", f"a header such as {','.join((*POSITION, *QUATERNION))} and rows")
     joints = _joint_columns(robot) if robot is not None else []
@@ -71,7 +66,7 @@ def _from_csv(path: Path, robot: Robot | None) -> Poses:
     if present := [name for name in joints if name in columns]:
         _check_columns(path, columns, known, joints)
         starts = table.numbers(present)
-    group = [row[columns.index("group")] for row in table.rows] if "group" in columns else [path.stem] * len(where)
+    group = [table.cells(row, ["group"])[0] if "group" in columns else path.stem for row in range(len(where))]
     return _checked(where, targets, starts, np.array(group), robot)
 
 
@@ -81,11 +76,10 @@ def _joint_columns(robot: Robot) -> list[str]:
 
 
 def _check_columns(path: Path, columns: list[str], known: Sequence[str], need: Sequence[str]) -> None:
-    """Raise InvalidInput for an unknown, repeated or missing column."""
+    """Raise InvalidInput for an unknown or missing column."""
     for name in columns:
-        if name not in known or columns.count(name) > 1:
-            came = f"the column {name!r}" + (", repeated" if columns.count(name) > 1 else "")
-            raise InvalidInput(f"{path}, header", came, f"columns among {', '.join(known)}, each once")
+        if name not in known:
+            raise InvalidInput(f"{path}, header", f"the column {name!r}", f"columns among {', '.join(known)}")
     for name in need:
         if name not in columns:
             other = " (or qw, qx, qy, qz in place of r11 to r33)" if name in ROTATION else ""

@@ -1,4 +1,4 @@
-"""Readers of scenes: TOML in millimetres and degrees, JSON, URDF, and MoveIt scenes in YAML (`optik.scene.moveit`).
+"""Readers of scenes: TOML in millimetres and degrees, JSON, URDF, and MoveIt scenes (`optik.scene.moveit`).
 
 A TOML file contains optional tables of objects, in the frame of the arm's base:
 
@@ -52,7 +52,7 @@ from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
 from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
 from optik.arm.urdf_tree import joint_origin, name_file, origin_pose, read_tree, read_triple
-from optik.check import check_number
+from optik.check import check_number, error_in
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
 from optik.scene.mesh import is_convex
@@ -84,21 +84,25 @@ def load_scene(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
-    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml"))
+    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml", ".scene"))
     urdf, path = suffix in (".urdf", ".xml"), Path(file)
     if package_dirs is not None and not urdf:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")
+    content = (
+        b""
+        if urdf
+        else read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
+    )
     try:
         if urdf:
             with name_file(file):
                 return scene_from_urdf(file, package_dirs)
-        content = read_bytes(path, argument="scene", expected="a readable file of a scene", most=MOST_SCENE_BYTES)
         text = decode_text(content)
         if suffix == ".json":
             return scene_from_dict(parse_json(text, "scene"))
-        return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text)
+        return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text, suffix)
     except InvalidInput as error:
-        raise InvalidInput(f"{path.name}: {error.argument}", error.got, error.expected) from None
+        raise error_in(path.name, error) from None
 
 
 def scene_from_toml(text: str) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.scene.mesh import check_mesh, find_hull, pack_solids
+from optik.tables import tell_assumed
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class Scene:
         Largest distance of each object's surface from the enclosed body, such as a mesh [m]; 0 by default.
     margin : float
         Distance [m] to the objects at or below which the arm counts as in contact; it does not apply between its own links.
+    notes : sequence of str
+        What was assumed when the scene was read from a file; not part of equality and of files.
 
     Raises
     ------
@@ -88,6 +91,7 @@ class Scene:
     names: tuple[str, ...] = ()
     excess: Array = 0.0  # type: ignore[assignment]
     margin: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checks = (_box, _sphere, _capsule, _plane, _cylinder, _mesh, _cloud)
@@ -104,6 +108,7 @@ class Scene:
         object.__setattr__(self, "excess", check_excess(self.excess, len(self.names), "scene.excess"))
         margin = check_number(self.margin, "scene.margin", "metres, 0 or more", least=0.0)
         object.__setattr__(self, "margin", margin)
+        object.__setattr__(self, "notes", check_words(self.notes, "scene.notes"))
 
     # ------------------------------------------------------------ identity
 
@@ -134,13 +139,13 @@ class Scene:
         package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
         robot: Robot | None = None,
     ) -> Scene:
-        """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, URDF, or YAML of MoveIt.
+        """Load a scene from a file: TOML, as `optik.scene.files` describes it, JSON of `to_dict`, URDF, or a scene of MoveIt.
 
         Parameters
         ----------
         file : str or path
-            Its name ends in .toml, .json, .urdf, .xml, .yaml or .yml. The <collision> elements of a URDF are placed with every
-            joint at 0, in the frame of the root; STL and OBJ meshes are enclosed by capsules.
+            Its name ends in .toml, .json, .urdf, .xml, .yaml, .yml or .scene. The <collision> elements of a URDF are placed
+            with every joint at 0, in the frame of the root; STL and OBJ meshes are enclosed by capsules.
         package_dirs : mapping of str to path, or sequence of paths, optional
             For a URDF, folders of meshes besides its own, as of `Robot.from_urdf`.
         robot : Robot, optional
@@ -165,9 +170,11 @@ class Scene:
             scene = Scene(**arguments)
             if not scene.names and Path(file).suffix.lower() != ".json":
                 raise InvalidInput("scene", "no objects", "at least one object")
-            return scene
         except InvalidInput as error:
-            raise InvalidInput(f"{Path(file).name}: {error.argument}", error.got, error.expected) from None
+            where = f"{Path(file).name}: {error.argument}"
+            raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
+        tell_assumed(file, scene.notes)
+        return scene
 
     # ------------------------------------------------------------ attached objects
 

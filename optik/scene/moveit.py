@@ -1,4 +1,4 @@
-"""Reader of MoveIt planning scenes in YAML (`moveit_msgs/PlanningScene`), as MoveIt and MotionBenchMaker write them.
+"""Reader of MoveIt planning scenes (`moveit_msgs/PlanningScene`), as MoveIt and MotionBenchMaker write them.
 
 Objects are boxes, spheres, cylinders, planes and convex meshes. `allowed_collision_matrix` becomes the allowed pairs of
 links and objects; its pairs of two links belong to the arm (`Shapes.with_srdf`). The planning frame is the frame of the arm's
@@ -19,6 +19,8 @@ from optik.arm.plain import read_list, read_record, read_word
 from optik.check import check_count, check_number, format_value
 from optik.errors import InvalidInput
 from optik.file_io import parse_yaml
+from optik.scene.messages import POINT_DEFAULTS, read_fields, read_floats, read_pose, read_rows
+from optik.scene.moveit_text import OBJECT_PARTS, message_from_text
 from optik.types import Array
 
 PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder"}
@@ -27,8 +29,6 @@ DIMENSIONS = {"box": 3, "sphere": 1, "cylinder": 2}
 """Number of dimensions of each type: edges; radius; height and radius."""
 OPERATIONS = (None, 0, "add")
 """Operations of an object that add it to the scene, words in small letters."""
-OBJECT_PARTS = (("primitives", "primitive_poses"), ("planes", "plane_poses"), ("meshes", "mesh_poses"))
-"""Keys of the parts of an object, and of their poses."""
 PLANNING_SCENE_KEYS = (
     "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
     "link_scale", "object_colors", "is_diff",
@@ -40,37 +40,41 @@ PLANNING_FRAMES = re.compile(
     r"(.*_)?(world|map|root|base|base_?link|link_?base|base_?footprint|link_?0)", re.IGNORECASE
 )
 """Names that frames of a base or of the world have; a frame of another link would move with it."""
+TRANSFORM = ("translation", "rotation")
+"""Fields of a `geometry_msgs/Transform`."""
 Part = tuple[str, str, Any]
 """Kind of object of a `Scene`, name, and arguments."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a scene refuses what is too far away
-def scene_from_moveit(text: str) -> dict[str, Any]:
-    """Read the arguments of a `Scene` from a MoveIt planning scene in YAML."""
-    scene = _mapping(parse_yaml(text, "scene", "reading MoveIt scenes"), "scene")
-    scene = read_record(scene, ("world",), "scene", optional=PLANNING_SCENE_KEYS)
+def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
+    """Read the arguments of a `Scene` from a MoveIt planning scene in YAML, or in its text format, ``.scene``."""
+    data = message_from_text(text) if suffix == ".scene" else parse_yaml(text, "scene", "reading MoveIt scenes")
+    scene = read_record(read_fields(data, "scene"), ("world",), "scene", optional=PLANNING_SCENE_KEYS)
     world = read_record(scene["world"], (), "world", optional=("collision_objects", "octomap"))
-    if scene.get("is_diff"):
-        raise InvalidInput("is_diff", format_value(scene["is_diff"]), "false: a file is the whole scene")
-    state = _mapping(scene.get("robot_state") or {}, "robot_state")
+    state = read_fields(scene.get("robot_state") or {}, "robot_state")
     if attached := state.get("attached_collision_objects"):
         got = f"{len(attached) if isinstance(attached, list) else format_value(attached)} attached objects"
         raise InvalidInput("robot_state", got, "none: Shapes.with_part attaches objects to a link")
-    octomap = _mapping(world.get("octomap") or {}, "world.octomap")
-    if _mapping(octomap.get("octomap") or {}, "world.octomap.octomap").get("data"):
+    octomap = read_fields(world.get("octomap") or {}, "world.octomap")
+    if read_fields(octomap.get("octomap") or {}, "world.octomap.octomap").get("data"):
         raise InvalidInput(
             "world.octomap", "an octomap with data", "none, because it is not read: its cells as clouds= of Scene"
         )
     _check_links(scene)
-    frames = _Frames(scene, state)
+    frames, known = _Frames(scene, state), dict[str, str]()
     parts: list[Part] = []
-    for i, one in enumerate(_rows(world, "collision_objects", "world")):
+    for i, one in enumerate(read_rows(world, "collision_objects", "world")):
         where = f"collision_objects[{i}]"
         name = read_word(read_record(one, ("id",), where, optional=OBJECT_KEYS)["id"], f"{where}.id")
+        if known.setdefault(name, where) != where:
+            raise InvalidInput(f"{where}.id", repr(name)[:60], f"another one than {known[name]} has")
         operation = one.get("operation")
         if (operation.lower() if isinstance(operation, str) else operation) not in OPERATIONS:
             raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0): a file is the whole scene")
-        T = frames.find(one, where) @ (np.eye(4) if one.get("pose") is None else _pose(one["pose"], f"{where}.pose"))
+        T = frames.find(one, where) @ (
+            np.eye(4) if one.get("pose") is None else read_pose(one["pose"], f"{where}.pose")
+        )
         found = list(_read_object(one, name, T, where))
         if not found:
             raise InvalidInput(where, f"{name!r} without parts", "primitives, planes or meshes")
@@ -82,14 +86,15 @@ def scene_from_moveit(text: str) -> dict[str, Any]:
     names = make_unique(ids)
     allowed = _read_allowed(scene.get("allowed_collision_matrix") or {}, set(ids))
     allow = [(link, name) for link, one in allowed for name, of in zip(names, ids, strict=True) if of == one]
-    return {**objects, "names": names, "allow": allow}
+    notes = ("is_diff: the objects of the file are the whole scene",) if scene.get("is_diff") else ()
+    return {**objects, "names": names, "allow": allow, "notes": notes}
 
 
 def _check_links(scene: dict[str, Any]) -> None:
     """Refuse links that are larger or smaller than the arm's."""
     for key, value, usual in (("link_padding", "padding", 0.0), ("link_scale", "scale", 1.0)):
-        for i, row in enumerate(_rows(scene, key, "scene")):
-            found = check_number(_mapping(row, f"{key}[{i}]").get(value, usual), f"{key}[{i}].{value}", "a number")
+        for i, row in enumerate(read_rows(scene, key, "scene")):
+            found = check_number(read_fields(row, f"{key}[{i}]").get(value, usual), f"{key}[{i}].{value}", "a number")
             if found != usual:
                 expected = f"{usual:g}, because links keep their size: margin= of Scene is for all of them"
                 raise InvalidInput(f"{key}[{i}].{value}", found, expected)
@@ -108,12 +113,16 @@ def make_unique(names: list[str]) -> tuple[str, ...]:
 def _read_object(one: dict[str, Any], name: str, T: Array, where: str) -> Iterator[Part]:
     """Read the parts of an object at a pose."""
     for key, poses in OBJECT_PARTS:
-        rows = _rows(one, key, where)
-        places = read_list(one.get(poses) or [], f"{where}.{poses}", f"{len(rows)} poses", len(rows)) if rows else []
+        rows = read_rows(one, key, where)
+        places = (
+            read_list(one.get(poses) or [{}] * len(rows), f"{where}.{poses}", f"{len(rows)} poses", len(rows))
+            if rows
+            else []
+        )
         for k, (row, place) in enumerate(zip(rows, places, strict=True)):
             at = f"{where}.{key}[{k}]"
             read = {"primitives": _primitive, "planes": _plane, "meshes": _mesh}[key]
-            kind, arguments = read(_mapping(row, at), T @ _pose(place, f"{where}.{poses}[{k}]"), at)
+            kind, arguments = read(read_fields(row, at), T @ read_pose(place, f"{where}.{poses}[{k}]"), at)
             yield kind, name, arguments
 
 
@@ -124,7 +133,7 @@ def _primitive(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[An
     kind = str(kind).lower()
     if kind not in DIMENSIONS:
         raise InvalidInput(f"{where}.type", format_value(row.get("type")), ", ".join(DIMENSIONS))
-    values = _numbers(row.get("dimensions"), f"{where}.dimensions", DIMENSIONS[kind])
+    values = read_floats(row.get("dimensions"), f"{where}.dimensions", DIMENSIONS[kind])
     if kind == "box":
         return "boxes", (T, values)
     if kind == "sphere":
@@ -135,7 +144,7 @@ def _primitive(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[An
 
 def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, ...]]:
     """Read a plane a x + b y + c z + d = 0; the free side is that of (a, b, c)."""
-    *normal, d = _numbers(row.get("coef"), f"{where}.coef", 4)
+    *normal, d = read_floats(row.get("coef"), f"{where}.coef", 4)
     if not (largest := np.abs(normal).max()):
         raise InvalidInput(f"{where}.coef", format_value(row.get("coef")), "a normal that is not 0")
     n = np.array(normal) / largest  # avoids overflow of the squares
@@ -143,12 +152,14 @@ def _plane(row: dict[str, Any], T: Array, where: str) -> tuple[str, tuple[Any, .
 
 
 def _mesh(row: dict[str, Any], T: Array, where: str) -> tuple[str, Array]:
-    points = _rows(row, "vertices", where)
-    corners = np.array([_numbers(point, f"{where}.vertices[{i}]", 3, "xyz") for i, point in enumerate(points)])
+    points = read_rows(row, "vertices", where)
+    corners = np.array(
+        [read_floats(point, f"{where}.vertices[{i}]", 3, POINT_DEFAULTS) for i, point in enumerate(points)]
+    )
     triangles = []
-    for i, triangle in enumerate(_rows(row, "triangles", where)):
+    for i, triangle in enumerate(read_rows(row, "triangles", where)):
         at = f"{where}.triangles[{i}]"
-        three = read_list(_mapping(triangle, at).get("vertex_indices"), at, "three indices", 3)
+        three = read_list(read_fields(triangle, at).get("vertex_indices"), at, "three indices", 3)
         for k in three:
             check_count(k, at, 0, len(points) - 1)
         triangles.append(corners[three])
@@ -161,20 +172,20 @@ class _Frames:
     """The poses of named frames in the frame of the arm's base."""
 
     def __init__(self, scene: dict[str, Any], state: dict[str, Any]) -> None:
-        moving = _mapping(state.get("multi_dof_joint_state") or {}, "robot_state.multi_dof_joint_state")
-        bases = _rows(moving, "transforms", "multi_dof_joint_state")
+        moving = read_fields(state.get("multi_dof_joint_state") or {}, "robot_state.multi_dof_joint_state")
+        bases = read_rows(moving, "transforms", "multi_dof_joint_state")
         if len(bases) > 1:
             raise InvalidInput("multi_dof_joint_state", f"{len(bases)} floating joints", "at most one, of the base")
-        base = _transform(bases[0], "multi_dof_joint_state.transforms[0]") if bases else np.eye(4)
+        base = read_pose(bases[0], "multi_dof_joint_state.transforms[0]", TRANSFORM) if bases else np.eye(4)
         self._world, self._known, self._other = se3.inverse(base), {"": np.eye(4)}, ""
-        for i, row in enumerate(_rows(scene, "fixed_frame_transforms", "scene")):
+        for i, row in enumerate(read_rows(scene, "fixed_frame_transforms", "scene")):
             where = f"fixed_frame_transforms[{i}]"
-            T = _transform(_mapping(row, where).get("transform"), f"{where}.transform")
+            T = read_pose(read_fields(row, where).get("transform"), f"{where}.transform", TRANSFORM)
             self._known[read_word(row.get("child_frame_id"), f"{where}.child_frame_id").strip("/")] = T
 
     def find(self, one: dict[str, Any], where: str) -> Array:
         """Return the pose of the frame that an object is given in; one frame without a transform is the planning frame."""
-        header = _mapping(one.get("header") or {}, f"{where}.header")
+        header = read_fields(one.get("header") or {}, f"{where}.header")
         name = read_word(header.get("frame_id") or "", f"{where}.header.frame_id").strip("/")
         if name not in self._known:
             if self._other or not PLANNING_FRAMES.fullmatch(name):
@@ -187,7 +198,9 @@ class _Frames:
 def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
     """Return the pairs of a link and an object that may touch."""
     where = "allowed_collision_matrix"
-    names = [read_word(name, f"{where}.entry_names") for name in _rows(_mapping(matrix, where), "entry_names", where)]
+    names = [
+        read_word(name, f"{where}.entry_names") for name in read_rows(read_fields(matrix, where), "entry_names", where)
+    ]
     rows = read_list(matrix.get("entry_values") or [], f"{where}.entry_values", f"{len(names)} rows", len(names))
     found = {}
     for name, row in zip(names, rows, strict=True):
@@ -196,50 +209,12 @@ def _read_allowed(matrix: Any, objects: set[str]) -> list[tuple[str, str]]:
         for other, flag in zip(names, flags, strict=True):
             if flag is True and name not in objects and other in objects:
                 found[name, other] = True
-    every = [read_word(name, f"{where}.default_entry_names") for name in _rows(matrix, "default_entry_names", where)]
+    every = [
+        read_word(name, f"{where}.default_entry_names") for name in read_rows(matrix, "default_entry_names", where)
+    ]
     flags = read_list(matrix.get("default_entry_values") or [], f"{where}.default_entry_values", "flags", len(every))
     for name, flag in zip(every, flags, strict=True):
         for link in names:
             if flag is True and name in objects and link not in objects:
                 found[link, name] = True
     return list(found)
-
-
-# ---------------------------------------------------------------- values
-
-
-def _mapping(value: Any, where: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise InvalidInput(where, format_value(value), "a mapping, as in a MoveIt planning scene")
-    return value
-
-
-def _rows(value: dict[str, Any], key: str, where: str) -> list[Any]:
-    return read_list(value.get(key) or [], f"{where}.{key}", "a list")
-
-
-def _numbers(value: Any, where: str, count: int, keys: str = "") -> Array:
-    """Read numbers from a list or, with keys such as xyz, from a mapping; YAML 1.1 reads 1e-5 as text."""
-    expected = f"{count} finite numbers"
-    if isinstance(value, dict):
-        value = [value.get(key) for key in keys]
-    out = []
-    for x in read_list(value, where, expected, count):
-        try:
-            x = float(x) if isinstance(x, str) else x
-        except ValueError:
-            raise InvalidInput(where, format_value(x), expected) from None
-        out.append(check_number(x, where, expected))
-    return np.array(out)
-
-
-def _pose(value: Any, where: str, names: tuple[str, str] = ("position", "orientation")) -> Array:
-    """Read a pose: a point and a quaternion x, y, z, w."""
-    parts = _mapping(value, where)
-    p = _numbers(parts.get(names[0]), f"{where}.{names[0]}", 3, "xyz")
-    x, y, z, w = _numbers(parts.get(names[1]), f"{where}.{names[1]}", 4, "xyzw")
-    return se3.pose(se3.from_quaternion((w, x, y, z), f"{where}.{names[1]}"), p)
-
-
-def _transform(value: Any, where: str) -> Array:
-    return _pose(value, where, ("translation", "rotation"))

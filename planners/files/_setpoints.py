@@ -1,62 +1,80 @@
-"""Joint trajectories of other programs: setpoints from CSV, JSON or ROS messages, and the trajectory through them."""
+"""Joint trajectories of other programs: setpoints from tables, JSON or ROS messages, and the trajectory through them."""
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Mapping
+from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+import scipy
+from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
+from optik.check import error_in
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
+from optik.tables import Names, Table, read_names, read_table, tell_assumed
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, trajectory_through
-from planners.ros.message import from_text, reconstruct
+from planners.paths._goal import find_continuous
+from planners.ros.export import JointNames, find_columns
+from planners.ros.message import POINT_FIELDS, Form, Setpoints, from_text, read_points
 from planners.trajectory import Trajectory
 
 READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 """Suffixes of the files that can be read."""
 WRAPPED = ("joint_trajectory", "trajectory")
-"""Keys under which messages hold a JointTrajectory: moveit_msgs/RobotTrajectory, and actions and services around one."""
+"""Keys under which messages hold a JointTrajectory: RobotTrajectory and DisplayTrajectory of moveit_msgs, and goals."""
 COLUMN_KINDS = (("", "q_", "position_", "positions_"), ("dq_", "velocity_", "v_"), ("ddq_", "acceleration_", "a_"))
 """Prefixes of a joint's name in a column, by order of derivative."""
-TIME_COLUMNS = ("t", "time", "times", "time_from_start")
-"""Names of the column of times [s]."""
+SINCE_START = "time_from_start"
+CLOCKS = ("t", "time", "times", SINCE_START)
+"""Names of the column of times [s]: by any clock, or from the start of the motion, as in messages."""
+TURN = 2.0 * np.pi * (1.0 + 1e-6)
+"""Largest range of wrapped positions [rad]."""
+SPLINE = "spline"
+"""Interpolation of ROS 2's ``positions_upsampling``: cubic splines through positions, at rest at both ends."""
 
 
 def load_trajectory(
-    file: str | os.PathLike[str],
-    robot: Robot,
-    *,
-    joint_names: Mapping[str, str] | None = None,
-    interpolation: str | None = None,
-) -> Trajectory:
+    file: str | os.PathLike[str], robot: Robot, *,
+    joint_names: JointNames = None, interpolation: str | None = None, start: ArrayLike | None = None,
+    ignore: Names = None, unwrap: Names = None, columns: Names = None,
+) -> Trajectory:  # fmt: skip
     """Read setpoints that another program wrote, without path and limits; `planners.certify` takes them with ``path=None``.
 
     Parameters
     ----------
     file : str or path
-        ``.csv``: a header with a column ``t`` or ``time`` [s] and one for each joint by its name; velocities and
-        accelerations in columns ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``), where there are any.
-        ``.json``: ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), perhaps ``velocities``, ``accelerations``; or a
-        message. ``.yaml``, ``.yml``: a ``trajectory_msgs/JointTrajectory``, or a ``moveit_msgs/RobotTrajectory`` around one.
+        ``.csv``: a table, with separators and units as for `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
+        joint by its name [rad, m], perhaps ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
+        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), perhaps ``velocities``, ``accelerations``. These clocks may
+        begin at any time. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message around one.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
         From the robot's joint names to the file's.
-    interpolation : {"linear", "cubic", "quintic"}, optional
-        Controller interpolation: lines through positions, cubics through velocities too, or quintics through accelerations
-        too. By default the highest that the points have data for, like joint_trajectory_controller of ROS 2.
+    interpolation : {"linear", "cubic", "quintic", "spline"}, optional
+        Controller interpolation through positions, velocities and accelerations; by default the highest that there are data
+        for, like joint_trajectory_controller of ROS 2. ``"spline"`` is its ``positions_upsampling``: cubic splines through
+        positions, at rest at both ends.
+    start : (n,) array, optional
+        Configuration at 0 s [rad, m], at rest, for a message whose first point is later.
+    ignore : str or sequence of str, optional
+        Joints of a message, or columns of a table, that are left out.
+    unwrap : str or sequence of str, optional
+        The robot's joints whose positions jump by whole turns, which are removed. By default such a jump of a joint without
+        limits is refused; ``()`` takes positions as written.
+    columns : str or sequence of str, optional
+        Names of the columns of a table without a header, or new names of all columns.
 
     Returns
     -------
     Trajectory
-        In the robot's joint order, from t = 0.
+        In the robot's joint order, from t = 0. What was assumed is in its attribute ``notes`` and in an `AssumptionWarning`.
 
     Raises
     ------
@@ -68,119 +86,106 @@ def load_trajectory(
     suffix = check_suffix(file, READ_SUFFIXES)
     if not isinstance(robot, Robot):
         raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-    if interpolation is not None and interpolation not in INTERPOLATIONS:
-        raise InvalidInput("interpolation", repr(interpolation)[:60], f"one of {', '.join(INTERPOLATIONS)}")
-    names = _check_names(robot, joint_names)
-    content = read_bytes(FilePath(file))
+    names = Form("", find_columns(robot, joint_names)).names
     try:
-        text = decode_text(content)
         if suffix == ".csv":
-            return _build_trajectory(*_read_table(text, names), interpolation)
-        data = _unwrap(from_text(text, suffix))
-        if isinstance(data, dict) and "times" in data:
-            return _build_trajectory(*_read_columns(data, names), interpolation)
-        return reconstruct(data, names, interpolation)
+            found = _read_columns(read_table(file, columns, ignore), robot, names)
+        else:
+            data = _unwrap(from_text(decode_text(read_bytes(FilePath(file))), suffix))
+            found = read_points(data, names, read_names(ignore, "ignore"))
+        trajectory = _build(found, robot, interpolation, start, unwrap)
     except InvalidInput as error:
-        raise InvalidInput(f"{file}: {error.argument}", error.got, error.expected) from None
-
-
-def _check_names(robot: Robot, joint_names: Mapping[str, str] | None) -> list[str]:
-    """Return the file's joint names in the robot's order."""
-    if joint_names is None:
-        return list(robot.joint_names)
-    if not isinstance(joint_names, Mapping) or set(joint_names) != set(robot.joint_names):
-        raise InvalidInput("joint_names", repr(joint_names)[:120], f"names for each of {', '.join(robot.joint_names)}")
-    return [str(joint_names[name]) for name in robot.joint_names]
+        own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
+        raise (error if own else error_in(file, error)) from None
+    trajectory.notes = tell_assumed(file, found.notes)
+    return trajectory
 
 
 def _unwrap(data: Any) -> Any:
     """Return the JointTrajectory inside a message, or the data themselves."""
     while isinstance(data, dict) and "points" not in data and "times" not in data:
-        inner = [data[key] for key in WRAPPED if isinstance(data.get(key), dict)]
+        other = data.get("multi_dof_joint_trajectory")
+        if isinstance(other, dict) and other.get("points"):
+            raise InvalidInput("multi_dof_joint_trajectory", f"{len(other['points'])} points", "none")
+        inner = [data[key] for key in WRAPPED if isinstance(data.get(key), dict | list)]
         if not inner:
             return data
         data = inner[0]
+        if isinstance(data, list):  # of a DisplayTrajectory
+            if len(data) != 1:
+                raise InvalidInput("trajectory", f"{len(data)} trajectories", "one")
+            data = data[0]
     return data
 
 
-def _build_trajectory(t: Array, orders: list[Array], interpolation: str | None) -> Trajectory:
-    """Return the trajectory through setpoints at t (k,): positions, and optional velocities and accelerations, (k, n) each."""
-    if t.size < 2 or t[0] != 0.0 or not (np.diff(t) > 0.0).all():
-        raise InvalidInput(
-            "times", f"{t.size} from {t[0] if t.size else 'none'}", "at least two, that increase from 0 s"
-        )
-    for values in (t, *orders):
-        if not np.isfinite(values).all():
-            raise InvalidInput("content", "NaN or infinity", "finite numbers")
-    count = len(orders) if interpolation is None else INTERPOLATIONS.index(interpolation) + 1
-    if count > len(orders):
-        raise InvalidInput("interpolation", repr(interpolation), f"{', '.join(INTERPOLATIONS[: len(orders)])}")
-    return trajectory_through(t, *orders[:count])
+def _build(
+    found: Setpoints, robot: Robot, interpolation: str | None, start: ArrayLike | None, unwrap: Names
+) -> Trajectory:
+    """Return the trajectory through setpoints."""
+    t, values, first = found.t, found.values, 0
+    for i in np.flatnonzero(~(np.diff(t) > 0.0))[:1]:
+        got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
+        raise InvalidInput(found.place(i + 1), got, "times that increase")
+    if start is not None:
+        q = robot.configuration(start, "start")
+        if not found.begin > 0.0:
+            got = f"a configuration, and a first point at {found.begin:.9g} s"
+            raise InvalidInput("start", got, "none, or a first point after 0 s")
+        t, first = np.append(0.0, t + found.begin), 1
+        values = [np.vstack([np.zeros(robot.n) if k else q, rows]) for k, rows in enumerate(values)]
+        found.notes.append("the arm is at rest at the start")
+    elif found.begin and found.from_start:
+        advice = "start=Q is the configuration at 0 s"
+        raise InvalidInput(found.place(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
+    elif found.begin:
+        found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
+    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.place(i - first))
+    if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
+        spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
+        return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))
+    known = (*INTERPOLATIONS[: len(values)], SPLINE)
+    if interpolation is not None and interpolation not in known:
+        got = f"{interpolation!r:.60} for {', '.join(POINT_FIELDS[: len(values)])}"
+        raise InvalidInput("interpolation", got, f"one of {', '.join(known)}")
+    return trajectory_through(t, *values[: len(values) if interpolation is None else known.index(interpolation) + 1])
 
 
-def _read_columns(data: dict[str, Any], names: list[str]) -> tuple[Array, list[Array]]:
-    """Return times, and values by order of derivative, of columns in JSON."""
-    found = data.get("joint_names")
-    if not isinstance(found, list) or sorted(map(str, found)) != sorted(names):
-        raise InvalidInput("joint_names", repr(found)[:120], f"{', '.join(names)} in any order")
-    t = _read_numbers(data["times"], "times", 1)
-    order = [found.index(name) for name in names]
-    orders = []
-    for key in ("positions", "velocities", "accelerations"):
-        if data.get(key):
-            values = _read_numbers(data[key], key, 2)
-            if values.shape != (t.size, len(names)):
-                raise InvalidInput(key, f"shape {values.shape}", f"({t.size}, {len(names)})")
-            orders.append(values[:, order])
-        elif key == "positions" or (key == "velocities" and data.get("accelerations")):
-            raise InvalidInput(key, "none", "one row for each time")
-    return t, orders
+def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callable[[int], str]) -> Array:
+    """Return positions without jumps by whole turns of some joints; by default, joints without limits must have none."""
+    chosen, wrapped = read_names(unwrap, "unwrap"), q.copy()
+    turning = [name for i, name in enumerate(robot.joint_names) if not robot.prismatic[i]]
+    for name in (name for name in chosen if name not in turning):
+        raise InvalidInput("unwrap", repr(name)[:60], f"joints of {', '.join(turning)}")
+    at = [robot.joint_names.index(name) for name in chosen]
+    wrapped[:, at] = np.unwrap(q[:, at], axis=0)
+    jumps = (np.abs(np.diff(q, axis=0)) > np.pi) & (np.ptp(q, axis=0) <= TURN) & find_continuous(robot)
+    for i, j in np.argwhere(jumps)[:1] if unwrap is None else ():
+        name = robot.joint_names[j]
+        got = f"a jump of {name} by {q[i + 1, j] - q[i, j]:.6g} rad at {t[i + 1]:.9g} s, nearly a turn of 2π"
+        advice = f"unwrap={name!r} removes turns, unwrap=() takes positions as written"
+        raise InvalidInput(place(i + 1), got, "continuous positions of a joint without limits", advice=advice)
+    return wrapped
 
 
-def _read_numbers(value: Any, key: str, dimensions: int) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-    if array.ndim != dimensions or not array.size:
-        raise InvalidInput(
-            key, repr(value)[:60], "numbers" if dimensions == 1 else "rows of numbers, all of one length"
-        )
-    return array
-
-
-def _read_table(text: str, names: list[str]) -> tuple[Array, list[Array]]:
-    """Return times, and values by order of derivative, of a CSV table; lines that begin with # are comments."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    try:
-        rows = list(csv.reader(io.StringIO("\n".join(lines)), skipinitialspace=True))
-    except csv.Error as error:
-        raise InvalidInput("table", str(error), "comma-separated values") from None
-    header = [name.strip() for name in rows[0]] if rows else []
-    times = [i for i, name in enumerate(header) if name.lower() in TIME_COLUMNS]
-    if len(times) != 1:
-        raise InvalidInput("table", ", ".join(header)[:120], f"one column of times: {' or '.join(TIME_COLUMNS)}")
-    chosen = [_find_columns(header, kind, names) for kind in COLUMN_KINDS]
-    if chosen[0] is None or (chosen[1] is None and chosen[2] is not None):
-        raise InvalidInput(
-            "table", ", ".join(header)[:120], f"a column for each of {', '.join(names)}; see load_trajectory"
-        )
-    known = {times[0], *(i for columns in chosen if columns for i in columns)}
-    if len(known) < len(header):
-        other = ", ".join(name for i, name in enumerate(header) if i not in known)
-        raise InvalidInput("table", f"the columns {other}"[:120], "only times and this arm's joints")
-    if any(len(row) != len(header) for row in rows[1:]):
-        raise InvalidInput("table", "rows of several lengths", f"{len(header)} entries in each")
-    try:
-        values = np.array(rows[1:], dtype=np.float64).reshape(-1, len(header))
-    except ValueError as error:
-        raise InvalidInput("table", str(error)[:80], "numbers") from None
-    return values[:, times[0]], [values[:, columns] for columns in chosen if columns is not None]
-
-
-def _find_columns(header: list[str], prefixes: tuple[str, ...], names: list[str]) -> list[int] | None:
-    """Return the columns of the joints with one of the prefixes; None if there are none."""
-    for prefix in prefixes:
-        if all(prefix + name in header for name in names):
-            return [header.index(prefix + name) for name in names]
-    return None
+def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
+    """Return the setpoints of a table."""
+    wanted = dict.fromkeys(CLOCKS, "s")
+    for prefixes, per in zip(COLUMN_KINDS, ("", "/s", "/s2"), strict=True):
+        for name, slides in zip(names, robot.prismatic, strict=True):
+            wanted |= {prefix + name: f"{'m' if slides else 'rad'}{per}" for prefix in prefixes}
+    table = table.resolve(wanted)
+    clock, chosen = [name for name in table.columns if name in CLOCKS], []
+    for prefixes in COLUMN_KINDS:
+        sets = ([prefix + name for name in names] for prefix in prefixes)
+        chosen.append(next((columns for columns in sets if set(columns) <= set(table.columns)), []))
+    expected = f"only times ({', '.join(CLOCKS)}) and a column for each of {', '.join(names)}; see load_trajectory"
+    if len(clock) != 1 or not chosen[0] or (chosen[2] and not chosen[1]):
+        raise table.header_error(expected)
+    table.refuse_others([*clock, *chosen[0], *chosen[1], *chosen[2]], expected)
+    if len(table.lines) < 2:
+        raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")
+    begin, size = table.numbers(clock)[0, 0], table.columns[clock[0]].size
+    times = [Decimal(table.cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
+    t = np.array([float(time - times[0]) * size for time in times])  # exact also for a clock since 1970
+    values = [table.numbers(columns) for columns in chosen if columns]
+    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.place(i, *clock), table.notes)

@@ -1,32 +1,40 @@
-"""Waypoints of a tool or of the joints from a table of comma-separated values, as written by CAM systems and scanners."""
+"""Waypoints of a tool or of the joints from a table, as CAM systems, scanners and robots write them."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.model import unit_factors
+from optik.arm.reach import reach_bound
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.file_io import CsvTable, read_csv
+from optik.tables import UNIT_SIZES, Table
+from optik.task import POSE
 from optik.types import Array, Flags
 
-POSITION_COLUMNS = {("x", "y", "z"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
-"""Columns of the position, and metres per unit."""
-QUATERNION_COLUMNS, AXIS_COLUMNS = ("qx", "qy", "qz", "qw"), ("i", "j", "k")
-ANGLE_COLUMNS = {("roll", "pitch", "yaw"): 180.0 / np.pi, ("roll_deg", "pitch_deg", "yaw_deg"): 1.0}
-"""Columns of roll, pitch and yaw, and degrees per unit."""
-ORIENTATION_COLUMNS = (QUATERNION_COLUMNS, *ANGLE_COLUMNS, AXIS_COLUMNS)
+POSITION_COLUMNS = ("x", "y", "z")
+"""Columns of the position."""
+QUATERNION_COLUMNS, ANGLE_COLUMNS = ("qx", "qy", "qz", "qw"), ("roll", "pitch", "yaw")
+ROTATION_COLUMNS, KUKA_COLUMNS = ("rx", "ry", "rz"), ("a", "b", "c")
+AXIS_COLUMNS = (("i", "j", "k"), ("nx", "ny", "nz"))
+ORIENTATION_COLUMNS = (QUATERNION_COLUMNS, ANGLE_COLUMNS, *AXIS_COLUMNS, ROTATION_COLUMNS, KUKA_COLUMNS)
+"""Columns of an orientation: a quaternion; roll, pitch, yaw; an axis; a rotation vector; KUKA's angles about z, y and x."""
+ORIENTATION_UNITS: dict[tuple[str, ...], str] = {ANGLE_COLUMNS: "rad", ROTATION_COLUMNS: "rad", KUKA_COLUMNS: "deg"}
+"""Units of the columns of an orientation where the header has none."""
+ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B,C are KUKA's angles about z, y and x"}
+"""What is assumed of columns that other programs use in another way."""
+LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
+"""Longest rotation vector [rad], more looks like degrees, and shortest axis [1]."""
+FARTHEST_POINT, FARTHEST_REACH = 100.0, 3.0
+"""Farthest point [m], and in reaches of a known arm: larger numbers look like millimetres."""
 ACCEPTED_HEADER = (
     "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
-    "roll_deg,pitch_deg,yaw_deg; i,j,k"
+    "roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz [rad]; A,B,C"
 )
 """The allowed header lines, as an error states them."""
 TOLERANCE_COLUMNS = ("tolerance_mm", "tolerance_deg")
@@ -40,42 +48,36 @@ class JointWaypoint(NamedTuple):
     tolerance: tuple[float, float] | None
 
 
-def read_waypoints(file: str | os.PathLike[str], orientation: ArrayLike | None) -> Array:
-    """Return the poses (k, 4, 4) of a file; see `Polyline.from_csv`."""
-    table = _read(file)
-    if not table.columns:
-        raise InvalidInput(table.header, "no line", ACCEPTED_HEADER)
-    table = table._replace(columns=_header(table.header, table.columns))
-    if len(table.rows) < 2:
-        raise InvalidInput(str(file), "fewer than two rows", "at least two waypoints")
-    turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(table.columns)), ())
-    if turned in ((), AXIS_COLUMNS) and orientation is None:
-        what = "i,j,k, which leave the rotation about the axis free," if turned else "no columns of an orientation"
-        raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because the file has {what}")
-    return _poses(table, _rotation(np.eye(3) if orientation is None else orientation))
+def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | None, unit: str | None) -> Array:
+    """Return the poses (k, 4, 4) of a table; see `Polyline.from_csv`."""
+    table, turned = _resolve(table, {}, unit)
+    table.refuse_others(POSITION_COLUMNS + turned, ACCEPTED_HEADER)
+    if len(table.lines) < 2:
+        raise InvalidInput(table.file, "fewer than two rows", "at least two waypoints")
+    if (turned in AXIS_COLUMNS or not turned) and orientation is None:
+        free = f"{','.join(turned)}, which leave the rotation about the axis free,"
+        what = f"the file has {free if turned else 'no columns of an orientation'}"
+        raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because {what}")
+    return _poses(table, turned, _rotation(np.eye(3) if orientation is None else orientation), robot)
 
 
-def read_joint_waypoints(robot: Robot, file: str | os.PathLike[str]) -> list[JointWaypoint]:
-    """Return the rows of a file, of which the first is a configuration; see `PointToPoint.from_csv`."""
-    table = _read(file)
+def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[JointWaypoint]:
+    """Return the rows of a table, of which the first is a configuration; see `PointToPoint.from_csv`."""
     in_units = [f"q{i + 1}_{'mm' if slides else 'deg'}" for i, slides in enumerate(robot.prismatic)]
     accepted = (
         f"a header line that names {','.join(in_units)} (or q1,… [rad, m]) for {robot.name}, with x_mm,y_mm,z_mm and an "
         f"orientation for rows with poses, and {','.join(TOLERANCE_COLUMNS)} for tolerances"
     )
-    columns = [name.lower() for name in table.columns]
-    plain = [f"q{i + 1}" for i in range(robot.n)]
-    joints, factors = (plain, np.ones(robot.n)) if plain[0] in columns else (in_units, unit_factors(robot))
-    others = [c for c in columns if c not in joints and c not in TOLERANCE_COLUMNS]
-    several = len(columns) != len(set(columns)) or 0 < len(set(TOLERANCE_COLUMNS) & set(columns)) < 2
-    if not set(joints) <= set(columns) or several:
-        raise InvalidInput(table.header, repr(",".join(table.columns))[:160] if columns else "no line", accepted)
-    if others:
-        _header(table.header, others, accepted)
-    table = table._replace(columns=columns)
-    if len(table.rows) < 2:
-        raise InvalidInput(str(file), "fewer than two rows", "a start and a goal")
-    tolerances = TOLERANCE_COLUMNS if TOLERANCE_COLUMNS[0] in columns else ()
+    joints = {f"q{i + 1}": "m" if slides else "rad" for i, slides in enumerate(robot.prismatic)}
+    table, turned = _resolve(table, joints | dict.fromkeys(TOLERANCE_COLUMNS, ""), unit, accepted)
+    names, parts = table.columns, (POSITION_COLUMNS, TOLERANCE_COLUMNS)
+    table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
+    if not set(joints) <= set(names) or any(0 < len(set(part) & set(names)) < len(part) for part in parts):
+        raise table.header_error(accepted)
+    others = [name for name in names if name in POSITION_COLUMNS + turned]
+    if len(table.lines) < 2:
+        raise InvalidInput(table.file, "fewer than two rows", "a start and a goal")
+    tolerances = TOLERANCE_COLUMNS if TOLERANCE_COLUMNS[0] in names else ()
     at_joints, with_tolerance = _filled(table, joints), _filled(table, tolerances)
     at_poses = ~at_joints
     wrong = _filled(table, others) != at_poses
@@ -84,46 +86,62 @@ def read_joint_waypoints(robot: Robot, file: str | os.PathLike[str]) -> list[Joi
         i = int(wrong.argmax()) if wrong.any() else ends[0]
         which = "start, a configuration without a tolerance" if i == 0 else "goal, without a tolerance"
         expected = "a configuration, or a pose and empty cells of the joints" if wrong.any() else f"the {which}"
-        raise InvalidInput(table.places[i], repr(",".join(table.rows[i]))[:100], expected)
-    targets: list[Array] = list(np.zeros(len(table.rows)))
-    q = _part(table, at_joints).numbers(joints) / factors
-    for row, x in zip(np.flatnonzero(at_joints), q, strict=True):
-        targets[row] = x
-    if at_poses.any():
-        poses = _poses(_part(table, at_poses), robot.fk(q[0])[:3, :3])
-        for row, pose in zip(np.flatnonzero(at_poses), poses, strict=True):
-            targets[row] = pose
-    allowed = iter(_part(table, with_tolerance).numbers(tolerances) * [1e-3, np.pi / 180.0] if tolerances else ())
-    return [
-        JointWaypoint(target, (float((x := next(allowed))[0]), float(x[1])) if given else None)
-        for target, given in zip(targets, with_tolerance, strict=True)
-    ]
+        raise InvalidInput(table.place(i), repr(table.lines[i][1])[:100], expected)
+    q = table.part(np.flatnonzero(at_joints)).numbers(list(joints))
+    rows = table.part(np.flatnonzero(at_poses))
+    targets = iter(q), iter(_poses(rows, turned, robot.fk(q[0])[:3, :3], robot) if rows.lines else ())
+    chosen = table.part(np.flatnonzero(with_tolerance))
+    allowed = iter((chosen.numbers(tolerances) * [1e-3, np.pi / 180.0]).tolist() if tolerances else ())
+    given = zip(at_poses.astype(int), with_tolerance, strict=True)
+    return [JointWaypoint(next(targets[kind]), tuple(next(allowed)) if has else None) for kind, has in given]
 
 
-def _filled(table: CsvTable, names: Sequence[str]) -> Flags:
+def _filled(table: Table, names: Iterable[str]) -> Flags:
     """Return the rows whose cells in these columns are filled; all of a row or none must be."""
-    cells = [[bool(row[table.columns.index(name)]) for name in names] for row in table.rows]
-    for place, row in zip(table.places, cells, strict=True):
-        if any(row) and not all(row):
-            empty = names[row.index(False)]
-            raise InvalidInput(
-                f"{place}, column {empty}", "an empty cell", f"numbers in all of {','.join(names)}, or in none"
-            )
-    return np.array([any(row) for row in cells], dtype=np.bool_)
+    names, filled = list(names), []
+    for row in range(len(table.lines)):
+        cells = table.cells(row, names)
+        if any(cells) and not all(cells):
+            empty = names[cells.index("")]
+            expected = f"numbers in all of {','.join(names)}, or in none"
+            raise InvalidInput(table.place(row, empty), "an empty cell", expected)
+        filled.append(any(cells))
+    return np.array(filled, dtype=np.bool_)
 
 
-def _part(table: CsvTable, which: Flags) -> CsvTable:
-    """Return some rows of a table."""
-    chosen = np.flatnonzero(which)
-    return table._replace(rows=[table.rows[i] for i in chosen], places=[table.places[i] for i in chosen])
+def _resolve(
+    table: Table, others: Mapping[str, str], unit: str | None, accepted: str = ACCEPTED_HEADER
+) -> tuple[Table, tuple[str, ...]]:
+    """Return the table with the bare names of its columns, and the columns of its orientation; note what is assumed."""
+    if unit is not None and unit not in UNIT_SIZES[0]:
+        raise InvalidInput("unit", repr(unit)[:60], f"the unit of x,y,z: {', '.join(UNIT_SIZES[0])}")
+    units = {name: ORIENTATION_UNITS.get(names, "") for names in ORIENTATION_COLUMNS for name in names}
+    kuka = set(KUKA_COLUMNS) <= set(table.resolve(units).columns)
+    resolved = table.resolve({**others, **units, **dict.fromkeys(POSITION_COLUMNS, unit or ("mm" if kuka else "m"))})
+    turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(resolved.columns)]
+    if len(turned) > 1 or (not set(POSITION_COLUMNS) <= set(resolved.columns) and (turned or not others)):
+        raise table.header_error(accepted)
+    stated = {resolved.columns[name].unit for name in POSITION_COLUMNS if name in resolved.columns} - {""}
+    if unit is not None and stated - {unit}:
+        raise InvalidInput("unit", repr(unit), f"{', '.join(stated)}, the unit in {table.place()}, or none")
+    table.notes.extend(ASSUMED[names] for names in turned if names in ASSUMED)
+    if kuka and unit is None and not stated:
+        table.notes.append("X,Y,Z are millimetres, as A,B,C are KUKA's")
+    return resolved, turned[0] if turned else ()
 
 
-def _poses(table: CsvTable, first: Array) -> Array:
+def _poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
     """Return the poses (k, 4, 4) of rows; a tool axis has the orientation nearest to the first one."""
-    position = next(names for names in POSITION_COLUMNS if set(names) <= set(table.columns))
-    turned = next((names for names in ORIENTATION_COLUMNS if set(names) <= set(table.columns)), ())
-    p, values = POSITION_COLUMNS[position] * table.numbers(position), table.numbers(turned)
-    return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table.places, turned, values, first), p, strict=True)])
+    p, values = table.numbers(POSITION_COLUMNS), table.numbers(turned)
+    far, most = np.linalg.norm(p, axis=1), FARTHEST_POINT
+    if robot is not None:
+        reach = reach_bound(robot, POSE)
+        most = min(most, FARTHEST_REACH * float(reach[7] + np.linalg.norm(reach[:3]) + np.linalg.norm(reach[3:6])))
+    for row in np.flatnonzero(far > most)[:1]:
+        place, got = table.place(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
+        advice = "unit='mm' takes x,y,z as millimetres"
+        raise InvalidInput(place, got, f"points within {most:.3g} m of the base", advice=advice)
+    return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table, turned, values, first), p, strict=True)])
 
 
 def _rotation(orientation: ArrayLike) -> Array:
@@ -133,49 +151,36 @@ def _rotation(orientation: ArrayLike) -> Array:
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 
-def _read(file: str | os.PathLike[str]) -> CsvTable:
-    """Return the cells of a file."""
-    if not isinstance(file, str | os.PathLike):
-        raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
-    return read_csv(Path(file))
-
-
-def _header(at: str, row: list[str], accepted: str = ACCEPTED_HEADER) -> list[str]:
-    """Return the column names in lower case: one position, at most one orientation, and nothing else."""
-    columns = [name.strip().lower() for name in row]
-    positions = [names for names in POSITION_COLUMNS if set(names) <= set(columns)]
-    turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(columns)]
-    known = {name for names in positions + turned for name in names}
-    wrong = [repr(name.strip()) for name, column in zip(row, columns, strict=True) if column not in known]
-    if len(positions) != 1 or len(turned) > 1 or wrong or len(columns) != len(set(columns)):
-        came = f"{', '.join(wrong)} in " if wrong and positions else ""
-        raise InvalidInput(at, f"{came}{','.join(row)!r}"[:160], accepted)
-    return columns
-
-
-def _rotations(places: list[str], turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
+def _rotations(table: Table, turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
     """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
-        return [first] * len(places)
-    if turned in ANGLE_COLUMNS:
-        return [se3.from_xyz_rpy(np.zeros(3), ANGLE_COLUMNS[turned] * angles)[:3, :3] for angles in values]
+        return [first] * len(values)
+    if turned in (ANGLE_COLUMNS, KUKA_COLUMNS):
+        rpy = values if turned == ANGLE_COLUMNS else values[:, ::-1]
+        return [se3.from_xyz_rpy(np.zeros(3), np.rad2deg(angles))[:3, :3] for angles in rpy]
     length = np.linalg.norm(values, axis=1)
-    off = np.flatnonzero(~(np.abs(length - 1.0) <= se3.QUATERNION_ERROR))
-    if off.size:
-        at = f"{places[off[0]]}, columns {','.join(turned)}"
-        raise InvalidInput(at, f"a vector of length {length[off[0]]:.6g}", "a vector of length 1")
-    values = values / length[:, None]
+    unit = np.abs(length - 1.0) <= se3.QUATERNION_ERROR
+    good, expected = length > SHORTEST_AXIS, "an axis that is not 0"
+    if turned == ROTATION_COLUMNS:
+        good, expected = length <= LONGEST_ROTATION, "a rotation vector of at most a turn [rad]"
     if turned == QUATERNION_COLUMNS:
-        return [se3.from_quaternion(xyzw[[3, 0, 1, 2]]) for xyzw in values]
+        good, expected = unit, "a vector of length 1"
+    for row in np.flatnonzero(~good)[:1]:
+        raise InvalidInput(table.place(row, *turned), f"a vector of length {length[row]:.6g}", expected)
+    if turned == ROTATION_COLUMNS:
+        return list(se3.exp_so3(values))
+    if turned == QUATERNION_COLUMNS:
+        return [se3.from_quaternion(xyzw[[3, 0, 1, 2]]) for xyzw in values / length[:, None]]
+    if not unit.all():
+        table.notes.append(f"axes of lengths {length.min():.4g} to {length.max():.4g} are scaled to 1")
     rotations = [first]
-    for place, axis in zip(places, values, strict=True):
+    for row, axis in enumerate(values / length[:, None]):
         z = rotations[-1][:, 2]
         w, cosine = np.cross(z, -axis), float(-axis @ z)
         sine = float(np.linalg.norm(w))
         if cosine < 0.0 and sine < 1e-6:
-            raise InvalidInput(
-                f"{place}, columns i,j,k", "an axis opposite to the previous one", "a turn of less than 180°"
-            )
+            got = f"an axis opposite to {'the previous one' if row else 'orientation='}"
+            raise InvalidInput(table.place(row, *turned), got, "a turn of less than 180°")
         turn = w * (np.arctan2(sine, cosine) / sine) if sine > 0.0 else np.zeros(3)
         rotations.append(se3.exp_so3(turn) @ rotations[-1])
     return rotations[1:]

@@ -20,6 +20,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
 from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
+from optik.tables import Names, read_table, tell_assumed
 from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
@@ -109,6 +110,7 @@ class PointToPoint(Path):
     """
 
     name: ClassVar[str] = "point_to_point"
+    notes: tuple[str, ...] = ()
     in_joints = True
     points: Sequence[ViaPoint] = ()
     corners: Array | None = None  # (k, n), of the way around obstacles near which the path began
@@ -146,8 +148,11 @@ class PointToPoint(Path):
                 break
 
     @classmethod
-    def from_csv(cls, robot: Robot, file: str | os.PathLike[str]) -> Self:
-        """Return the path through the configurations and poses of a table of comma-separated values.
+    def from_csv(
+        cls, robot: Robot, file: str | os.PathLike[str], *, unit: str | None = None, columns: Names = None,
+        ignore: Names = None,
+    ) -> Self:  # fmt: skip
+        """Return the path through the configurations and poses of a table.
 
         The header names the joints, ``q1_deg``, … (``q1_mm`` if it slides) or ``q1``, … [rad, m], and optionally the columns of
         poses of `Polyline.from_csv`. A row is a configuration or a pose; other cells are empty. The first row is the start,
@@ -159,6 +164,8 @@ class PointToPoint(Path):
             The arm.
         file : str or path
             The table. Its columns ``tolerance_mm`` and ``tolerance_deg`` are the tolerances of via points; empty: exactly.
+        unit, columns, ignore
+            As of `Polyline.from_csv`.
 
         Returns
         -------
@@ -174,17 +181,20 @@ class PointToPoint(Path):
         """
         if not isinstance(robot, Robot):
             raise InvalidInput("robot", repr(robot)[:60], "a Robot")
-        start, *points = read_joint_waypoints(robot, file)
+        table = read_table(file, columns, ignore)
+        start, *points = read_joint_waypoints(robot, table, unit)
 
         def name(text: object) -> str:
             return re.sub(r"\bpoint (\d+)", lambda i: f"row {int(i[1]) + 2} of {os.path.basename(file)}", str(text))
 
         try:
-            return cls(robot, start.target, *(ViaPoint(*point) for point in points))
+            path = cls(robot, start.target, *(ViaPoint(*point) for point in points))
         except InvalidInput as error:
             raise InvalidInput(name(error.argument), name(error.got), name(error.expected)) from None
         except NoSolution as error:
             raise NoSolution(name(error.reason), advice=error.advice) from None
+        path.notes = tell_assumed(file, table.notes)
+        return path
 
     def with_coefficients(self, coefficients: Array) -> PointToPoint:
         """Return the path with other control points.

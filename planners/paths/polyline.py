@@ -13,6 +13,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
+from optik.tables import Names, read_table, tell_assumed
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
 from planners.paths._poses import make_poses, shortest_turn
@@ -96,6 +97,7 @@ class Polyline(Path):
     """
 
     name: ClassVar[str] = "polyline"
+    notes: tuple[str, ...] = ()
 
     def __init__(self, waypoints: ArrayLike, *, blend: ArrayLike = 1e-3, blend_rotation: ArrayLike = 1e-2) -> None:
         self._given = _check_waypoints(waypoints)
@@ -125,20 +127,22 @@ class Polyline(Path):
     @classmethod
     def from_csv(
         cls, file: str | os.PathLike[str], *, orientation: ArrayLike | None = None, blend: float = 1e-3,
-        blend_rotation: float = 1e-2,
+        blend_rotation: float = 1e-2, robot: Robot | None = None, unit: str | None = None, columns: Names = None,
+        ignore: Names = None,
     ) -> Self:  # fmt: skip
-        """Return the polyline through the waypoints of a table of comma-separated values.
+        """Return the polyline through the waypoints of a table.
 
-        The first line is a header. Its names identify the columns, in any order, in upper or lower case:
+        The first line is a header, whose separator holds for the file: semicolons, tabs, commas or spaces. Decimal commas are
+        read, too. The names identify the columns, in any order, in upper or lower case, with units as ``x_mm`` or ``x [mm]``:
 
-        - the position: ``x,y,z`` [m], or ``x_mm,y_mm,z_mm``;
-        - the orientation, if any: a quaternion ``qx,qy,qz,qw``; ``roll,pitch,yaw`` [rad] or ``roll_deg,pitch_deg,yaw_deg``
-          with R = Rz(yaw) Ry(pitch) Rx(roll); or a tool axis ``i,j,k`` of CAM files, or a surface normal. It points away
-          from the workpiece: the tool's z axis is −(i, j, k). Of all orientations with that axis, a waypoint has the one
-          nearest to the waypoint before.
+        - the position ``x,y,z`` [m];
+        - the orientation, if any: a quaternion ``qx,qy,qz,qw``; ``roll,pitch,yaw`` [rad] with R = Rz(yaw) Ry(pitch) Rx(roll); a
+          rotation vector ``rx,ry,rz`` [rad]; KUKA's ``A,B,C`` [deg], beside which x,y,z are millimetres; or a tool axis
+          ``i,j,k`` of CAM files or surface normal ``nx,ny,nz`` of any length. It points away from the workpiece: the tool's z
+          axis is opposite. Of all orientations with that axis, a waypoint has the one nearest to the waypoint before.
 
         Positions and orientations are those of the tool in the base frame. Empty lines and lines that begin with ``#`` are
-        skipped.
+        skipped. What is assumed is in the attribute ``notes`` of the result, and in an `AssumptionWarning`.
 
         Parameters
         ----------
@@ -149,6 +153,14 @@ class Polyline(Path):
             waypoint has the orientation nearest to it.
         blend, blend_rotation : float
             As of `Polyline` [m, rad].
+        robot : Robot, optional
+            The arm: points beyond three times its reach are refused, because they look like millimetres.
+        unit : {"m", "mm", "cm", "in"}, optional
+            Unit of x,y,z, if the header has none.
+        columns : str or sequence of str, optional
+            Names of the columns of a file without a header, or new names of all columns: ``"x,y,z"``.
+        ignore : str or sequence of str, optional
+            Columns of the file that are left out.
 
         Returns
         -------
@@ -159,9 +171,12 @@ class Polyline(Path):
         ------
         InvalidInput
             A file that cannot be read; unknown columns or an invalid value (the error names line and column); no
-            ``orientation`` although the file needs one; waypoints that do not form a polyline.
+            ``orientation`` although the file needs one; points beyond 100 m; waypoints that do not form a polyline.
         """
-        return cls(read_waypoints(file, orientation), blend=blend, blend_rotation=blend_rotation)
+        table = read_table(file, columns, ignore)
+        path = cls(read_waypoints(table, orientation, robot, unit), blend=blend, blend_rotation=blend_rotation)
+        path.notes = tell_assumed(file, table.notes)
+        return path
 
     @property
     def end(self) -> float:

@@ -15,13 +15,14 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, write_atomically
+from optik.scene.messages import LONGEST_DURATION
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.checks import JUMP
 from planners.certificate.violation import Allow, required_limits
 from planners.following.failure import joint_unit
 from planners.limits import DERIVATIVES
 from planners.motion import HasMotion, Motion, get_motion
-from planners.ros.message import LONGEST_DURATION, Form, quoted, to_text
+from planners.ros.message import Form, quoted, to_text
 from planners.ros.pace import ADVICE, WHOLE_PERIOD, at_rest, find_judged_limits, fit_pace
 from planners.trajectory import Trajectory
 

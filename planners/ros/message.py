@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from optik.arm.plain import read_list
 from optik.errors import InvalidInput
 from optik.file_io import parse_json, parse_yaml
+from optik.scene.messages import NANOSECONDS, read_floats, read_time
 from optik.types import Array
 from planners.controller import count_derivatives, sample_states, trajectory_through
-from planners.ros.replies import NANOSECONDS, write_time
+from planners.ros.replies import write_time
 from planners.trajectory import Trajectory
 
 Times = NDArray[np.int64]
-
-
-LONGEST_DURATION = 2**31 - 1
-"""Longest ROS duration [s]: its seconds are a signed integer of 32 bits."""
 POINT_FIELDS = ("positions", "velocities", "accelerations")
 """Fields of a point that controllers interpolate through, by order of derivative."""
 
@@ -52,66 +51,78 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
     return {"header": header, "joint_names": list(form.columns), "points": points}
 
 
-def reconstruct(message: Any, names: list[str], interpolation: str | None = None) -> Trajectory:
+class Setpoints(NamedTuple):
+    """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
+
+    `from_start` says whether the clock starts with the motion; `place` names a row for errors; `notes` are assumptions.
+    """
+
+    t: Array
+    begin: float
+    values: list[Array]
+    from_start: bool
+    place: Callable[[int], str]
+    notes: list[str]
+
+
+def reconstruct(message: Any, names: list[str]) -> Trajectory:
     """Return the motion of a message after interpolation by ROS 2's joint_trajectory_controller.
 
     Between two points it interpolates by quintics if both have velocities and accelerations, by cubics if both have
     velocities, and linearly otherwise (ros2_controllers, trajectory.cpp, interpolate_between_points).
     """
+    found = read_points(message, names)
+    return trajectory_through(found.t, *found.values)
+
+
+def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> Setpoints:
+    """Return the setpoints of a message, or of columns in JSON: ``times``, ``positions`` and others."""
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
-    found, points = message.get("joint_names"), message.get("points")
-    if not isinstance(found, list) or sorted(map(str, found)) != sorted(names):
-        raise InvalidInput("joint_names", repr(found)[:120], f"{', '.join(names)} in any order")
+    order, points, times = (
+        order_joints(message.get("joint_names"), names, ignore),
+        message.get("points"),
+        message.get("times"),
+    )
+    if times is not None:
+        rows = {field: message[field] for field in POINT_FIELDS if message.get(field)}
+        for field, row in rows.items():
+            read_list(row, field, f"{len(times)} rows, one for each time", len(read_list(times, "times")))
+        points = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
     if not isinstance(points, list) or len(points) < 2 or not all(isinstance(p, dict) for p in points):
         raise InvalidInput("points", repr(points)[:60], "at least two points")
-    times, order = _times(points), [found.index(name) for name in names]
     fields = [f for f in POINT_FIELDS if f == "positions" or any(p.get(f) for p in points)]
     if fields == ["positions", "accelerations"]:
         raise InvalidInput("points", "accelerations without velocities", "velocities, too")
-    count = len(fields) if interpolation is None else count_derivatives(interpolation)
-    if count > len(fields):
-        raise InvalidInput("interpolation", repr(interpolation), f"one through {', '.join(fields)}")
-    fields = fields[:count]
-    return trajectory_through(times / NANOSECONDS, *(_rows(points, field, len(names))[:, order] for field in fields))
+    count, values = len(message["joint_names"]), []
+    for field in fields:
+        for i in [i for i, p in enumerate(points) if not p.get(field)][:1]:
+            raise InvalidInput(f"points[{i}].{field}", "none", f"{count} numbers, in all points or in none")
+        read = [read_floats(p.get(field), f"points[{i}].{field}", count) for i, p in enumerate(points)]
+        values.append(np.array(read)[:, order])
+    if times is not None:
+        t = read_floats(times, "times", len(points))
+        return Setpoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
+    ns = np.array(
+        [read_time(p.get("time_from_start", {}), f"points[{i}].time_from_start") for i, p in enumerate(points)]
+    )
+    t = (ns - ns[0]) / NANOSECONDS
+    return Setpoints(t, ns[0] / NANOSECONDS, values, True, "points[{}].time_from_start".format, [])
 
 
-def _times(points: list[dict[str, Any]]) -> Times:
-    times = np.array([_nanoseconds(p.get("time_from_start"), f"points[{i}]") for i, p in enumerate(points)])
-    if times[0]:
+def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[int]:
+    """Return the place of each joint among the joints of a message; others must be ignored."""
+    listed = list(map(str, found)) if isinstance(found, list) else []
+    others = [name for name in listed if name not in names and name not in ignore]
+    if len(set(listed)) != len(listed) or not set(names) <= set(listed) or others:
+        got = f"{', '.join(others)} in {', '.join(listed)}" if others else repr(found)
+        advice = f"ignore={','.join(others)!r} leaves joints out" if others else ""
+        raise InvalidInput("joint_names", got[:120], f"{', '.join(names)} in any order", advice=advice)
+    for name in (name for name in ignore if name not in listed or name in names):
         raise InvalidInput(
-            "points[0].time_from_start",
-            f"{times[0]} ns",
-            "0, the start of the motion",
+            "ignore", repr(name)[:60], f"joints of the file that are not the arm's: {', '.join(listed)}"[:200]
         )
-    if (np.diff(times) <= 0).any():
-        i = int(np.argmax(np.diff(times) <= 0))
-        got = f"{times[i + 1]} ns after {times[i]} ns"
-        raise InvalidInput(f"points[{i + 1}].time_from_start", got, "increasing times")
-    return times
-
-
-def _nanoseconds(time: Any, point: str) -> int:
-    sec, nanosec = (time.get(k) for k in ("sec", "nanosec")) if isinstance(time, dict) else (None, None)
-    if type(sec) is int and type(nanosec) is int and 0 <= sec <= LONGEST_DURATION and 0 <= nanosec < NANOSECONDS:
-        return sec * NANOSECONDS + nanosec
-    raise InvalidInput(f"{point}.time_from_start", repr(time)[:80], "sec and nanosec, integers from 0")
-
-
-def _rows(points: list[dict[str, Any]], field: str, n: int) -> Array:
-    """Return the values (k, n) of one field of all points."""
-    rows = []
-    for i, point in enumerate(points):
-        row = point.get(field)
-        try:
-            good = isinstance(row, list) and len(row) == n and all(type(x) in (int, float) for x in row)
-            values = np.array(row, dtype=np.float64) if good else None
-        except OverflowError:  # an integer beyond all floats
-            values = None
-        if values is None or not np.isfinite(values).all():
-            raise InvalidInput(f"points[{i}].{field}", repr(row)[:80], f"{n} finite numbers, in all points or in none")
-        rows.append(values)
-    return np.array(rows)
+    return [listed.index(name) for name in names]
 
 
 # ---------------------------------------------------------------- text

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from optik.errors import InvalidInput, NoSolution
+from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.controller import POINTS, count_derivatives
@@ -16,7 +17,6 @@ from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
 from planners.ros.message import Form, Times, message_of, reconstruct
-from planners.ros.replies import NANOSECONDS
 from planners.trajectory import Trajectory, append_rest
 
 SLOWINGS = 20

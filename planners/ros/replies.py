@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optik.errors import InvalidInput
+from optik.scene.messages import NANOSECONDS, read_fields, read_time
 from optik.types import Array
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
@@ -19,8 +20,6 @@ STATES = "/joint_states"
 """Topic of the joint_state_broadcaster."""
 STATES_TYPE = "sensor_msgs/msg/JointState"
 """Type of its messages."""
-NANOSECONDS = 1_000_000_000
-"""Nanoseconds in a second; ROS times are whole nanoseconds."""
 
 
 class GoalState(IntEnum):
@@ -64,7 +63,7 @@ class Result(NamedTuple):
 
 def read_states(message: Any) -> States:
     """Read a ``sensor_msgs/JointState``."""
-    message = _mapping(message, "joint state")
+    message = read_fields(message, "joint state")
     names = _names(message.get("name"), "name")
     positions = read_numbers(message.get("position"), len(names), "position")
     given = message.get("velocity")
@@ -74,9 +73,9 @@ def read_states(message: Any) -> States:
 
 def read_feedback(values: Any) -> Feedback:
     """Read the feedback of a ``FollowJointTrajectory`` goal."""
-    values = _mapping(values, "feedback")
+    values = read_fields(values, "feedback")
     names = _names(values.get("joint_names"), "joint_names")
-    desired = _mapping(values.get("desired"), "desired")
+    desired = read_fields(values.get("desired"), "desired")
     rows: dict[str, Array] = {}
     for field in ("positions", "velocities", "accelerations"):
         given = desired.get(field)
@@ -90,7 +89,7 @@ def read_feedback(values: Any) -> Feedback:
 
 def read_result(state: Any, values: Any) -> Result:
     """Read the result of a ``FollowJointTrajectory`` goal."""
-    values = _mapping(values, "result")
+    values = read_fields(values, "result")
     if isinstance(values.get("result"), Mapping):
         state, values = values.get("status", state), values["result"]
     known = [each.value for each in GoalState]
@@ -102,11 +101,8 @@ def read_result(state: Any, values: Any) -> Result:
 
 def read_stamp(message: Mapping[str, Any], what: str) -> int:
     """Read the time stamp of a message's header."""
-    stamp = _mapping(_mapping(message.get("header", {}), f"{what}.header").get("stamp", {}), f"{what}.header.stamp")
-    sec, nanosec = stamp.get("sec", 0), stamp.get("nanosec", 0)
-    if type(sec) is not int or type(nanosec) is not int or not (0 <= nanosec < NANOSECONDS and sec >= 0):
-        raise InvalidInput(f"{what}.header.stamp", repr(dict(stamp))[:60], "sec and nanosec, integers from 0")
-    return sec * NANOSECONDS + nanosec
+    header = read_fields(message.get("header", {}), f"{what}.header")
+    return read_time(header.get("stamp", {}), f"{what}.header.stamp")
 
 
 def write_time(stamp: int) -> dict[str, int]:
@@ -131,12 +127,6 @@ def check_name(name: str, argument: str) -> str:
     if not all(part.isidentifier() and part.isascii() for part in parts):
         raise InvalidInput(argument, repr(name)[:80], "a name of ROS, such as /joint_states")
     return name
-
-
-def _mapping(value: Any, what: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InvalidInput(what, repr(value)[:80], "a message with named fields")
-    return value
 
 
 def _names(value: Any, field: str) -> tuple[str, ...]:

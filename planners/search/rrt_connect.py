@@ -13,7 +13,7 @@ from planners.search.base import Attempt, JointSpace, Search
 
 NODES_OF_A_SAMPLE = 4
 """Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
-GROWTH, MOST_RESTART = 4, 1_000_000
+RESTART_GROWTH, MOST_RESTART = 4, 1_000_000
 """Factor of the second number of samples before a restart over the first; and the largest: more trees would fill the memory."""
 
 
@@ -42,7 +42,7 @@ class RRTConnect(Search):
     def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
         used, attempt, ranges = 0, 0, np.stack(space.find_range(np.array([start, *goals])))
         while used < self.max_samples:
-            most = self.restart * GROWTH**attempt if attempt < 2 else MOST_RESTART
+            most = self.restart * RESTART_GROWTH**attempt if attempt < 2 else MOST_RESTART
             count = min(most, MOST_RESTART, self.max_samples - used)
             attempt += 1
             samples = np.random.default_rng((*seed, attempt)).uniform(ranges[0], ranges[1], (count, len(start)))

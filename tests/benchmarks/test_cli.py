@@ -118,6 +118,56 @@ def test_plan_polyline_begins_at_the_first_waypoint_of_a_table(tmp_path: Path) -
     assert np.abs(tool[:, :3, 2] - T[:3, 2]).max() < 1e-5
 
 
+TWO = """<robot name="two"><link name="base"/><link name="a"/><link name="b"/>
+<joint name="j1" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit velocity="3" effort="9"/>
+</joint><joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.5 0 0"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" velocity="3" effort="9"/></joint></robot>"""
+LOG = "time_from_start;a1;a2;effort\n0,25;3,12;0;1\n0,5;-3,1;0;1\n0,75;-3,05;0,1;1\n"
+
+
+@pytest.mark.filterwarnings("always::optik.errors.AssumptionWarning")
+def test_certify_reads_a_table_of_another_program(tmp_path: Path, typed: Any) -> None:
+    (arm := tmp_path / "two.urdf").write_text(TWO)
+    (log := tmp_path / "log.csv").write_text(LOG)
+    given = ["certify", str(log), "--robot", str(arm), "--acceleration", "1000", "--interpolation", "spline"]
+    for option in (
+        ["--columns", "time_from_start,j1,j2,effort"], ["--ignore", "effort"], ["--start-deg", "178.2,0"],
+        ["--unwrap", "j1"],
+    ):  # fmt: skip
+        status, _, said = typed(*given)
+        assert status == 2 and said.count("error:") == 1 and said.strip().count("\n") == 0, said
+        if option[0] != "--columns":  # each error names the option that is added next
+            assert " ".join(option[:1] + [option[1]] * (option[0] != "--start-deg")) in said, said
+        given += option
+    status, out, said = typed(*given)
+    assert status == 0 and "certificate valid" in out and "log.csv: 0.7500 s" in out and "path error" not in out
+    words = ["the columns time_from_start,a1,a2,effort are taken as", "decimal commas", "at rest at the start"]
+    assert all(each in said for each in words), said
+    status, out, _ = typed(*given, "--json")
+    data = json.loads(out)
+    assert typed(*given, "--velocity", "0.1")[0] == 1
+    assert status == 0 and len(data["notes"]) == 3 and data["duration"] == 0.75
+    turned = np.array([178.2 * np.pi / 180.0, 3.12, -3.1 + 2.0 * np.pi, -3.05 + 2.0 * np.pi])
+    assert data["velocity"]["value"][0] == pytest.approx(
+        planners.load_trajectory(
+            log, optik.load(arm), columns="time_from_start,j1,j2,effort", ignore="effort", start=[turned[0], 0.0],
+            unwrap="j1", interpolation="spline",
+        ).extrema(1).worst[0]
+    )  # fmt: skip
+
+
+def test_waypoints_of_another_program_are_refused_with_the_option(tmp_path: Path, typed: Any) -> None:
+    (file := tmp_path / "seam.csv").write_text("x,y,z,feed\n400,0,300,1\n450,50,300,1\n")
+    given = ["plan", "polyline", "--waypoints", str(file), "--robot", "ur5e", "--jerk", "50"]
+    for option in (["--ignore", "feed"], ["--unit", "mm"]):
+        status, _, said = typed(*given)
+        assert status == 2 and " ".join(option) in said
+        given += option
+    assert typed(*given)[0] in (0, 1)
+    status, _, said = typed(*given, "--columns", "x,y,feed")
+    assert status == 2 and "line 2" in said
+
+
 def test_plan_polyline_keeps_a_speed_for_each_segment() -> None:
     p = optik.load("paper6r").fk(np.deg2rad([float(v) for v in START.split(",")]))[:3, 3]
     words = [",".join(f"{v:.9f}" for v in p + np.array(move)) for move in ([0.03, 0.0, 0.0], [0.03, 0.0, 0.03])]

@@ -2,6 +2,7 @@
 
 import os
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import se3
-from optik.errors import InvalidInput, OptikError, UnknownName
+from optik.errors import AssumptionWarning, InvalidInput, OptikError, UnknownName
 from optik.types import Array
 
 yaml = pytest.importorskip("yaml")
@@ -98,6 +99,110 @@ def test_objects_that_are_added_and_links_of_their_own_size_change_nothing(tmp_p
         assert load(tmp_path, text) == load(tmp_path, SCENE)
 
 
+def test_missing_fields_have_the_defaults_of_the_messages(tmp_path: Path) -> None:
+    whole, quarter = (
+        "{x: 0, y: 0, z: 2}, orientation: {x: 0, y: 0, z: 0, w: 1}",
+        "[0, 0, 0.7071067811865476, 0.7071067811865476]",
+    )
+    assert whole in SCENE
+    for part in ("{z: 2}, orientation: {w: 1}", "{z: 2}, orientation: {x: 0}", "{z: 2}"):
+        assert load(tmp_path, SCENE.replace(whole, part)) == load(tmp_path, SCENE)
+    one = "world: {collision_objects: [{id: a, primitives: [{type: sphere, dimensions: [0.1]}], pose: {position: {x: 1}}}]}"
+    centre, radius = load(tmp_path, one).spheres[0]
+    assert (centre.tolist(), radius) == ([1.0, 0.0, 0.0], 0.1)
+    named = SCENE.replace(f"rotation: {quarter}}}", "rotation: {z: 0.7071067811865476, w: 0.7071067811865476}}")
+    assert named != SCENE and load(tmp_path, named) == load(tmp_path, SCENE)
+
+
+def test_a_difference_is_read_as_the_whole_scene_and_says_so(tmp_path: Path) -> None:
+    with pytest.warns(AssumptionWarning, match=r"scene\.yaml: is_diff"):
+        scene = load(tmp_path, "is_diff: true\n" + SCENE)
+    assert scene == load(tmp_path, SCENE)
+    assert len(scene.notes) == 1 and "is_diff" in scene.notes[0]
+    assert load(tmp_path, SCENE).notes == () and replace(scene, margin=0.1).notes == scene.notes
+
+
+TEXT = """cell
+* table top
+{pose}2
+box
+1.0 0.8 0.04
+0.5 0 -0.02
+0 0 0.7071067811865476 0.7071067811865476
+0 0 0 0
+cylinder
+0.05 0.6
+0.4 -0.4 0.3
+0 0 0 1
+1 0 0 1
+{subframes}* wedge
+{pose}1
+mesh
+4 4
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+0 1 2
+0 1 3
+0 2 3
+1 2 3
+0 0 5
+0 0 0 1
+0 0 0 0
+{subframes}* rest
+{pose}2
+sphere
+0.1
+0 0 2
+0 0 0 1
+0 0 0 0
+plane
+0 0 2 1
+0 0 0
+0 0 0 1
+0 0 0 0
+{subframes}.
+"""
+OLD = TEXT.format(pose="", subframes="")
+NEW = TEXT.format(pose="0 0 1\n0 0 0 1\n", subframes="1\ngrip\n0 0 0.1\n0 0 0 1\n")
+
+
+def load_text(tmp_path: Path, text: str) -> optik.Scene:
+    (tmp_path / "cell.scene").write_text(text, encoding="utf-8")
+    return optik.Scene.load(tmp_path / "cell.scene")
+
+
+@pytest.mark.parametrize(("text", "height"), [(OLD, 0.0), (NEW, 1.0)])
+def test_the_text_format_of_moveit_is_read_in_both_versions(tmp_path: Path, text: str, height: float) -> None:
+    scene, up = load_text(tmp_path, text), height
+    assert scene.names == ("table top", "rest", "rest#2", "table top#2", "wedge")
+    (T, edges), (centre, radius), (a, b, thick) = scene.boxes[0], scene.spheres[0], scene.cylinders[0]
+    np.testing.assert_allclose(T, quarter_turn((0.5, 0.0, up - 0.02)), rtol=0, atol=1e-15)
+    assert (edges.tolist(), centre.tolist(), radius, thick) == ([1.0, 0.8, 0.04], [0.0, 0.0, 2.0 + height], 0.1, 0.05)
+    np.testing.assert_allclose([a, b], [[0.4, -0.4, up], [0.4, -0.4, up + 0.6]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(scene.planes[0], [[0.0, 0.0, up - 0.5], [0.0, 0.0, 1.0]], rtol=0, atol=1e-15)
+    corners = {tuple(p) for p in np.round(scene.meshes[0] - [0.0, 0.0, up], 12).tolist()}
+    assert corners == {(0, 0, 5), (1, 0, 5), (0, 1, 5), (0, 0, 6)}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "line 0.*complete scene"), ("cell\n", "complete scene"), (OLD[:-2], "complete scene"),
+        (OLD.replace("* wedge", "wedge"), r"line 14: .*; got 'wedge'"), (OLD.replace("* rest\n2", "* rest\n3"), "line"),
+        (OLD.replace("4 4\n", "4 1000000000000\n"), "line"), (OLD.replace("box\n", "cone\n"), "box, sphere, cylinder"),
+        (OLD.replace("1.0 0.8 0.04", "1.0 0.8"), "3 finite numbers"), (OLD.replace("1.0 0.8", "1.0 nan"), "3 finite numbers"),
+        (OLD.replace("0 0 0 1\n1 0 0 1", "0 0 0 0\n1 0 0 1"), r"unit quaternion x, y, z, w; got \[0.0"),
+        (OLD.replace("* rest", "* wedge"), r"collision_objects\[2\].id"), ("cell\n.\n", "at least one object"),
+    ],
+)  # fmt: skip
+def test_a_damaged_text_of_a_scene_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InvalidInput, match=words) as caught:
+        load_text(tmp_path, text)
+    assert "\n" not in str(caught.value) and "cell.scene" in str(caught.value)
+
+
 def test_an_empty_octomap_is_no_obstacle(tmp_path: Path) -> None:
     text = SCENE.replace("world:\n", "world:\n  octomap: {octomap: {resolution: 0.0, data: []}}\n")
     assert text != SCENE
@@ -139,7 +244,11 @@ BAD = [
     ("world: {}", "at least one object"),
     ("world: {collision_object: []}", "collision_object unknown"),
     ("world: {collision_objects: null}\nis_dif: false", "is_dif unknown"),
-    ("is_diff: true\n" + SCENE, "is_diff: expected false"),
+    (
+        SCENE.replace("id: can", "id: shelf"),
+        r"collision_objects\[1\].id: .*than collision_objects\[0\] has; got 'shelf'",
+    ),
+    (SCENE.replace("{x: 0, y: 0, z: 2}", "{X: 0}"), "the field 'X'"),
     ("world: {collision_objects: [{id: a}]}", "'a' without parts"),
     (SCENE.replace("primitives: [", "primitve: ["), "primitve unknown"),
     (SCENE.replace("type: cylinder", "type: true"), "box, sphere, cylinder"),
@@ -158,7 +267,10 @@ BAD = [
     (SCENE.replace("[0.14, 0.03]", "[0.14, -3]"), "above 0"),
     (SCENE.replace("[0.14, 0.03]", "[1400, 300]"), "cylinders"),
     (SCENE.replace("[1e-05, 0, 0.5]", "[a, 0, 0.5]"), "3 finite numbers"),
-    (SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2]"), "unit quaternion"),
+    (
+        SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2]"),
+        r"x, y, z, w; got \[0.0, 0.0, 0.0, 2.0\] of length 2",
+    ),
     (SCENE.replace("orientation: [0, 0, 0, 1]", "orientation: [0, 0, 0, 2e200]"), "unit quaternion"),
     (SCENE.replace("[1e-05, 0, 0.5]", f"[{2**63}, 0, 0.5]"), "millimetres"),
     (SCENE.replace("coef: [0, 0, 2, 1]", "coef: [0, 0, 0, 1]"), "not 0"),

@@ -18,14 +18,14 @@ from scipy.interpolate import PPoly
 
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
+from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
 from planners.files._setpoints import load_trajectory
 from planners.motion import Motion, get_motion
 from planners.ros.export import to_ros
-from planners.ros.message import LONGEST_DURATION, _to_yaml
+from planners.ros.message import _to_yaml
 from planners.ros.pace import NEAR_KNOT
-from planners.ros.replies import NANOSECONDS
 from planners.trajectory import cut_before
 from tests import oracles
 from tests.planners.cases import MOVE, START, default_line, moved, paper6r
@@ -281,7 +281,7 @@ def test_the_longest_time_of_ros_is_a_time_and_equal_times_are_named(tmp_path: P
     last["time_from_start"] = {"sec": 1, "nanosec": 0}
     message["points"] += [last | {"time_from_start": {"sec": 2, "nanosec": 0}}] * 2
     file.write_text(json.dumps(message))
-    with pytest.raises(InvalidInput, match=r"points\[3\]\.time_from_start.* got 2000000000 ns after 2000000000 ns"):
+    with pytest.raises(InvalidInput, match=r"points\[3\]\.time_from_start.* got 2 s after 2 s"):
         load_trajectory(file, paper6r())
 
 
@@ -508,12 +508,14 @@ WRONG: dict[str, tuple[Callable[[Any], Any], str]] = {
     "one point": (lambda m: m.update(points=m["points"][:1]), "at least two points"),
     "a point that is none": (lambda m: m["points"].insert(1, 3), "points"),
     "no time": (lambda m: m["points"][1].pop("time_from_start"), r"points\[1\].time_from_start"),
-    "times of ROS 1": (with_time(1, {"secs": 0, "nsecs": 5}), r"points\[1\].time_from_start"),
+    "times of ROS 1 and 2": (with_time(1, {"sec": 0, "nsecs": 5}), "secs and nsecs of ROS 1"),
+    "a time in whole numbers": (with_time(1, 1), "seconds with a decimal point"),
+    "a time that is no number": (with_time(1, 1e10), "seconds with a decimal point"),
     "a time in fractions": (with_time(1, {"sec": 0.5, "nanosec": 0}), "sec and nanosec, integers from 0"),
     "a time below 0": (with_time(1, {"sec": -1, "nanosec": 0}), "sec and nanosec, integers from 0"),
     "nanoseconds beyond a second": (with_time(1, {"sec": 0, "nanosec": 10**9}), "sec and nanosec, integers from 0"),
-    "a first point later": (with_time(0, {"sec": 0, "nanosec": 1}), r"points\[0\].time_from_start.* got 1 ns"),
-    "a time twice": (with_time(1, {"sec": 0, "nanosec": 0}), r"points\[1\].time_from_start.* got 0 ns after 0 ns"),
+    "a first point later": (with_time(0, {"sec": 0, "nanosec": 1}), r"points\[0\].time_from_start.* got 1e-09 s; start=Q"),
+    "a time twice": (with_time(1, {"sec": 0, "nanosec": 0}), r"points\[1\].time_from_start.* got 0 s after 0 s"),
     "positions of five joints": (lambda m: m["points"][2]["positions"].pop(), r"points\[2\].positions"),
     "no positions": (with_field(1, "positions", []), r"points\[1\].positions"),
     "velocities in some points": (with_field(1, "velocities", []), r"points\[1\].velocities.*in all points or in none"),

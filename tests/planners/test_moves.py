@@ -74,6 +74,6 @@ def test_a_free_move_around_obstacles_is_as_fast_as_its_slowest_joint() -> None:
 
 def test_a_move_through_via_points_states_that_of_its_ends() -> None:
     goal = START + 0.5
-    path = PointToPoint(paper6r(), START, START + [0.9, 0, 0, 0, 0, 0], goal)
+    path = PointToPoint(paper6r(), START, START + np.array([0.9, 0, 0, 0, 0, 0]), goal)
     move = plan(paper6r(), path, START, limits=LIMITS)
     assert move and 1.2 * move.least_duration < move.trajectory.duration

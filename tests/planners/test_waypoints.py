@@ -1,5 +1,6 @@
 """Waypoints from tables of comma-separated values: every accepted header, and errors that name line and column."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from optik import load
-from optik.errors import InvalidInput
+from optik.errors import AssumptionWarning, InvalidInput
 from optik.ik import Tolerance
 from optik.types import Array
 from planners import PointToPoint, Polyline, ViaPoint
@@ -70,13 +71,22 @@ def test_every_header_gives_the_poses_that_were_written(
         ("", ["no line", "header"]),
         ("0,0,0\n1,0,0\n", ["line 1", "'0,0,0'"]),
         ("x,y\n0,0\n", ["line 1", "x_mm,y_mm,z_mm"]),
-        ("x;y;z\n0;0;0\n", ["line 1", "'x;y;z'"]),
-        ("x,y,z,feed\n0,0,0,1\n", ["line 1", "'feed'"]),
-        ("x,y,z,rx,ry,rz\n0,0,0,1,0,0\n", ["line 1", "'rx', 'ry', 'rz'"]),
+        ("x;y;z\n0,0,0\n", ["line 2", "1 values", "separated by semicolons"]),
+        ("x,y,z\n0,4,0,5,0,3\n1,2,3\n", ["line 2", "6 values", "decimal commas need another separator"]),
+        ('x,y,z\n"1,234",0,0\n1,2,3\n', ["line 2", "'1,234'", "one decimal mark"]),
+        ("x;y;z\n0,4;0;0\n0.5;0;0\n", ["line 3", "'0.5'", "one decimal mark"]),
+        ("x;y;z\n1.234,5;0;0\n0,5;0;0\n", ["line 2, column x", "'1.234,5'", "a finite number"]),
+        ("x_mm,y,z\n0,0,0\n1,1,1\n", ["line 1, columns y,z", "a unit for each of x,y,z"]),
+        ("x [deg],y [deg],z [deg]\n0,0,0\n1,1,1\n", ["line 1", "x_mm,y_mm,z_mm"]),
+        ("x,y,z\n0,0,0\n400,0,300\n", ["line 3, columns x,y,z", "a coordinate of 400 m", "unit='mm'"]),
+        ("x,y,z,rx,ry,rz\n0,0,0,0,180,0\n1,0,0,0,180,0\n", ["line 2, columns rx,ry,rz", "length 180", "at most a turn"]),
+        ("x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,0\n", ["line 3, columns nx,ny,nz", "length 0", "not 0"]),
+        ('x,y,z\n0,0,"0\n1,1,1\n', ["line 2", "closed quotes"]),
+        ("x,y,z,feed\n0,0,0,1\n", ["line 1", "'feed'", "ignore='feed'"]),
         ("x,y,z,x_mm,y_mm,z_mm\n", ["line 1"]),
         ("x,y,z,x\n", ["line 1"]),
         ("x,y,z,i,j,k,qx,qy,qz,qw\n", ["line 1"]),
-        ("x,y,z,qx,qy,qz\n", ["line 1", "'qx'"]),
+        ("x,y,z,qx,qy,qz\n", ["line 1", "got 'x,y,z,qx,qy,qz'"]),
         (HEAD + "1,2\n", ["line 3", "3, one for each column", "2 values"]),
         (HEAD + "1,2,3,4\n", ["line 3", "4 values"]),
         (HEAD + "\n# a remark\n1,,3\n", ["line 5, column y", "''"]),
@@ -84,7 +94,8 @@ def test_every_header_gives_the_poses_that_were_written(
         (HEAD + "1,2,0x3\n", ["line 3, column z"]),
         (HEAD, ["fewer than two rows", "at least two"]),
         (HEAD + "0,0,0\n", ["equal poses"]),
-        ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,2\n", ["line 3, columns i,j,k", "length 2"]),
+        ("x,y,z,i,j,k\n0,0,0,0,0,-1\n", ["fewer than two rows"]),
+        ("x,y,z,i,j,k\n0,0,0,0,0,-1\n1,0,0,0,0,-1\n", ["line 2, columns i,j,k", "opposite to orientation="]),
         ("x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,-1\n", ["line 3, columns i,j,k", "opposite"]),
         ("x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,1\n1,0,0,0,0,0,0\n", ["line 3, columns qx,qy,qz,qw", "length 0"]),
     ],
@@ -97,6 +108,80 @@ def test_a_wrong_table_is_refused_with_line_and_column(tmp_path: Path, text: str
         Polyline.from_csv(file, orientation=down)
     for word in words:
         assert word in str(info.value), str(info.value)
+
+
+ROWS = [(0.4, 0.0, 0.3), (0.45, 0.05, 0.3), (0.5, 0.05, 0.28)]
+
+
+def seam(head: str, tail: str, scale: float = 1.0, separator: str = ",") -> str:
+    """Write three points, with the same orientation each."""
+    lines = [head, *(",".join(f"{scale * x:.9g}" for x in p) + f",{tail}" for p in ROWS)]
+    return "\n".join(lines).replace(",", separator) + "\n"
+
+
+TILT = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "rotation", "notes"),
+    [
+        (seam("x,y,z,rx,ry,rz", ",".join(map(str, TILT.as_rotvec()))), {}, TILT, ["rotation vectors"]),
+        (seam("X,Y,Z,A,B,C", "30,20,10", 1e3), {}, TILT, ["KUKA", "millimetres"]),
+        (seam("X_mm,Y_mm,Z_mm,A,B,C", "30,20,10", 1e3), {}, TILT, ["KUKA"]),
+        (seam("X,Y,Z,A,B,C", "30,20,10"), {"unit": "m"}, TILT, ["KUKA"]),
+        (seam("x [cm];y [cm];z [cm];yaw [deg];pitch [deg];roll [deg]", "30,20,10", 1e2, ";"), {}, TILT, []),
+        (seam("x,y,z,yaw,pitch,roll", ",".join(map(str, np.deg2rad([30, 20, 10])))), {}, TILT, []),
+        (seam("x,y,z,nx,ny,nz", "0,0,1"), {}, Rotation.from_euler("x", np.pi), []),
+        (seam("x,y,z,i,j,k", "0,0,2.5"), {}, Rotation.from_euler("x", np.pi), ["axes of lengths 2.5 to 2.5"]),
+        (seam("x,y,z,feed", "20"), {"ignore": "feed"}, None, []), (seam("a,b,c,d", "20", 1e3), {"columns": "x,y,z,feed",
+         "ignore": ["feed"], "unit": "mm"}, None, ["the columns a,b,c,d are taken as x,y,z,feed"]),
+        (seam("x\ty\tz\tremark", "far away", 1.0, "\t"), {"ignore": "remark"}, None, []),
+        (seam("", "1"), {"columns": "x,y,z,n", "ignore": "n"}, None, []),
+    ],
+)  # fmt: skip
+def test_seams_of_other_programs_are_read(
+    tmp_path: Path, text: str, options: Any, rotation: Rotation | None, notes: list[str]
+) -> None:
+    (file := tmp_path / "seam.csv").write_text(text)
+    down = np.diag([1.0, -1.0, -1.0])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        path = Polyline.from_csv(file, orientation=down, **options)
+    np.testing.assert_allclose(path.waypoints[:, :3, 3], ROWS, rtol=0, atol=1e-12)
+    R = down if rotation is None else rotation.as_matrix()
+    np.testing.assert_allclose(path.waypoints[:, :3, :3], [R] * 3, rtol=0, atol=1e-12)
+    assert len(path.notes) == len(notes) and all(b in a for a, b in zip(path.notes, notes, strict=True)), path.notes
+    assert [type(one.message) for one in told] == [AssumptionWarning] * bool(notes)
+
+
+def test_a_unit_is_that_of_the_header_or_the_given_one(tmp_path: Path) -> None:
+    (file := tmp_path / "seam.csv").write_text(seam("x_mm,y_mm,z_mm,i,j,k", "0,0,1", 1e3))
+    assert (
+        Polyline.from_csv(file, orientation=np.eye(3)[:, [1, 0, 2]] * [1, 1, -1], unit="mm").waypoints[0, 0, 3] == 0.4
+    )
+    for unit, words in (
+        ("m", r"^unit: expected mm, the unit in .*line 1"),
+        ("mile", "the unit of x,y,z: m, mm, cm, in"),
+    ):
+        with pytest.raises(InvalidInput, match=words):
+            Polyline.from_csv(file, orientation=np.eye(3), unit=unit)
+
+
+def test_points_far_beyond_the_reach_are_refused_with_the_unit(tmp_path: Path) -> None:
+    down, robot = np.diag([1.0, -1.0, -1.0]), load("ur5e")  # its wrist is within 0.98 m of the base
+    for scale, refused in ((5.0, False), (1e2, True)):
+        (file := tmp_path / "seam.csv").write_text(seam("x,y,z,n", "1", scale))
+        assert len(Polyline.from_csv(file, orientation=down, ignore="n").waypoints) == 3
+        if refused:
+            with pytest.raises(
+                InvalidInput, match=r"line 2, columns x,y,z: .* within 3.* m of the base; got .* 40 m.*unit='mm'"
+            ):
+                Polyline.from_csv(file, orientation=down, ignore="n", robot=robot)
+        else:
+            Polyline.from_csv(file, orientation=down, ignore="n", robot=robot)
+    file.write_text(f"{JOINTS},x,y,z\n{STARTS},,,\n,,,,,,30,5,40\n{GOAL},,,\n")
+    with pytest.raises(InvalidInput, match=r"line 3, columns x,y,z: .*unit='mm'"):
+        PointToPoint.from_csv(load("paper6r"), file)
 
 
 AXES = "x,y,z,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n"
@@ -148,10 +233,12 @@ def test_joint_waypoints_are_configurations_and_poses_with_tolerances(tmp_path: 
         (f"{JOINTS},q7_deg\n{STARTS},1\n", "'q7_deg'"),
         (f"{JOINTS},tolerance_mm\n{STARTS},1\n", "tolerance_mm,tolerance_deg for tolerances"),
         (f"{JOINTS}\n{STARTS}\n", "a start and a goal"),
-        (f"{JOINTS}\n{STARTS}\n1,a,1,1,1,1\n", "line 3, column q2_deg"),
+        (f"{JOINTS},x_mm,y_mm\n{STARTS},,\n{GOAL},,\n", "line 1: expected a header line"),
+        (f"{JOINTS.replace('q2_deg', 'q2')}\n{STARTS}\n{GOAL}\n", "line 1, column q2: expected a unit for each"),
+        (f"{JOINTS}\n{STARTS}\n1,a,1,1,1,1\n", "line 3, column q2"),
         (f"{JOINTS},{POSE}\n,,,,,,1,2,3\n{GOAL},,,\n", "line 2: expected the start, a configuration"),
         (f"{JOINTS},{POSE}\n{STARTS},,,\n{GOAL},1,2,3\n", "line 3: expected a configuration, or a pose"),
-        (f"{JOINTS},{POSE}\n{STARTS},,,\n1,,,,,,1,2,3\n", "line 3, column q2_deg: expected numbers in all of"),
+        (f"{JOINTS},{POSE}\n{STARTS},,,\n1,,,,,,1,2,3\n", "line 3, column q2: expected numbers in all of"),
         (
             f"{JOINTS},{TOLERANCE}\n{STARTS},1,1\n{GOAL},,\n",
             "line 2: expected the start, a configuration without a tolerance",

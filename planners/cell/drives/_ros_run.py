@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
 from planners.cell.drives._ros_goals import Stops, find_instant
@@ -18,7 +19,7 @@ from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, 
 from planners.controller import sample_states
 from planners.following.failure import joint_unit
 from planners.plan import Plan
-from planners.ros.replies import NANOSECONDS, Feedback, GoalState, write_time
+from planners.ros.replies import Feedback, GoalState, write_time
 from planners.ros.transport import Goal, Transport
 from planners.trajectory import cut_after, join
 

@@ -1,0 +1,213 @@
+"""Tables of numbers as other programs write them: any separator, decimal commas, units in the header, or no header.
+
+A table is text in UTF-8. Empty lines and lines that begin with # are skipped. The separator of the first line holds for all.
+What is ambiguous is refused. What was assumed is in the notes and in an `AssumptionWarning`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite, nan, pi
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from optik.check import check_words
+from optik.errors import AssumptionWarning, InvalidInput
+from optik.file_io import decode_text, read_bytes
+from optik.types import Array
+
+MOST_TABLE_BYTES = 64 * 2**20
+"""Largest file of a table [bytes]."""
+LONGEST_LINE, MOST_ROWS, MOST_COLUMNS = 2**16, 1_000_000, 1000
+"""Longest line [characters], and most rows and columns."""
+SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
+"""Separators of cells, in the order in which the first line is searched for them."""
+DECIMAL = re.compile(r"[-+]?(?:\d+(?:\.\d*|,\d+)?|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+"""A number, with a decimal point or a decimal comma."""
+UNIT_SIZES = (
+    {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254},
+    {"rad": 1.0, "deg": pi / 180.0, "°": pi / 180.0},
+    {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+)
+"""Units of lengths, angles and times, in SI units."""
+Names = str | Iterable[str] | None
+"""Names: a list, text with commas, or none."""
+
+
+NO_HEADER = "columns='x,y,z,…' names the columns of a file without a header"
+"""Advice for a header of numbers."""
+
+
+class Column(NamedTuple):
+    """A column: its place in a row, its unit in the header or empty, and the size of its unit in SI units."""
+
+    at: int
+    unit: str = ""
+    size: float = 1.0
+
+
+class Table(NamedTuple):
+    """A table: its file, the line of its header, its separator and columns, numbered lines, and what was assumed."""
+
+    file: str
+    header: int
+    separator: str
+    columns: dict[str, Column]
+    lines: list[tuple[int, str]]
+    notes: list[str]
+
+    def place(self, row: int | None = None, *columns: str) -> str:
+        """Return the place of a row, or of the header, for errors."""
+        line = f"{self.file}, line {self.header if row is None else self.lines[row][0]}"
+        return f"{line}, column{'s' * (len(columns) > 1)} {','.join(columns)}" if columns else line
+
+    def cells(self, row: int, names: Iterable[str]) -> list[str]:
+        """Return the cells of a row in some columns."""
+        cells = _split(self.lines[row][1], self.separator)
+        return [cells[self.columns[name].at] for name in names]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """Return the finite numbers of some columns (k, m), in SI units."""
+        bare = [name for name in names if not self.columns[name].unit]
+        if 0 < len(bare) < len(names):
+            raise InvalidInput(self.place(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none")
+        values = np.empty((len(self.lines), len(names)))
+        for row in range(len(self.lines)):
+            cells = self.cells(row, names)
+            values[row] = [read_number(cell) for cell in cells]
+            for j in np.flatnonzero(~np.isfinite(values[row]))[:1]:
+                raise InvalidInput(self.place(row, names[j]), repr(cells[j])[:60], "a finite number")
+        return np.asarray(values * [self.columns[name].size for name in names])
+
+    def resolve(self, wanted: Mapping[str, str]) -> Table:
+        """Return the table with its wanted columns by their bare names, in units of the header, or else in the given units."""
+        columns: dict[str, Column] = {}
+        for whole, column in self.columns.items():
+            head, bracket, tail = whole.replace("(", "[").replace(")", "]").partition("[")
+            name, unit = (head.strip(), tail.rstrip("] ")) if bracket else whole.rpartition("_")[::2]
+            for each, own in ((whole, ""), (whole.lower(), ""), (name, unit.lower()), (name.lower(), unit.lower())):
+                size = _find_size(own, wanted[each]) if each in wanted else None
+                if size is not None:
+                    whole, column = each, Column(column.at, own, size)
+                    break
+            if columns.setdefault(whole, column) is not column:
+                raise InvalidInput(self.place(), f"the column {whole!r} twice", "each column once")
+        return self._replace(columns=columns)
+
+    def refuse_others(self, known: Iterable[str], expected: str) -> None:
+        """Raise InvalidInput for columns that are not known."""
+        if others := [name for name in self.columns if name not in known]:
+            raise self.header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
+
+    def header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
+        """Return the error for the columns."""
+        names = names or list(self.columns)
+        advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
+        return InvalidInput(self.place(), repr(",".join(names))[:160], expected, advice=advice)
+
+    def part(self, rows: Iterable[int]) -> Table:
+        """Return some rows."""
+        return self._replace(lines=[self.lines[i] for i in rows])
+
+
+def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> Table:
+    """Read a table; given columns name those of a file without a header, or rename them; ignored columns are left out."""
+    if not isinstance(file, str | os.PathLike):
+        raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
+    name, left, lines = str(file), read_names(ignore, "ignore"), list[tuple[int, str]]()
+    text = decode_text(read_bytes(Path(file), most=MOST_TABLE_BYTES), name).removeprefix("\ufeff")
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        if not line.strip(' \t\n,;"') or line.lstrip().startswith("#"):
+            continue
+        if len(line) > LONGEST_LINE or len(lines) > MOST_ROWS:
+            expected = f"lines of at most {LONGEST_LINE} characters, and at most {MOST_ROWS:,} rows"
+            raise InvalidInput(f"{name}, line {number}", "more", expected)
+        lines.append((number, line.rstrip("\n")))
+    if not lines:
+        raise InvalidInput(name, "no line", "a header line that names the columns, and rows")
+    number = lines[0][0]
+    try:
+        table = _read_header(Table(name, number, ",", {}, lines, []), read_names(columns, "columns"))
+        width, marks = len(table.columns), set[str]()
+        for word in left:
+            if table.columns.pop(word, None) is None:
+                raise InvalidInput("ignore", repr(word)[:60], f"columns of {name}: {', '.join(table.columns)}"[:160])
+        for number, line in table.lines:
+            cells = _split(line, table.separator)
+            if len(cells) != width and (len(cells) != width + 1 or cells[-1]):  # a separator may end a line
+                expected = f"{width}, one for each column of the header, separated by {SEPARATORS[table.separator]}"
+                advice = "decimal commas need another separator" if table.separator == "," else ""
+                raise InvalidInput(f"{name}, line {number}", f"{len(cells)} values", expected, advice=advice)
+            for cell in (cells[column.at] for column in table.columns.values()):
+                if ("," in cell or "." in cell) and DECIMAL.fullmatch(cell):
+                    marks.add("," if "," in cell else ".")
+                    if "," in marks and (len(marks) > 1 or table.separator == ","):
+                        expected = "one decimal mark: a point, or a comma in a table that has another separator"
+                        raise InvalidInput(f"{name}, line {number}", repr(cell), expected)
+    except csv.Error as error:
+        raise InvalidInput(f"{name}, line {number}", str(error), "cells with separators and closed quotes") from None
+    table.notes.extend(["decimal commas"] * ("," in marks))
+    return table
+
+
+def _read_header(table: Table, given: tuple[str, ...]) -> Table:
+    """Return the table with its separator and columns, without the line of the header."""
+    first = table.lines[0][1].strip(" ")
+    fitting = [each for each in SEPARATORS if given and _holds_numbers(_split(first, each), len(given))]
+    separator = next((each for each in (*fitting, *SEPARATORS) if each in first), ",")
+    cells = _split(first, separator)
+    cells = cells if cells[-1] else cells[:-1]  # a separator may end the line
+    data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
+    lines = table.lines if given and any(data) else table.lines[1:]
+    if given and not any(data):
+        table.notes.append(f"the columns {','.join(cells)} are taken as {','.join(given)}"[:200])
+    names = given or cells
+    columns = {name: Column(at) for at, name in enumerate(names)}
+    table = table._replace(separator=separator, columns=columns, lines=lines)
+    if len(columns) < len(names) or len(names) > MOST_COLUMNS:
+        raise table.header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
+    return table
+
+
+def _holds_numbers(cells: list[str], count: int) -> bool:
+    """Return whether cells are so many numbers, or text without digits; a separator may end the line."""
+    numbers = all(isfinite(read_number(cell)) or not re.search(r"\d", cell) for cell in cells)
+    return len(cells) - (not cells[-1]) <= count <= len(cells) and numbers
+
+
+def _split(line: str, separator: str) -> list[str]:
+    """Return the cells of a line."""
+    if separator == " ":
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))]
+
+
+def read_number(cell: str) -> float:
+    """Return a number with a decimal point or comma, or NaN."""
+    return float(cell.replace(",", ".")) if DECIMAL.fullmatch(cell) else nan
+
+
+def _find_size(unit: str, usual: str) -> float | None:
+    """Return the size of a unit like the usual one, or of this one; None for a unit of another kind."""
+    (own, _, over), (base, _, per) = (unit or usual).partition("/"), usual.partition("/")
+    known = next((sizes for sizes in UNIT_SIZES if base in sizes), {"": 1.0})
+    return known.get(own) if over.replace("^", "").replace("²", "2") in ("", per) else None
+
+
+def read_names(value: Names, argument: str) -> tuple[str, ...]:
+    """Return names from a list, or from text with commas."""
+    return check_words([name.strip() for name in value.split(",")] if isinstance(value, str) else value or (), argument)
+
+
+def tell_assumed(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
+    """Warn of what was assumed when a file was read, and return it."""
+    if told := tuple(notes):
+        warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)
+    return told
