@@ -11,7 +11,6 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .PHONY: demo test lint docs drawings soak newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
-	$(BIN)/optik kernels --compile
 	$(BIN)/optik demo --out $(OUT)
 
 test: $(VENV)/.dev

@@ -31,6 +31,20 @@ for fingerprint, name in shipped.names.items():
 print(f"{len(shipped.names)} kernels load")
 """
 
+ARMS = """
+import numpy as np, optik, planners
+
+for n in range(1, 11):
+    limits = optik.JointLimits(np.full(n, -2.9), np.full(n, 2.9), velocity=2.0, acceleration=10.0, jerk=100.0)
+    robot = optik.Robot.from_dh([optik.DHRow(0.05, 1.2, 0.15)] * n, limits)
+    q0 = np.linspace(0.3, 0.9, n) * (-1) ** np.arange(n)
+    start, target = robot.fk(q0), robot.fk(q0 + 0.1)
+    assert optik.solve_ik(robot, target, q0) and optik.solve_ik_batch(robot, np.array([target] * 40), q0).solved.all()
+    assert planners.plan(robot, q0 + 0.3, q0)
+    goal = optik.se3.pose(start[:3, :3], start[:3, 3] + 0.02)
+    assert planners.plan(robot, planners.Line(start, goal), q0) or n < 6
+"""
+
 
 def main() -> None:
     """Build the environment, and run the example and the demo."""
@@ -38,6 +52,7 @@ def main() -> None:
     assert wheel.stat().st_size <= LARGEST, f"{wheel}: {wheel.stat().st_size / 1e6:.1f} MB"
     assert [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("optik/compiled/_kernels/")]
     (lines,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.S)
+    names = {lines: "the README's lines", LOAD: "load", ARMS: "arms of one to ten joints"}
     with TemporaryDirectory() as folder:
         venv.create(Path(folder, "venv"), with_pip=True)
         python = str(Path(folder, "venv", "Scripts" if os.name == "nt" else "bin", "python"))
@@ -52,9 +67,10 @@ def main() -> None:
             ["-c", lines],
             ["-m", "benchmarks.cli", "demo", "--out", "demo"],
             ["-c", LOAD],
+            ["-c", ARMS],
             ["-m", "benchmarks.cli", "kernels"],
         ):
-            print("wheel:", *words[:3] if words[0] == "-m" else ["the README's lines" if words[1] == lines else "load"])
+            print("wheel:", *words[:3] if words[0] == "-m" else [names[words[1]]])
             subprocess.run([python, "-P", *words], cwd=folder, env=environment, check=True)
         assert not list(Path(folder).rglob("*.nbk")), "something was compiled"
     sys.stdout.flush()

@@ -94,6 +94,15 @@ def demo() -> None:
         write_report(run), judge(run)
 
 
+def chains() -> None:
+    """Solve single targets and batches for arms of one to ten joints, because each number of joints has its own kernels."""
+    for n in range(1, 11):
+        limits = optik.JointLimits(np.full(n, -3.0), np.full(n, 3.0))
+        robot, q0 = optik.Robot.from_mdh([optik.DHRow(a=0.1, alpha=1.0, d=0.1)] * n, limits), np.full(n, 0.5)
+        target = robot.fk(q0 + 0.1)
+        optik.solve_ik(robot, target, q0), optik.solve_ik_batch(robot, np.array([target] * 40), q0)
+
+
 def pages() -> None:
     """Run the Python of the README, of the documentation and of the examples."""
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +123,8 @@ def pages() -> None:
 
 WARM_UP: dict[str, Callable[[], None]] = {"lines": lines, "ik": ik, "panda": panda, "cell": cell, "demo": demo}
 """The parts that an installed package can run, in the best order for two processes."""
-
+SHIPPED: dict[str, Callable[[], None]] = WARM_UP | {"chains": chains, "pages": pages}
+"""The parts whose kernels are shipped in the wheel."""
 
 PROGRESS_SECONDS = 10.0
 """Interval between two lines of progress if the error stream is no terminal [s]."""
@@ -190,7 +200,7 @@ def main(part: str) -> None:
     with os.fdopen(os.dup(1), "w") as out, open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         with event.install_listener("numba:compile", Teller(out)):
-            (WARM_UP | {"pages": pages})[part]()
+            SHIPPED[part]()
 
 
 if __name__ == "__main__":

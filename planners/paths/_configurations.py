@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
@@ -126,7 +126,7 @@ def _find_shortest(robot: Robot, layers: list[Array], start: Array, goal: Array 
     rows, cost, before = [start[None]], np.zeros(1), []
     for layer, x in zip(layers, nearest[1:], strict=True):
         q = np.concatenate([x[None], _expand(robot, layer, start, goal, most)])
-        total = cost[:, None] + cdist(rows[-1], q)
+        total = cost[:, None] + scipy.spatial.distance.cdist(rows[-1], q)
         keep = total.min(axis=0) + to_goal(q) <= most
         rows.append(q[keep])
         before.append(total.argmin(axis=0)[keep])

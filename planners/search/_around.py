@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import binary_dilation
 
 from optik import se3
 from optik.arm.robot import Robot
@@ -185,7 +185,7 @@ def round_corners(path: PointToPoint, legs: list[Array], scene: Scene) -> PointT
         touching[missed - 1] = True
         if not touching.any():
             break
-        wide = binary_dilation(touching, iterations=HALVED_AROUND)
+        wide = scipy.ndimage.binary_dilation(touching, iterations=HALVED_AROUND)
         knots = np.sort(np.concatenate([knots, 0.5 * (knots[:-1] + knots[1:])[wide]]))
     return rounded
 

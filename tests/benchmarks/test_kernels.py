@@ -71,7 +71,7 @@ def test_a_process_tells_what_it_compiles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
 ) -> None:
     monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
-    monkeypatch.setitem(parts.WARM_UP, "one", lambda: os.write(1, str(compiled(half)(3.0)).encode()))
+    monkeypatch.setitem(parts.SHIPPED, "one", lambda: os.write(1, str(compiled(half)(3.0)).encode()))
     saved = os.dup(1)
     try:
         parts.main("one")

@@ -52,14 +52,15 @@ def loaded(code, *packages):
 
 HEAVY = (
     "casadi", "plotly", "polars", "ruckig", "toppra", "typer", "jinja2", "scipy.interpolate", "scipy.linalg",
-    "scipy.optimize", "scipy.spatial", "scipy.special",
+    "scipy.ndimage", "scipy.optimize", "scipy.sparse", "scipy.spatial", "scipy.special",
 )  # fmt: skip
 
 
-def test_importing_optik_loads_numpy_and_numba_and_nothing_heavier():
+@pytest.mark.parametrize("package", ["optik", "planners"])
+def test_importing_a_package_loads_numpy_and_numba_and_nothing_heavier(package):
     # Numba itself loads the empty top of SciPy, to read its version; none of SciPy's parts may follow.
-    assert loaded("import optik", *HEAVY) == []
-    assert loaded("import optik", "numpy", "numba") == ["numpy", "numba"]
+    assert loaded(f"import {package}", *HEAVY) == []
+    assert loaded(f"import {package}", "numpy", "numba") == ["numpy", "numba"]
 
 
 def test_the_command_line_loads_no_planner_before_a_command_needs_it():
