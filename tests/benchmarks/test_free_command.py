@@ -156,6 +156,12 @@ def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[s
             1,
             "cycle.csv, line 3, from",
         ),
+        (
+            CYCLE.replace("114", "9114") + GOAL,
+            (),
+            2,
+            "of the base; got a coordinate of 9.114 m\n",
+        ),  # the header says mm
         (CYCLE + GOAL.replace("60", "600"), (), 2, "cycle.csv, line 4, column q1: expected a value in [-180, 180]°"),
         (CYCLE.replace("_deg,", ",") + GOAL, (), 2, "got 1146°; q1 is in radians, q1_deg in degrees"),
         (CYCLE + GOAL + GOAL, (), 2, "cycle.csv, line 5: expected points that differ"),

@@ -478,7 +478,10 @@ def test_too_few_samples_are_filled_up_until_the_bound_holds(samples: int) -> No
             "q_start: .*3 mm",
             {"path": Line(oracles.moved(default_line().start, [0.0, 0.003, 0.0]), default_line().goal)},
         ),
-        ("q_start: .*joint5", {"q_start": START + np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])}),  # outside its limits
+        (
+            r"q_start: .*\] rad; got joint5 = 2.87266 rad",
+            {"q_start": START + np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])},
+        ),  # outside its limits
         ("q_start", {"q_start": START * np.nan}),
         ("q_start", {"q_start": START[:5]}),
         ("samples", {"samples": 1}),
