@@ -26,7 +26,8 @@ import numpy as np
 
 KINDS = {
     "certify": ("c6dd5570", 200, (0.5, np.inf)), "avoid": ("d3dcf0de", 280, (0.5, np.inf)),
-    "stop": ("d3dcf0de", 200, (0.55, 0.55)), "long_stop": ("d3dcf0de", 100, (0.3, 0.3)), "line": ("c6dd5570", 20, (0.85, np.inf)),
+    "stop": ("d3dcf0de", 200, (0.55, 0.55)), "long_stop": ("d3dcf0de", 100, (0.3, 0.3)),
+    "line": ("c6dd5570", 20, (0.85, np.inf)),
 }  # fmt: skip
 """The earlier commit, the number of cases, and the ratios of the median and of the 99th percentile that were asked."""
 KIND, PER_PLAN, REPEATS = os.environ.get("KIND", "certify"), 10, 3
