@@ -14,6 +14,7 @@ start = robot.fk(q0)
 line = planners.Line(start, optik.se3.pose(start[:3, :3], start[:3, 3] + (-0.12, 0.0, 0.20)))
 limits = planners.MotionLimits(velocity=2.0, acceleration=10.0, jerk=100.0)
 
+print("a ratio above 1: this law does not enforce that limit (quintic enforces none), and allow= permits it")
 print("law             T [s]  |q̇|/limit  |q̈|/limit  jerk/limit  off the line [µm]  certificate valid")
 for law in planners.laws():
     plan = planners.plan(robot, line, q0, timing=law, limits=limits, allow=("limits", "jerk"))

@@ -183,7 +183,7 @@ class NoSolution(OptikError, RuntimeError):
     """
 
     def __init__(self, reason: str, *, s: float | None = None, joint: str | None = None, advice: str = "") -> None:
-        super().__init__(f"{reason}{'; ' + advice if advice else ''}")
+        super().__init__(f"{reason}{'; try: ' + advice if advice else ''}")
         self.s = s
         self.joint = joint
         self.reason = reason
@@ -205,7 +205,7 @@ class InvalidMotion(NoSolution):
         self, reason: str, allow: Iterable[str], *, s: float | None = None, joint: str | None = None, advice: str = ""
     ) -> None:
         self.allow = tuple(allow)
-        permission = f"allow={self.allow!r} permits it"
+        permission = f"allow={self.allow!r}, which permits it"
         super().__init__(reason, s=s, joint=joint, advice=f"{advice}; or {permission}" if advice else permission)
 
 

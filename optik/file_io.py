@@ -22,12 +22,12 @@ MOST_ALIASES = 1000
 """Most aliases of a YAML file that are read."""
 
 
-def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...]) -> str:
+def check_suffix(file: str | os.PathLike[str], known: tuple[str, ...], argument: str = "file") -> str:
     """Check the suffix of a file's name; return it in lower case."""
     suffix = Path(file).suffix.lower() if isinstance(file, str | os.PathLike) else None
     if suffix not in known:
         came = os.fspath(file) if isinstance(file, os.PathLike) else file
-        raise InvalidInput("file", repr(came)[:120], f"a name that ends in {', '.join(known)}")
+        raise InvalidInput(argument, repr(came)[:120], f"a name that ends in {', '.join(known)}")
     return str(suffix)
 
 

@@ -12,6 +12,8 @@ from optik.types import Array, Indices
 ORTHOGONAL = 1e-10
 """Cosine [1] below which two rows count as orthogonal; it is the relative error of singular values that are nearly equal, and
 its square that of others."""
+BOUND_ROUNDING = 1e-12
+"""Relative rounding error of a lower bound on a singular value, from above."""
 MOST_SWEEPS = 30
 """Most sweeps of Jacobi rotations: two or three are enough for finite numbers."""
 
@@ -109,8 +111,26 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 
 
 @compiled
-def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
-    """Return the smallest singular value, to 1e-10 of itself or rounding of the largest: J (m, n) [as given]."""
+def _inverse_bound(QR: Array) -> float:
+    """Return 1 / ‖R⁻¹‖ (Frobenius), which is at most the smallest singular value of R, by the factors of `qr_factor`."""
+    k, total = QR.shape[1], 0.0
+    x = np.empty(k)
+    for c in range(k):  # R x = e_c
+        for i in range(c, -1, -1):
+            s = 1.0 if i == c else 0.0
+            for j in range(i + 1, c + 1):
+                s -= QR[i, j] * x[j]
+            x[i] = s / QR[i, i]
+            total += x[i] * x[i]
+    return float((1.0 - BOUND_ROUNDING) / sqrt(total))
+
+
+@compiled
+def smallest_singular_value(J: Array, floor: float = np.inf, below: float = np.inf) -> float:
+    """Return the smallest singular value, to 1e-10 of itself or rounding of the largest: J (m, n) [as given].
+
+    If it is above `below`, the returned value may be a lower bound that is above it, too.
+    """
     m, n = J.shape
     tall = m >= n
     k, rest = (n, m) if tall else (m, n)
@@ -120,6 +140,10 @@ def smallest_singular_value(J: Array, floor: float = np.inf) -> float:
             A[i, j] = J[i, j] if tall else J[j, i]
     if qr_factor(A, beta, order) == 0.0:
         return 0.0
+    if below < np.inf:
+        bound = _inverse_bound(A)
+        if bound > below:
+            return bound
     return smallest_of_factor(A, floor)
 
 

@@ -142,7 +142,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
         for number, line in table.lines:
             cells = _split(line, table.separator)
             if len(cells) != width and (len(cells) != width + 1 or cells[-1]):  # a separator may end a line
-                expected = f"{width}, one for each column of the header, separated by {SEPARATORS[table.separator]}"
+                expected = f"{width} values, one for each column, separated by {SEPARATORS[table.separator]}"
                 advice = "decimal commas need another separator" if table.separator == "," else ""
                 raise InvalidInput(f"{name}, line {number}", f"{len(cells)} values", expected, advice=advice)
             for cell in (cells[column.at] for column in table.columns.values()):

@@ -298,6 +298,28 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
 
 
 @compiled
+def whole_extrema(value: Array, when: Array, knots: Array, out: Array) -> None:
+    """Write the least and the greatest value of all pieces, the first of equal ones, and their times.
+
+    Shapes and units: value (4, m, n, 2) [rad/s^i, m/s^i] and when (4, m, n, 2) [s] of `piece_extrema`, knots (m + 1,) [s], out
+    (4, 4, n): least, greatest, and when.
+    """
+    for order in range(4):
+        for j in range(value.shape[2]):
+            low, high = 0, 0
+            for k in range(1, value.shape[1]):
+                if value[order, k, j, 0] < value[order, low, j, 0]:
+                    low = k
+                if value[order, k, j, 1] > value[order, high, j, 1]:
+                    high = k
+            out[order, 0, j], out[order, 1, j] = value[order, low, j, 0], value[order, high, j, 1]
+            out[order, 2, j], out[order, 3, j] = (
+                knots[low] + when[order, low, j, 0],
+                knots[high] + when[order, high, j, 1],
+            )
+
+
+@compiled
 def piece_ends(c: Array, h: Array, first: Array, last: Array) -> None:
     """Write the values of pieces and of their derivatives up to order 3 at both ends.
 

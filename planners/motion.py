@@ -26,7 +26,8 @@ from planners.trajectory import Trajectory
 class PlanStatus(StrEnum):
     """Outcome of planning: a status of path following or of timing.
 
-    CONTACT: the arm is in contact with the scene or itself, or within the margin. TIMING_INFEASIBLE: the law found no motion.
+    CONTACT: the arm is in contact with the scene or itself, or within the margin. NO_LENGTH: start and goal are equal, so there
+    is nothing to move. TIMING_INFEASIBLE: the law found no motion.
     LIMITS_EXCEEDED: the motion exceeds limits that the caller gave and that the law does not enforce; or with ``strict=True``,
     the law's motion exceeds a limit that it enforces (then there is no motion). NOT_PROVED: there is a motion, but its
     certificate is not valid for another reason. NO_PATH_FOUND: no way around the obstacles was found; one may exist.
@@ -39,6 +40,7 @@ class PlanStatus(StrEnum):
     SINGULAR = FollowStatus.SINGULAR
     UNREACHABLE = FollowStatus.UNREACHABLE
     CONTACT = FollowStatus.CONTACT
+    NO_LENGTH = FollowStatus.NO_LENGTH
     TIMING_INFEASIBLE = "timing_infeasible"
     LIMITS_EXCEEDED = "limits_exceeded"
     NOT_PROVED = "not_proved"

@@ -52,6 +52,7 @@ from planners.search._around import (
     MOST_WAYS,
     NOT_FAR,
     SearchReport,
+    advise_elbow,
     check_avoid,
     check_avoidable,
     find_first_paths,
@@ -93,7 +94,7 @@ def plan(
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, or IKSolver and TimeLaw
-        Method and law, each by name, by the path of a file (``"./jt.py"``), or built.
+        Method and law, each by name, by a file (``"./jt.py"``), or built: ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
         By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
@@ -145,7 +146,7 @@ def _build_request(
     limits = MotionLimits.of(robot) if limits is None else limits
     for argument, value, kind in (("solver", solver, IKSolver), ("limits", limits, MotionLimits)):
         if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+            raise InvalidInput(argument, repr(value)[:60], f"an object of the class {kind.__name__}")
     tolerance, rate, scene, allow, avoid, winding = options
     avoid, winding, unreachable = check_avoid(avoid), check_winding(winding), None
     winding = "exact" if isinstance(path, Path) else winding
@@ -189,7 +190,7 @@ def judge_certificate(
         advice = "another start, goal or path, or a smaller margin; plan.certificate.clearance shows where"
     elif enforced is not None and replace(proof, enforced=enforced).is_valid:
         status = PlanStatus.LIMITS_EXCEEDED
-        advice = f"{proof.law} does not enforce this limit: use another law, or allow={words_for(proof.violations)!r}"
+        advice = f"another law, as {proof.law} does not enforce this limit; or allow={words_for(proof.violations)!r}"
     first = proof.violations[0]
     s = float(np.interp(first.t, proof.binding.t, proof.binding.s))
     reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
@@ -301,8 +302,7 @@ class _Planner:
         pose, q = path.pose(0.0), check_start(self.request.robot, q_start, "q_start")
         if np.abs(self.request.robot.pose_errors(q, pose)).max() <= START_TOLERANCE or not self.solver.task.is_pose:
             return q
-        found = self.solver.solve(pose, q)
-        return found.q if found else q
+        return found.q if (found := self.solver.solve(pose, q)) else q
 
     def _follow(self, path: Path, q: ArrayLike | None, branch: str | None, scene: Scene | None) -> FollowResult:
         """Return the joint path along a path."""
@@ -381,7 +381,8 @@ class _Planner:
                 break
         best = min(plans, key=lambda one: (not one, one.trajectory.duration if one else 0.0))
         made = SearchReport(search.name if isinstance(search, Search) else short_name(search), samples, rounds, tried)
-        return replace(self._finish(best, duration, DENSITIES[-1]), freedom=best.freedom, search=made)
+        found, freedom = self._finish(best, duration, DENSITIES[-1]), best.freedom
+        return replace(found, freedom=freedom, search=made, failure=advise_elbow(found.failure, path, request.robot))
 
     def _is_enough(self, plans: list[Plan]) -> bool:
         """Return whether no other initial path need be tried: the last motion is as fast as it can be, or one is shortened."""
@@ -423,11 +424,9 @@ class _Planner:
         if duration is not None and found:
             found = self._time(found.path, FollowResult(found.joint_path, None), duration, density)[0]
         if isinstance(found.path, PointToPoint) and (missed := found.path.list_missed()):
-            reason = f"the path misses the via point at s = {missed[0].s:.6g} by more than its tolerance"
-            failure = PlanFailure(
-                PlanStatus.NOT_PROVED, missed[0].s, None, reason, "a wider tolerance, or via points farther apart"
-            )
-            found = self.request._fail(PlanStatus.NOT_PROVED, found.prefix, failure)
+            reason = f"the via point at s = {missed[0].s:.6g} {found.path.unit} is missed by more than its tolerance"
+            status, advice = PlanStatus.NOT_PROVED, "a wider tolerance, or via points farther apart"
+            found = self.request._fail(status, found.prefix, PlanFailure(status, missed[0].s, None, reason, advice))
         return found
 
 

@@ -12,7 +12,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import PiecewiseCurve, largest_term, piece_ends, piece_extrema
+from planners.curve import PiecewiseCurve, largest_term, piece_ends, piece_extrema, whole_extrema
 
 LARGEST_POSITION = 1e9
 """Largest term of a position [rad, m]: beyond it rounding is above any tolerance of a path, and derivatives overflow."""
@@ -70,7 +70,6 @@ class Trajectory(PiecewiseCurve):
             raise InvalidInput("s", f"an array of shape {np.shape(s)}", f"one for each knot: {polynomial.x.shape}")
         self._set_polynomial(polynomial)
         self.s = s
-        self._extrema: dict[int, Extrema] = {}
 
     @property
     def end(self) -> float:
@@ -187,20 +186,14 @@ class Trajectory(PiecewiseCurve):
         """
         if order not in range(self.highest_order + 1):
             raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
-        if order not in self._extrema:
-            self._extrema[order] = self._find_extrema(order)
-        return self._extrema[order]
+        return Extrema(*self._extrema[order])
 
-    def _find_extrema(self, order: int) -> Extrema:
-        value, when = self._pieces
-        knots, joints = self.knots, np.arange(self.n)
-        low, high = value[order, ..., 0].argmin(axis=0), value[order, ..., 1].argmax(axis=0)
-        return Extrema(
-            value[order, low, joints, 0],
-            value[order, high, joints, 1],
-            knots[low] + when[order, low, joints, 0],
-            knots[high] + when[order, high, joints, 1],
-        )
+    @cached_property
+    def _extrema(self) -> Array:
+        """Least and greatest values and their times, (order, 4, n)."""
+        out = np.empty((4, 4, self.n))
+        whole_extrema(*self._pieces, self.knots, out)
+        return out
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:

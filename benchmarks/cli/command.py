@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
 from inspect import Parameter, Signature
-from itertools import takewhile
+from itertools import cycle, islice, takewhile
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
@@ -85,10 +85,12 @@ def add_command(group: typer.Typer, name: str, kind: type[Command], example: str
             kind(**given).run()
         except InvalidInput as error:
             flags = {each.name: each.metadata["flag"] for each in fields(kind) if "flag" in each.metadata}
-            if (name := error.argument) in flags:  # an argument of the library
+            name = "waypoints" if error.argument == "file" else error.argument
+            if name in flags:  # an argument of the library
                 typed = flags[name] or f"--{name.replace('_', '-')}"
-                error.args = (f"{typed}{str(error).removeprefix(name)}",)
-            error.args = (str(error).replace(error.advice, translate(error.advice)),)
+                error.args = (f"{typed}{str(error).removeprefix(error.argument)}",)
+            if name != "values":  # --hold is in the file's units
+                error.args = (translate(str(error)),)
             raise
 
     run.__signature__ = Signature(_list_parameters(kind))  # type: ignore[attr-defined] # Typer reads it
@@ -299,7 +301,8 @@ def read_joint_values(arm: optik.Robot, text: str, name: str) -> Any:
 
 def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> list[float]:
     """Read numbers separated by commas or spaces; `counts` are the permitted numbers of them."""
-    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as 1,-2.5,3"
+    such = ",".join(islice(cycle(("1", "-2.5", "3")), counts[0] if counts else 3))
+    expected = f"{' or '.join(map(str, counts)) or 'one or more'} {what} in one argument, such as {such}"
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:
@@ -393,7 +396,7 @@ def translate(words: str) -> str:
         values = re.sub(NUMBER, lambda number: f"{float(number[0]) * factor:.4g}", match["values"])
         return values + unit
 
-    words = re.sub(rf"(?P<values>\[{NUMBER}, {NUMBER}\]) (?P<unit>rad|m)\b", scale, words)
+    words = re.sub(rf"(?P<values>\[{NUMBER}(?:, {NUMBER})+\]) (?P<unit>rad|m)\b", scale, words)
     words = re.sub(rf"(?P<values>{NUMBER}) (?P<unit>rad)\b(?!/)", scale, words)
     words = name_robot_options(name_options(words, TRANSLATED))
     for python, typed in (("q_start", "--start-deg"), ("optik.solve_ik with closest=True", "optik ik --closest")):

@@ -228,6 +228,11 @@ def _print_joints(done: Execution) -> None:
             row += [f"{bound[i]:.3g} {unit}" if np.isfinite(bound[i]) else "no limit"]
         table.add_row(*row)
     out_console.print(table)
+    if done.torque is not None:
+        words = (
+            "between set-points, and where errors are corrected, the torque can exceed the bound of the planned motion"
+        )
+        out_console.print(words, soft_wrap=True)
 
 
 def compute_tracking_error(done: Execution) -> Any:

@@ -178,8 +178,6 @@ class JointsCommand(PlanCommand):
     def make_path(self, start: Start) -> Array:
         """Return the goal."""
         goal: Array = read_configuration(start.arm, self.to_deg, "--to-deg")
-        if self.avoid and np.array_equal(goal, start.q):
-            raise InvalidInput("--to-deg", "the start", "another configuration")
         return goal
 
 

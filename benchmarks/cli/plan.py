@@ -157,18 +157,20 @@ class PlanCommand(MotionCommand, SceneCommand):
                 plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
         if not valid and self.out_failed is not None:
             _write_failed(plan, self.out_failed)
-        start.print_default()
+        begin = plan.trajectory(0.0) if plan.has_motion else start.q
+        begins_elsewhere = start.q is not None and np.abs(begin - start.q).max() > SILENT_START
+        if not begins_elsewhere:
+            start.print_default()
         if self.as_json:
             print_json(plan.to_dict())
             raise typer.Exit(0 if valid else 1)
-        begin = plan.trajectory(0.0)  # raises NoSolution without a motion
-        print_certificate(plan)
+        print_certificate(plan)  # raises NoSolution without a motion
         print_choice(plan)
         if not valid:
             permission = f"--allow {','.join(words_for(refused, allow))} permits this motion"
             out_console.print(f"not written; {permission}" if self.out else permission)
             raise typer.Exit(1)
-        if start.q is not None and np.abs(begin - start.q).max() > SILENT_START:
+        if begins_elsewhere:
             out_console.print(f"start of the motion: --start-deg {format_numbers(begin * unit_factors(arm))}")
         if plan.path.configurations(arm, np.zeros(1)) is not None:
             out_console.print(

@@ -25,6 +25,7 @@ from benchmarks.cli.command import (
     read_joint_values,
     read_numbers,
 )
+from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.model import unit_factors, unit_names
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -97,7 +98,9 @@ class FkCommand(RobotCommand):
         out_console.print(table)
         for name, part, unit in (("xyz", T[:3, 3], "m"), ("rpy-deg", rpy_deg, "degrees"), ("quat", quat, "w,x,y,z")):
             out_console.print(f"--{name} {','.join(f'{x + 0.0:.6f}' for x in part)}  [{unit}]", soft_wrap=True)
-        note = "inside the joint limits" if inside else "OUTSIDE the joint limits"
+        beyond = np.maximum(arm.limits.lower - q, q - arm.limits.upper)
+        names = ", ".join(np.array(arm.joint_names)[beyond > LIMIT_TOLERANCE])
+        note = "inside the joint limits" if inside else f"OUTSIDE the joint limits: {names}"
         out_console.print(f"smallest singular value of the Jacobian {smallest:.4g}; {note}")
 
 

@@ -49,7 +49,7 @@ class MotionProblem(NamedTuple):
     scene: Scene
     start: Array
     goal: Array
-    moved: bool
+    moved: bool = False
 
 
 # ---------------------------------------------------------------- reading

@@ -96,9 +96,9 @@ def _check_value(tree: Tree, joints: Mapping[str, Joint], on_chain: set[str], gi
     name, value = given
     free = [n for n, joint in joints.items() if joint.kind in MOVING and n not in on_chain]
     if name in on_chain:
-        raise InvalidInput("values", f"{name!r}, a joint of the chain", f"joints beside it: {join_names(free)}")
+        raise InvalidInput("values", f"{name!r}, a joint of the chain", f"joints beside the chain: {join_names(free)}")
     if name not in free:
-        raise InvalidInput("values", repr(name)[:60], f"names of joints beside the chain: {join_names(free)}")
+        raise InvalidInput("values", repr(name)[:60], f"joints beside the chain: {join_names(free)}")
     driver = find_driver(tree, joints[name])
     if driver.joint.name != name:
         other = driver.joint.name

@@ -15,6 +15,9 @@ from optik.types import Array
 REACH_ROUNDING = 1e-9
 """Slack for rounding errors of the bound and the distance [m]."""
 
+FARTHEST_REACH = 3.0
+"""Farthest plausible point, in reaches of the arm: larger numbers look like millimetres."""
+
 
 def reach_bound(robot: Robot, task: Task) -> Array:
     """Return a point of the base (3,), a point of the tool (3,), and the least and largest distance between them [m].

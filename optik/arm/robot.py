@@ -164,7 +164,7 @@ class Robot(ArmDynamics):
             Enclose the <collision> elements by capsules; by default not. Folders of their meshes besides the file's own:
             {package: folder}, or folders that contain packages.
         srdf : str or path, optional
-            File, or its text, whose <disable_…collisions> name links that are not checked against each other.
+            File, or its text, whose ``disable_collisions`` name links that are not checked against each other.
         values : mapping of str to float, optional
             Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
             them move along. By default, shapes enclose every value within the limits.

@@ -275,10 +275,11 @@ def check_start(robot: Robot, q0: ArrayLike, argument: str = "q0") -> Array:
     if not robot.limits.contains(q):
         lower, upper = robot.limits.lower, robot.limits.upper
         i = int(np.argmax(np.maximum(lower - q, q - upper)))
+        unit = "m" if robot.prismatic[i] else "rad"
         raise InvalidInput(
             argument,
-            f"{robot.joint_names[i]} = {q[i]:.6g}",
-            f"every joint inside its limits, here [{lower[i]:.6g}, {upper[i]:.6g}] (rad or m)",
+            f"{robot.joint_names[i]} = {q[i]:.6g} {unit}",
+            f"every joint inside its limits, here [{lower[i]:.6g}, {upper[i]:.6g}] {unit}",
         )
     return q
 

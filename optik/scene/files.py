@@ -84,7 +84,7 @@ def load_scene(
     package_dirs: Mapping[str, str | os.PathLike[str]] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> dict[str, Any]:
     """Read a scene from a file; see `Scene.load`."""
-    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml", ".scene"))
+    suffix = check_suffix(file, (".toml", ".json", ".urdf", ".xml", ".yaml", ".yml", ".scene"), "scene")
     urdf, path = suffix in (".urdf", ".xml"), Path(file)
     if package_dirs is not None and not urdf:
         raise InvalidInput("package_dirs", "folders", "none: only a URDF names meshes")

@@ -98,7 +98,7 @@ class MotionAnalysis(LimitedMotion):
     def tool_speed_ends(self, part: int) -> tuple[Array, Array]:
         """Return the tool's speed (m,) at the first and at the last instant of every piece [m/s, rad/s]."""
         rows = slice(3 * part, 3 * part + 3)
-        first, last = (np.linalg.norm(side.motion[:, 0, rows], axis=1) for side in self.bounds.ends)
+        first, last = np.linalg.norm(self.bounds.ends.motion[:, 0, rows], axis=1).reshape(2, -1)
         return first, last
 
     @cached_property
@@ -122,7 +122,7 @@ class MotionAnalysis(LimitedMotion):
     @cached_property
     def jumps(self) -> Flags:
         """Discontinuities (4, m + 1, n) of the joints' derivatives of order 0 to 3 at the knots."""
-        return checks.jumps(self.trajectory)
+        return checks.jumps(self.trajectory, self.rest)
 
     def steps(self, order: int) -> Array:
         """Return the discontinuities (m + 1, n) of the joints' derivative of one order at the knots."""

@@ -17,56 +17,56 @@ import numpy as np
 from optik import kinematics
 from optik.arm.robot import Robot
 from optik.compiled import compiled
+from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
 from planners.curve import BINOMIAL, bell
 from planners.trajectory import Trajectory
 
 
 @compiled
-def tool_bounds(links: Array, prismatic: Flags, D: Array, position: Array, rotation: Array, spin: Array) -> None:
-    """Compute bounds on the derivatives of the tool's motion within intervals from bounds on those of the joints.
+def tool_bounds(links: Array, prismatic: Flags, D: Array, work: Array, position: Array, rotation: Array) -> float:
+    """Compute bounds on the derivatives of the tool's motion over an interval from those of the joints.
 
-    Shapes and units: links (n + 1,) [m], prismatic (n,), D (k, 6, n) [rad/s^i, m/s^i], position (k, 6) [m/s^i], rotation (k, 6)
-    [1/s^i], spin (k,) [rad/s⁵].
+    Shapes and units: links (n + 1,) [m], prismatic (n,), D (6, n) [rad/s^i, m/s^i], work (2, 6), position (6,) [m/s^i],
+    rotation (6,) [1/s^i]. Returns the bound on the fourth derivative of the angular velocity [rad/s⁵].
     """
     n = prismatic.shape[0]
-    S, B = np.empty(6), np.empty(6)
-    for k in range(D.shape[0]):
-        for i in range(6):
-            S[i] = position[k, i] = 0.0
-        spin[k] = 0.0
-        bell(S, B)
-        for j in range(n):
-            if prismatic[j]:
-                for i in range(1, 6):
-                    for m in range(i + 1):
-                        position[k, i] += BINOMIAL[i, m] * B[m] * D[k, i - m, j]
-            else:
-                for m in range(5):
-                    spin[k] += BINOMIAL[4, m] * B[m] * D[k, 5 - m, j]
-                for i in range(1, 6):
-                    S[i] += D[k, i, j]
-                bell(S, B)
+    S, B = work[0], work[1]
+    for i in range(6):
+        S[i] = position[i] = 0.0
+    spin = 0.0
+    bell(S, B)
+    for j in range(n):
+        if prismatic[j]:
             for i in range(1, 6):
-                position[k, i] += links[j + 1] * B[i]
-        for i in range(6):
-            rotation[k, i] = B[i]
+                for m in range(i + 1):
+                    position[i] += BINOMIAL[i, m] * B[m] * D[i - m, j]
+        else:
+            for m in range(5):
+                spin += BINOMIAL[4, m] * B[m] * D[5 - m, j]
+            for i in range(1, 6):
+                S[i] += D[i, j]
+            bell(S, B)
+        for i in range(1, 6):
+            position[i] += links[j + 1] * B[i]
+    for i in range(6):
+        rotation[i] = B[i]
+    return spin
 
 
 @compiled
-def joint_bounds(derivatives: Array, h: Array, D: Array) -> None:
+def joint_bounds(derivatives: Array, h: float, D: Array) -> None:
     """Compute bounds on the derivatives of quintics over [t, t + h]: the Taylor sums of those at t.
 
-    Shapes and units: derivatives (k, 6, n) [rad/s^i, m/s^i], h (k,) [s], D (k, 6, n) [rad/s^i, m/s^i].
+    Shapes and units: derivatives (6, n) [rad/s^i, m/s^i], h [s], D (6, n) [rad/s^i, m/s^i].
     """
-    for k in range(h.shape[0]):
-        for i in range(6):
-            for j in range(derivatives.shape[2]):
-                total, factor = 0.0, 1.0
-                for m in range(6 - i):
-                    total += abs(derivatives[k, i + m, j]) * factor
-                    factor *= h[k] / (m + 1)
-                D[k, i, j] = total
+    for i in range(6):
+        for j in range(derivatives.shape[1]):
+            total, factor = 0.0, 1.0
+            for m in range(6 - i):
+                total += abs(derivatives[i + m, j]) * factor
+                factor *= h / (m + 1)
+            D[i, j] = total
 
 
 @compiled
@@ -85,6 +85,16 @@ def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
                         factor *= power - i
                     value = value * u[k] + factor * c[5 - power, piece[k], j]
                 out[k, order, j] = value
+
+
+@compiled
+def _move(chain: Chain, joints: Array, poses: Array, motion: Array) -> None:
+    """Write the tool's poses (k, 4, 4), and its twist with two derivatives (k, 3, 6), for the joints' (k, 6, n)."""
+    frame, T, _J = kinematics.workspace(joints.shape[2])
+    for k in range(joints.shape[0]):
+        kinematics.forward(chain, joints[k, 0], frame, T)
+        poses[k] = T
+        kinematics.tool_motion(chain, frame, T, joints[k, 0], joints[k, 1:4], motion[k])
 
 
 class Instants(NamedTuple):
@@ -127,10 +137,9 @@ class MotionBounds:
         return self.joints_at(piece, self.knots[:-1]), self.joints_at(piece, self.knots[1:])
 
     @cached_property
-    def ends(self) -> tuple[Instants, Instants]:
-        """The motion at the first and at the last instant of every piece."""
-        first, last = self.joint_ends
-        return self._moving(self.knots[:-1], first), self._moving(self.knots[1:], last)
+    def ends(self) -> Instants:
+        """The motion at the first instants of all pieces, then at the last ones."""
+        return self._moving(np.concatenate([self.knots[:-1], self.knots[1:]]), np.concatenate(self.joint_ends))
 
     def joints_at(self, piece: Indices, t: Array) -> Array:
         """Return the derivatives of the joints at instants of given pieces."""
@@ -144,37 +153,17 @@ class MotionBounds:
 
     def _moving(self, t: Array, joints: Array) -> Instants:
         """Return the motion at instants from the joints' derivatives (k, 6, n)."""
-        robot = self.robot
         poses, motion = np.empty((t.size, 4, 4)), np.empty((t.size, 3, 6))
-        q = np.ascontiguousarray(joints[:, 0])
-        kinematics.fk_batch(robot.chain, q, poses)
-        kinematics.tool_motion_batch(robot.chain, q, np.ascontiguousarray(joints[:, 1:4]), motion)
+        _move(self.robot.chain, joints, poses, motion)
         return Instants(t, joints, poses, motion)
-
-    def between(self, left: Instants, h: Array) -> tuple[Array, Array, Array]:
-        """Return bounds on the tool's derivatives over [t, t + h]."""
-        D = np.empty_like(left.joints)
-        joint_bounds(left.joints, h, D)
-        position, rotation, spin = np.empty((h.size, 6)), np.empty((h.size, 6)), np.empty(h.size)
-        tool_bounds(self.links, self.robot.prismatic, D, position, rotation, spin)
-        return position, rotation, spin
-
-
-def hermite_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array) -> Array:
-    """Return bounds on the norms over [0, h] of curves with given values and rates at both ends and bounded fourth derivatives.
-
-    A curve is within fourth · h⁴ / 384 of its cubic Hermite interpolant (de Boor, A Practical Guide to Splines, ch. IV; applied
-    in every direction). The cubic is in the convex hull of its Bézier points.
-    """
-    bound = np.empty(h.size)
-    left, left_rate, right, right_rate = (np.ascontiguousarray(x) for x in (left, left_rate, right, right_rate))
-    _bezier_bounds(left, left_rate, right, right_rate, h, np.ascontiguousarray(fourth), bound)
-    return bound
 
 
 @compiled
 def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
-    """Return `hermite_bound` of one curve, with values and rates (d,).
+    """Return a bound on the norm over [0, h] of a curve by its values and rates at both ends and its fourth derivative.
+
+    The curve is within fourth · h⁴ / 384 of its cubic Hermite interpolant (de Boor, A Practical Guide to Splines, ch. IV;
+    applied in every direction). The cubic is in the convex hull of its Bézier points.
 
     Shapes and units: left, left_rate, right, right_rate (d,) [as the curve], h [s].
     """
@@ -186,20 +175,12 @@ def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array,
     return float(np.sqrt(max(p0, p1, p2, p3)) + fourth * h**4 / 384.0)
 
 
-@compiled
-def _bezier_bounds(
-    left: Array, left_rate: Array, right: Array, right_rate: Array, h: Array, fourth: Array, bound: Array
-) -> None:
-    for k in range(h.shape[0]):
-        bound[k] = bezier_bound(left[k], left_rate[k], right[k], right_rate[k], h[k], fourth[k])
-
-
 MOST_PARTS = 8
 """Largest number of parts into which an interval is divided at once."""
 NARROWEST_SHARE = 1e-9
 """Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
 Side = TypeVar("Side", bound=Any)
-"""A NamedTuple of arrays (k, ...) that begins with the times ``t`` (k,): the motion at the left or right ends of intervals."""
+"""A NamedTuple of arrays (k, ...) that begins with the times ``t`` (k,): the motion at instants."""
 
 
 class Closeness(NamedTuple):
@@ -213,21 +194,10 @@ class Closeness(NamedTuple):
     most: int
 
 
-def select_ends(side: Side, which: Flags | slice) -> Side:
-    """Return the selected ends of intervals."""
-    some: Side = type(side)(*(x[which] for x in side))
-    return some
-
-
-def join_ends(first: Side, second: Side) -> Side:
-    """Return two arrays of ends of intervals as one."""
+def join_sides(first: Side, second: Side) -> Side:
+    """Return the instants of two as one."""
     both: Side = type(first)(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
     return both
-
-
-def repeat_ends(x: Any, times: int) -> Any:
-    """Return an array repeated several times."""
-    return x if times == 1 else np.concatenate([x] * times)
 
 
 class SubdivisionBound(ABC, Generic[Side]):
@@ -254,11 +224,11 @@ class SubdivisionBound(ABC, Generic[Side]):
         self.found, self.when = np.zeros(2), np.zeros(2)
 
     @abstractmethod
-    def between(self, left: Side, right: Side) -> Array:
-        """Return bounds on both values within intervals."""
+    def between(self, at: Side, left: Indices, right: Indices) -> Array:
+        """Return bounds on both values within intervals between instants of `at`."""
 
     @abstractmethod
-    def within(self, piece: Indices, left: Side, right: Side, shares: Array) -> Side:
+    def within(self, at: Side, piece: Indices, left: Indices, right: Indices, shares: Array) -> Side:
         """Return the motion inside intervals, at fractions `shares` of their durations."""
 
     @abstractmethod
@@ -270,38 +240,47 @@ class SubdivisionBound(ABC, Generic[Side]):
         """Largest number of intervals."""
         return FEW_INTERVALS if self._bounds.far_out_of_range else self._close.most
 
-    def record_closed(self, which: Flags, left: Side) -> None:
+    def record_closed(self, which: Flags) -> None:
         """Record the intervals of the last `between` that are not divided further."""
 
-    def bound(self, piece: Indices, left: Side, right: Side) -> Array:
-        """Return the bounds on both values, by subdividing intervals until the bounds are close enough."""
-        for side in (left, right):
-            _keep_largest(side.t, self.values(side), self.found, self.when)
-        proved, count = np.zeros(2), 0
+    def bound(self, piece: Indices, at: Side) -> Array:
+        """Return the bounds on both values, by subdividing intervals until the bounds are close enough.
+
+        The first half of the instants `at` begins the intervals, and the second half ends them.
+        """
+        left = np.arange(piece.size)
+        right, proved, count = left + piece.size, np.zeros(2), 0
+        self._keep_largest(at)
         while True:
-            between = self.between(left, right)
+            between = self.between(at, left, right)
             over = (between / (self._close.factor * np.maximum(self.found, self._close.floor))).max(axis=1)
-            loose = (over > 1.0) & (right.t - left.t > self._shortest)
+            loose = (over > 1.0) & (at.t[right] - at.t[left] > self._shortest)
             # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
             loose &= float((over[loose] ** 0.25).sum()) <= self.most_intervals - count
             np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
-            self.record_closed(~loose, left)
+            self.record_closed(~loose)
             if not loose.any():
                 return np.maximum(proved, self.found)
             count += loose.size - int(np.count_nonzero(loose))
-            piece, left, right = piece[loose], select_ends(left, loose), select_ends(right, loose)
-            parts = _count_parts(over[loose])
-            shares = np.arange(1, parts).repeat(piece.size) / parts
-            middle = self.within(piece, left, right, shares)
-            _keep_largest(middle.t, self.values(middle), self.found, self.when)
-            piece, left, right = repeat_ends(piece, parts), join_ends(left, middle), join_ends(middle, right)
+            some, begin, end, parts = piece[loose], left[loose], right[loose], _count_parts(over[loose])
+            shares = np.arange(1, parts).repeat(some.size) / parts
+            every = [np.concatenate([x] * (parts - 1)) for x in (some, begin, end)]
+            middle = self.within(at, every[0], every[1], every[2], shares)
+            self._keep_largest(middle)
+            inner = np.arange(at.t.size, at.t.size + shares.size)
+            piece, left, right = (
+                np.concatenate([some] * parts),
+                np.concatenate([begin, inner]),
+                np.concatenate([inner, end]),
+            )
+            at = join_sides(at, middle)
 
-
-def _keep_largest(t: Array, values: Array, found: Array, when: Array) -> None:
-    """Update the largest values (2,) found, and their times, with values (k, 2) at instants (k,)."""
-    for i, k in enumerate(values.argmax(axis=0)):
-        if values[k, i] > found[i]:
-            found[i], when[i] = values[k, i], t[k]
+    def _keep_largest(self, side: Side) -> None:
+        """Update the largest values found, and their times, with the values at instants."""
+        values = self.values(side)
+        for i, k in enumerate(values.argmax(axis=0)):
+            if values[k, i] > self.found[i]:
+                self.found[i], self.when[i] = values[k, i], side.t[k]
 
 
 def _count_parts(over: Array) -> int:
@@ -344,7 +323,7 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     speeds = _Speeds(bounds)
-    proved = speeds.bound(np.arange(trajectory.knots.size - 1), *bounds.ends)
+    proved = speeds.bound(np.arange(trajectory.knots.size - 1), bounds.ends)
     return ToolSpeed(float(proved[0]), float(proved[1]), float(speeds.when[0]), float(speeds.when[1]))
 
 
@@ -354,15 +333,13 @@ class _Speeds(SubdivisionBound[Instants]):
     def __init__(self, bounds: MotionBounds) -> None:
         super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, SPEED_FLOOR), SPEED_INTERVALS))
 
-    def between(self, left: Instants, right: Instants) -> Array:
-        out = np.empty((left.t.size, 2))
-        speeds_within(self._bounds.links, self._bounds.robot.prismatic, left, right, out)
+    def between(self, at: Instants, left: Indices, right: Indices) -> Array:
+        out = np.empty((left.size, 2))
+        speeds_within(self._bounds.links, self._bounds.robot.prismatic, at, left, right, out)
         return out
 
-    def within(self, piece: Indices, left: Instants, right: Instants, shares: Array) -> Instants:
-        times = shares.size // piece.size
-        t = repeat_ends(left.t, times) + shares * repeat_ends(right.t - left.t, times)
-        return self._bounds.at(repeat_ends(piece, times), t)
+    def within(self, at: Instants, piece: Indices, left: Indices, right: Indices, shares: Array) -> Instants:
+        return self._bounds.at(piece, at.t[left] + shares * (at.t[right] - at.t[left]))
 
     def values(self, side: Instants) -> Array:
         twist = side.motion[:, 0]
@@ -370,17 +347,17 @@ class _Speeds(SubdivisionBound[Instants]):
 
 
 @compiled
-def speeds_within(links: Array, prismatic: Flags, left: Instants, right: Instants, out: Array) -> None:
-    """Compute bounds on |v| and |ω| of the tool within intervals of time.
+def speeds_within(links: Array, prismatic: Flags, at: Instants, left: Indices, right: Indices, out: Array) -> None:
+    """Compute bounds on |v| and |ω| of the tool within intervals between instants of `at`.
 
-    Shapes and units: links (n + 1,) [m], prismatic (n,), out (k, 2) [m/s, rad/s].
+    Shapes and units: links (n + 1,) [m], prismatic (n,), left and right (k,), out (k, 2) [m/s, rad/s].
     """
-    k = left.t.shape[0]
-    h = right.t - left.t
-    D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
-    joint_bounds(left.joints, h, D)
-    tool_bounds(links, prismatic, D, moves, turns, spin)
-    for i in range(k):
-        a, b = left.motion[i], right.motion[i]
-        out[i, 0] = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h[i], moves[i, 5])
-        out[i, 1] = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h[i], spin[i])
+    D, work, moves, turns = np.empty(at.joints.shape[1:]), np.empty((2, 6)), np.empty(6), np.empty(6)
+    for k in range(left.shape[0]):
+        i, j = left[k], right[k]
+        h = at.t[j] - at.t[i]
+        joint_bounds(at.joints[i], h, D)
+        spin = tool_bounds(links, prismatic, D, work, moves, turns)
+        a, b = at.motion[i], at.motion[j]
+        out[k, 0] = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h, moves[5])
+        out[k, 1] = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h, spin)

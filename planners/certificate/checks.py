@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optik import kinematics
+from optik import kinematics, linear
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.check import check_number
@@ -62,8 +62,11 @@ def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
     if periods > PERIODS:
         around = np.floor(trajectory.knots[:, None] * rate) + np.arange(-1, 2)
         first = np.concatenate([np.linspace(0, periods - 1, PERIODS), np.clip(around.ravel(), 0, periods - 1)])
-    begin, end = (np.minimum(np.floor(i) / rate, trajectory.end) for i in (first, first + 1))
-    difference: Array = np.abs(trajectory(end, 2) - trajectory(begin, 2)).max(axis=0) * rate
+        begin, end = (trajectory(np.minimum(np.floor(i) / rate, trajectory.end), 2) for i in (first, first + 1))
+    else:
+        every = trajectory(np.minimum(np.append(first, periods) / rate, trajectory.end), 2)
+        begin, end = every[:-1], every[1:]
+    difference: Array = np.abs(end - begin).max(axis=0) * rate
     return difference
 
 
@@ -75,30 +78,33 @@ GRID_WIDTH = 1e-4
 
 def smallest_singular_value(robot: Robot, trajectory: Trajectory) -> tuple[float, float]:
     """Return the smallest singular value along a motion, and its time, from a grid that is refined around its minimum."""
-    end = trajectory.end
-    low, high, count = 0.0, end, GRID_INSTANTS
-    while True:
-        t, values = np.linspace(low, high, count), np.empty(count)
-        _singular_values(robot.chain, trajectory.padded, trajectory.knots, t, values)
-        k = int(values.argmin())
-        if high - low <= GRID_WIDTH * end:
-            return float(values[k]), float(t[k])
-        low, high, count = t[max(k - 1, 0)], t[min(k + 1, t.size - 1)], FINER_INSTANTS
+    return _find_smallest(robot.chain, trajectory.padded, trajectory.knots, trajectory.end)
 
 
 @compiled
-def _singular_values(chain: Chain, c: Array, knots: Array, t: Array, out: Array) -> None:
-    """Compute the smallest singular values of the Jacobian at instants t (k,) of quintics c (6, m, n)."""
-    q = np.empty((t.shape[0], c.shape[2]))
-    for k in range(t.shape[0]):
-        i = min(max(np.searchsorted(knots, t[k], side="right") - 1, 0), c.shape[1] - 1)
-        u = t[k] - knots[i]
-        for j in range(c.shape[2]):
-            value = 0.0
-            for power in range(6):
-                value = value * u + c[power, i, j]
-            q[k, j] = value
-    kinematics.singular_values_batch(chain, q, out)
+def _find_smallest(chain: Chain, c: Array, knots: Array, end: float) -> tuple[float, float]:
+    """Return the smallest singular value of the Jacobian of quintics c (6, m, n) on [0, end], and its time."""
+    n = c.shape[2]
+    q, (frame, T, J) = np.empty(n), kinematics.workspace(n)
+    low, high, count = 0.0, end, GRID_INSTANTS
+    while True:
+        step, best, at = (high - low) / (count - 1), np.inf, 0
+        for k in range(count):
+            t = low + k * step if k < count - 1 else high
+            i = min(max(np.searchsorted(knots, t, side="right") - 1, 0), c.shape[1] - 1)
+            for j in range(n):
+                q[j] = 0.0
+                for power in range(6):
+                    q[j] = q[j] * (t - knots[i]) + c[power, i, j]
+            kinematics.forward(chain, q, frame, T)
+            kinematics.jacobian_from(chain, frame, T, J)
+            value = linear.smallest_singular_value(J, np.inf, best)
+            if value < best:
+                best, at = value, k
+        if high - low <= GRID_WIDTH * end:
+            return best, low + at * step if at < count - 1 else high
+        low, high = low + max(at - 1, 0) * step, (low + (at + 1) * step if at + 1 < count - 1 else high)
+        count = FINER_INSTANTS
 
 
 JUMP = 1e-5
@@ -119,20 +125,33 @@ class Jump(NamedTuple):
     joint: int
 
 
-def jumps(trajectory: Trajectory) -> Flags:
+def jumps(trajectory: Trajectory, standing: tuple[bool, bool]) -> Flags:
     """Return where a joint's derivative steps by more than rounding error, each joint on its own scale."""
-    standing = rest(trajectory)
-    size = np.abs(np.stack([steps(trajectory, order, standing) for order in range(4)]))
+    first, last = zip(*(trajectory.ends(order) for order in range(4)), strict=True)
     worst = np.stack([trajectory.extrema(order).worst for order in range(4)])
-    return np.asarray(size > JUMP * worst[:, None] + _rounding(trajectory))
+    size = STEP_ROUNDING * np.maximum(worst[0], FROM_AFAR)
+    jumping = np.empty((4, len(first[0]) + 1, trajectory.n), np.bool_)
+    _find_jumps(np.stack(first), np.stack(last), np.diff(trajectory.knots), standing, JUMP * worst, size, jumping)
+    return jumping
 
 
-def _rounding(trajectory: Trajectory) -> Array:
-    """Return the rounding errors of derivatives (4, m + 1, n) at the knots, from the shorter of the adjacent pieces."""
-    h = np.diff(trajectory.knots)
-    shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
-    size = np.maximum(trajectory.extrema(0).worst, FROM_AFAR)
-    return np.asarray(STEP_ROUNDING * size / (shorter[:, None] ** np.arange(4)).T[:, :, None])
+@compiled
+def _find_jumps(
+    first: Array, last: Array, h: Array, standing: tuple[bool, bool], allowed: Array, size: Array, jumping: Flags
+) -> None:
+    """Write where derivatives (4, m, n) step at knots by more than allowed (4, n), and rounding of positions of a size (n,)."""
+    m = h.shape[0]
+    for order in range(4):
+        for k in range(m + 1):
+            shorter = min(h[max(k - 1, 0)], h[min(k, m - 1)])
+            for i in range(size.shape[0]):
+                if 0 < k < m:
+                    step = first[order, k, i] - last[order, k - 1, i]
+                elif order == 0 or not standing[0 if k == 0 else 1]:
+                    step = 0.0
+                else:
+                    step = first[order, 0, i] if k == 0 else last[order, m - 1, i]
+                jumping[order, k, i] = abs(step) > allowed[order, i] + size[i] / shorter**order
 
 
 def rest(trajectory: Trajectory) -> tuple[bool, bool]:
@@ -140,11 +159,11 @@ def rest(trajectory: Trajectory) -> tuple[bool, bool]:
 
     The start is at rest only within rounding error: a motion that is replanned just after its start is slow but moves.
     """
-    first, last = trajectory.ends(1)
-    begin, end = _rounding(trajectory)[1, [0, -1]]
+    (first, last), knots = trajectory.ends(1), trajectory.knots
+    rounding = STEP_ROUNDING * np.maximum(trajectory.extrema(0).worst, FROM_AFAR)
     still = AT_REST * trajectory.extrema(1).worst
     # The remaining motion just before the end is slow but not at rest.
-    begin, end = np.minimum(begin, still), end + still
+    begin, end = np.minimum(rounding / (knots[1] - knots[0]), still), rounding / (knots[-1] - knots[-2]) + still
     return bool((np.abs(first[0]) <= begin).all()), bool((np.abs(last[-1]) <= end).all())
 
 
@@ -190,8 +209,9 @@ FALLS = 100
 COVERED = (1e-5, 1e-5)
 """Largest distance along the path [m, rad] of start and end from their required positions, and of backward stretches, without
 a tolerance: the default tolerance of `planners.plan`."""
-SIMPSON_INTERVALS = 64
-"""Number of intervals of Simpson's rule for the length of a stretch, even: exact to 1e-6 on any arc of these paths."""
+SIMPSON_INTERVALS, SHORT_STRETCH = 64, 1e-9
+"""Number of intervals of Simpson's rule for the length of a stretch, even: exact to 1e-6 on any arc of these paths; and the
+fraction of the path up to which two suffice."""
 
 
 class Coverage(NamedTuple):
@@ -257,9 +277,12 @@ def _find_backward_stretches(passage: Passage) -> Array:
 
 def length_between(path: Path, a: float, b: float) -> tuple[float, float]:
     """Return how far the tool moves and turns between two positions along a path, by Simpson's rule."""
-    s = np.linspace(min(a, b), max(a, b), SIMPSON_INTERVALS + 1)
+    if a == b:
+        return 0.0, 0.0
+    count = SIMPSON_INTERVALS if abs(b - a) > SHORT_STRETCH * path.end else 2
+    s = np.linspace(min(a, b), max(a, b), count + 1)
     twist = path.twist(s)
-    weights = np.array([1.0, *[4.0, 2.0] * (SIMPSON_INTERVALS // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
+    weights = np.array([1.0, *[4.0, 2.0] * (count // 2 - 1), 4.0, 1.0]) * (s[1] - s[0]) / 3.0
     moved, turned = (float(weights @ np.linalg.norm(part, axis=1)) for part in (twist[:, :3], twist[:, 3:]))
     return moved, turned
 

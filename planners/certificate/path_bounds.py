@@ -7,12 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.compiled import compiled
-from optik.types import Array, Flags
+from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds
 from planners.paths.base import Path
 
 JOINT_ROUNDING = 2e-15
 """Largest rounding error of a joint's difference from its path, as a fraction of the joint's position."""
+
+
+Arm = tuple[Array, Flags]
+"""Lengths (n + 1,) of the links [m], and which joints are prismatic (n,)."""
+Ends = tuple[Indices, Indices]
+"""The instants (k,) at which intervals begin, and those at which they end."""
 
 
 class ComparedInstants(NamedTuple):
@@ -35,24 +41,22 @@ class ComparedInstants(NamedTuple):
 
 
 @compiled
-def _turn(A: Array, B: Array, out: Array) -> None:
-    """Compute E = R_tool R_pathᵀ of two poses, into out (3, 3)."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
-
-
-@compiled
 def _angle(norm: float) -> float:
     """Return the angle of a rotation E from ‖E − I‖ (Frobenius), which is 2√2 sin(angle / 2)."""
     return float(2.0 * np.arcsin(min(norm / (2.0 * np.sqrt(2.0)), 1.0)))
 
 
 @compiled
-def _error(tool: Array, motion: Array, pose: Array, twist: Array, speed: float, value: Array, rate: Array) -> None:
-    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives."""
-    E = np.empty((3, 3))
-    _turn(tool, pose, E)
+def _error(
+    tool: Array, motion: Array, pose: Array, twist: Array, speed: float, E: Array, value: Array, rate: Array
+) -> None:
+    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives.
+
+    E (3, 3) is overwritten by R_tool R_pathᵀ.
+    """
+    for i in range(3):
+        for j in range(3):
+            E[i, j] = tool[i, 0] * pose[j, 0] + tool[i, 1] * pose[j, 1] + tool[i, 2] * pose[j, 2]
     for i in range(3):
         value[i] = tool[i, 3] - pose[i, 3]
         rate[i] = motion[0, i] - speed * twist[i]
@@ -128,17 +132,16 @@ def path_rates(
     rates = _cubic_rates(places[0], speeds[0], places[1], speeds[1], h)
     v, a = rates.speed, rates.acceleration
     first, final = _find_pieces(limits.breaks, rates.low, rates.high)
-    b = np.zeros(4)
     for part in range(2):
-        for k in range(4):
-            b[k] = 0.0
-            for i in range(first, final + 1):
-                b[k] = max(b[k], limits.bounds[i, part, k])
+        b1, b2, b3, b4 = 0.0, 0.0, 0.0, 0.0
+        for i in range(first, final + 1):
+            b1, b2 = max(b1, limits.bounds[i, part, 0]), max(b2, limits.bounds[i, part, 1])
+            b3, b4 = max(b3, limits.bounds[i, part, 2]), max(b4, limits.bounds[i, part, 3])
         out[part, 0] = 1.0
-        out[part, 1] = b[0] * v
-        out[part, 2] = b[0] * a + b[1] * v * v
-        out[part, 3] = b[0] * rates.jerk + 3.0 * b[1] * v * a + b[2] * v**3
-        out[part, 4] = _fourth_rate(b[1], b[2], b[3], rates)
+        out[part, 1] = b1 * v
+        out[part, 2] = b1 * a + b2 * v * v
+        out[part, 3] = b1 * rates.jerk + 3.0 * b2 * v * a + b3 * v**3
+        out[part, 4] = _fourth_rate(b2, b3, b4, rates)
 
 
 @compiled
@@ -149,89 +152,79 @@ def _clip_speed(v: float, before: float, after: float, h: float) -> float:
 
 @compiled
 def intervals(
-    links: Array,
-    prismatic: Flags,
-    limits: PieceBounds,
-    end: float,
-    left: ComparedInstants,
-    right: ComparedInstants,
-    out: Array,
-    fall: Array,
+    arm: Arm, limits: PieceBounds, end: float, at: ComparedInstants, ends: Ends, out: Array, fall: Array
 ) -> None:
-    """Compute bounds on distance and angle within intervals of time; s(t) is the cubic through their ends.
+    """Compute bounds on distance and angle within intervals between instants of `at`; s(t) is the cubic through their ends.
 
-    Shapes and units: links (n + 1,) [m], prismatic (n,), end [m, or rad], out (k, 2) [m, rad], fall (k, 4) [s; m, or rad].
+    Shapes and units: end [m, or rad], ends (2,) of (k,), out (k, 2) [m, rad], fall (k, 4) [s; m, or rad].
     """
-    k = left.t.shape[0]
-    h = right.t - left.t
-    D, moves, turns, spin = np.empty(left.joints.shape), np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
-    joint_bounds(left.joints, h, D)
-    tool_bounds(links, prismatic, D, moves, turns, spin)
-    e0, r0, e1, r1, b = np.empty(12), np.empty(12), np.empty(12), np.empty(12), np.empty((2, 5))
-    for i in range(k):
-        v0 = _clip_speed(left.speed[i], left.s[i], end - left.s[i], h[i])
-        v1 = _clip_speed(right.speed[i], end - right.s[i], right.s[i], h[i])
-        _error(left.poses[i], left.motion[i], left.path_poses[i], left.twist[i], v0, e0, r0)
-        _error(right.poses[i], right.motion[i], right.path_poses[i], right.twist[i], v1, e1, r1)
-        path_rates(limits, (left.s[i], right.s[i]), (v0, v1), h[i], b)
-        fall[i] = _fall(left.s[i], v0 * h[i], right.s[i], v1 * h[i])
-        fall[i, ::2] = left.t[i] + fall[i, ::2] * h[i]
-        fourth = moves[i, 4] + b[0, 4]
-        out[i, 0] = bezier_bound(e0[:3], r0[:3], e1[:3], r1[:3], h[i], fourth)
-        fourth = product_bound(turns[i], b[1])
-        out[i, 1] = _angle(bezier_bound(e0[3:], r0[3:], e1[3:], r1[3:], h[i], fourth))
+    (links, prismatic), (left, right) = arm, ends
+    D, work, moves, turns = np.empty(at.joints.shape[1:]), np.empty((2, 6)), np.empty(6), np.empty(6)
+    E, b = np.empty((3, 3)), np.empty((2, 5))
+    e0, r0, e1, r1 = np.empty(12), np.empty(12), np.empty(12), np.empty(12)
+    for k in range(left.shape[0]):
+        i, j = left[k], right[k]
+        h, s0, s1 = at.t[j] - at.t[i], at.s[i], at.s[j]
+        joint_bounds(at.joints[i], h, D)
+        tool_bounds(links, prismatic, D, work, moves, turns)
+        v0 = _clip_speed(at.speed[i], s0, end - s0, h)
+        v1 = _clip_speed(at.speed[j], end - s1, s1, h)
+        _error(at.poses[i], at.motion[i], at.path_poses[i], at.twist[i], v0, E, e0, r0)
+        _error(at.poses[j], at.motion[j], at.path_poses[j], at.twist[j], v1, E, e1, r1)
+        path_rates(limits, (s0, s1), (v0, v1), h, b)
+        fall[k] = _fall(s0, v0 * h, s1, v1 * h)
+        fall[k, ::2] = at.t[i] + fall[k, ::2] * h
+        fourth = moves[4] + b[0, 4]
+        out[k, 0] = bezier_bound(e0[:3], r0[:3], e1[:3], r1[:3], h, fourth)
+        fourth = product_bound(turns, b[1])
+        out[k, 1] = _angle(bezier_bound(e0[3:], r0[3:], e1[3:], r1[3:], h, fourth))
 
 
 @compiled
 def joint_intervals(
-    links: Array,
-    prismatic: Flags,
-    limits: tuple[Array, Array],
-    end: float,
-    left: ComparedInstants,
-    right: ComparedInstants,
-    out: Array,
+    arm: Arm, limits: tuple[Array, Array], end: float, at: ComparedInstants, ends: Ends, out: Array
 ) -> None:
     """Lower bounds on distance and angle within intervals to those that follow from the errors of the joints, if less.
 
     A joint that differs by e moves the tool by at most e times its greatest distance from the axis, and turns it by e. Where
     tool and path turn fast together, this bound needs far longer intervals than that of `intervals`.
 
-    Shapes and units: links (n + 1,) [m], prismatic (n,), limits breaks (m + 1,) and bounds (m, 4, n) [rad/s^i, m/s^i], end
-    [m, or rad], out (k, 2) [m, rad].
+    Shapes and units: limits breaks (m + 1,) and bounds (m, 4, n) [rad/s^i, m/s^i], end [m, or rad], ends (2,) of (k,), out
+    (k, 2) [m, rad].
     """
+    (links, prismatic), (left, right) = arm, ends
     n = prismatic.shape[0]
-    h = right.t - left.t
-    D, e = np.empty(left.joints.shape), np.empty(n)
-    joint_bounds(left.joints, h, D)
+    D, e = np.empty(at.joints.shape[1:]), np.empty(n)
     breaks, bounds = limits
-    for i in range(h.shape[0]):
-        s0, s1 = left.s[i], right.s[i]
-        v0 = _clip_speed(left.speed[i], s0, end - s0, h[i])
-        v1 = _clip_speed(right.speed[i], end - s1, s1, h[i])
-        rates = _cubic_rates(s0, v0, s1, v1, h[i])
+    for k in range(left.shape[0]):
+        a0, a1 = left[k], right[k]
+        h, s0, s1 = at.t[a1] - at.t[a0], at.s[a0], at.s[a1]
+        joint_bounds(at.joints[a0], h, D)
+        v0 = _clip_speed(at.speed[a0], s0, end - s0, h)
+        v1 = _clip_speed(at.speed[a1], end - s1, s1, h)
+        rates = _cubic_rates(s0, v0, s1, v1, h)
         first, final = _find_pieces(breaks, rates.low, rates.high)
-        third = h[i] / 3.0
+        third = h / 3.0
         for j in range(n):
             path = 0.0
             for m in range(first, final + 1):
                 path = max(path, _fourth_rate(bounds[m, 1, j], bounds[m, 2, j], bounds[m, 3, j], rates))
-            e0 = left.joints[i, 0, j] - left.path_joints[i, 0, j]
-            e1 = right.joints[i, 0, j] - right.path_joints[i, 0, j]
-            a = e0 + third * (left.joints[i, 1, j] - v0 * left.path_joints[i, 1, j])
-            b = e1 - third * (right.joints[i, 1, j] - v1 * right.path_joints[i, 1, j])
-            e[j] = max(abs(e0), abs(e1), abs(a), abs(b)) + (D[i, 4, j] + path) * h[i] ** 4 / 384.0
-            e[j] += JOINT_ROUNDING * D[i, 0, j]
+            e0 = at.joints[a0, 0, j] - at.path_joints[a0, 0, j]
+            e1 = at.joints[a1, 0, j] - at.path_joints[a1, 0, j]
+            a = e0 + third * (at.joints[a0, 1, j] - v0 * at.path_joints[a0, 1, j])
+            b = e1 - third * (at.joints[a1, 1, j] - v1 * at.path_joints[a1, 1, j])
+            e[j] = max(abs(e0), abs(e1), abs(a), abs(b)) + (D[4, j] + path) * h**4 / 384.0
+            e[j] += JOINT_ROUNDING * D[0, j]
         reach, distance, angle = links[n], 0.0, 0.0
         for j in range(n - 1, -1, -1):
             if prismatic[j]:
                 distance += e[j]
-                reach += D[i, 0, j] + e[j]
+                reach += D[0, j] + e[j]
             else:
                 distance += reach * e[j]
                 angle += e[j]
             reach += links[j]
-        out[i, 0], out[i, 1] = min(out[i, 0], distance), min(out[i, 1], angle)
+        out[k, 0], out[k, 1] = min(out[k, 0], distance), min(out[k, 1], angle)
 
 
 @compiled

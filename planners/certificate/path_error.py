@@ -15,9 +15,6 @@ from planners.certificate.bounds import (
     Instants,
     MotionBounds,
     SubdivisionBound,
-    join_ends,
-    repeat_ends,
-    select_ends,
 )
 from planners.certificate.chord_search import CHORD_ROOM
 from planners.certificate.path_bounds import ComparedInstants, PieceBounds, intervals, joint_intervals
@@ -119,42 +116,33 @@ def path_error(
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
-    piece, first, last, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(nearest, bounds)
+    piece, at, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(nearest, bounds)
     errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR))
-    proved = errors.bound(piece, first, last) + ERROR_ROUNDING
+    proved = errors.bound(piece, at) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
-    t, s = np.append(first.t, last.t[-1]), np.append(first.s, last.s[-1])
+    t, s = (np.append(x[: piece.size], x[-1]) for x in (at.t, at.s))
     return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
-Intervals = tuple[Indices, ComparedInstants, ComparedInstants, Flags]
-"""The pieces (k,) of intervals, their one-sided ends, and which of the k + 1 instants between them are knots of the motion."""
+Intervals = tuple[Indices, ComparedInstants, Flags]
+"""The pieces (k,) of intervals, the instants at which they begin and then those at which they end, one-sided, and which of the
+k + 1 instants between them are knots of the motion."""
 
 
 def _known_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Trajectory) -> Intervals | None:
     """Return the pieces of the motion at the positions of its time law; None if those are unknown or of another path."""
-    if trajectory.s is None:
+    s = trajectory.s
+    if s is None:
         return None
-    left, right = bounds.ends
-    first, last = _compare_ends(nearest, left, right, trajectory.s)
-    if max(values.max() for values in map(_deviations, (first, last))) > CHORD_ROOM:
-        return None
-    return np.arange(left.t.size), first, last, np.ones(left.t.size + 1, np.bool_)
+    at = _compare(nearest, bounds.ends, np.concatenate([s[:-1], s[1:]]))
+    return None if _deviations(at).max() > CHORD_ROOM else (np.arange(s.size - 1), at, np.ones(s.size, np.bool_))
 
 
 def _search_positions(nearest: Nearest, bounds: MotionBounds) -> Intervals:
     """Return the intervals of a motion whose positions along the path are found by a search."""
-    piece, left, right, knot = _first_intervals(nearest, bounds)
-    guess = nearest.guess(join_ends(left, select_ends(right, slice(-1, None))))
-    return piece, *_compare_ends(nearest, left, right, guess), knot
-
-
-def _compare_ends(
-    nearest: Nearest, left: Instants, right: Instants, guess: Array
-) -> tuple[ComparedInstants, ComparedInstants]:
-    """Compare both ends of intervals with the path, near guesses (k + 1,), in one search."""
-    both = _compare(nearest, join_ends(left, right), np.concatenate([guess[:-1], guess[1:]]))
-    return select_ends(both, slice(None, left.t.size)), select_ends(both, slice(left.t.size, None))
+    piece, ends, knot = _first_intervals(nearest, bounds)
+    guess = nearest.guess(Instants(*(np.concatenate([x[: piece.size], x[-1:]]) for x in ends)))
+    return piece, _compare(nearest, ends, np.concatenate([guess[:-1], guess[1:]])), knot
 
 
 def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants:
@@ -172,21 +160,19 @@ class _Errors(SubdivisionBound[ComparedInstants]):
         self._fall = np.empty((0, 4))
         self.falls: list[Array] = []
 
-    def between(self, left: ComparedInstants, right: ComparedInstants) -> Array:
-        out, self._fall = np.empty((left.t.size, 2)), np.empty((left.t.size, 4))
-        intervals(
-            self._bounds.links, self._bounds.robot.prismatic, self._limits, self._end, left, right, out, self._fall
-        )
+    def between(self, at: ComparedInstants, left: Indices, right: Indices) -> Array:
+        out, self._fall = np.empty((left.size, 2)), np.empty((left.size, 4))
+        arm, limits = (self._bounds.links, self._bounds.robot.prismatic), self._limits
+        intervals(arm, limits, self._end, at, (left, right), out, self._fall)
         if self._joint_bounds is not None:
-            limits = self._limits.breaks, self._joint_bounds
-            joint_intervals(self._bounds.links, self._bounds.robot.prismatic, limits, self._end, left, right, out)
+            joint_intervals(arm, (limits.breaks, self._joint_bounds), self._end, at, (left, right), out)
         return out
 
     def within(
-        self, piece: Indices, left: ComparedInstants, right: ComparedInstants, shares: Array
+        self, at: ComparedInstants, piece: Indices, left: Indices, right: Indices, shares: Array
     ) -> ComparedInstants:
-        t, guess = _interpolate(shares, shares.size // piece.size, left, right)
-        return _compare(self._nearest, self._bounds.at(repeat_ends(piece, shares.size // piece.size), t), guess)
+        t, guess = _interpolate(shares, at, left, right)
+        return _compare(self._nearest, self._bounds.at(piece, t), guess)
 
     def values(self, side: ComparedInstants) -> Array:
         return _deviations(side)
@@ -195,7 +181,7 @@ class _Errors(SubdivisionBound[ComparedInstants]):
     def most_intervals(self) -> int:
         return FEW_INTERVALS if self.found.max() > NOT_ALONG_PATH else super().most_intervals
 
-    def record_closed(self, which: Flags, left: ComparedInstants) -> None:
+    def record_closed(self, which: Flags) -> None:
         self.falls.append(self._fall[which & (self._fall[:, 1] > self._fall[:, 3])])
 
 
@@ -207,40 +193,39 @@ def _deviations(side: ComparedInstants) -> Array:
     return np.asarray(values)
 
 
-def _first_intervals(nearest: Nearest, bounds: MotionBounds) -> tuple[Indices, Instants, Instants, Flags]:
+def _first_intervals(nearest: Nearest, bounds: MotionBounds) -> tuple[Indices, Instants, Flags]:
     """Return intervals in which the motion is within about `BEND` of a straight line: their pieces and one-sided ends.
 
     Also return which of the k + 1 instants between them are knots of the motion.
     """
     t = bounds.knots
     piece = np.arange(t.size - 1)
-    left, right = bounds.ends
-    parts = _count_parts(nearest, left, right)
+    parts = _count_parts(nearest, bounds.ends)
     if parts.max() == 1:
-        return piece, left, right, np.ones(t.size, np.bool_)
+        return piece, bounds.ends, np.ones(t.size, np.bool_)
     which = np.repeat(piece, parts)
     part = np.arange(which.size) - np.repeat(np.cumsum(parts) - parts, parts)
     begin = t[which] + part * (np.diff(t) / parts)[which]
     end = np.where(part + 1 == parts[which], t[which + 1], np.append(begin[1:], t[-1]))
-    return which, bounds.at(which, begin), bounds.at(which, end), np.append(part == 0, True)
+    ends = bounds.at(np.concatenate([which, which]), np.concatenate([begin, end]))
+    return which, ends, np.append(part == 0, True)
 
 
-def _count_parts(nearest: Nearest, left: Instants, right: Instants) -> Indices:
+def _count_parts(nearest: Nearest, ends: Instants) -> Indices:
     """Return the numbers (k,) of equal parts in which the motion is within `BEND` of a straight line, by |a| h²/8."""
-    (x0, v0, a0), (x1, v1, a1) = nearest.track(left), nearest.track(right)
-    way, a, v = x1 - x0, np.stack([a0, a1]), np.stack([v0, v1])
+    x, v, a = (each.reshape(2, -1, each.shape[1]) for each in nearest.track(ends))
+    way, h = x[1] - x[0], np.diff(ends.t.reshape(2, -1), axis=0)[0]
     size = (way * way).sum(axis=1)
     # Acceleration along the line does not bend it, unless the motion turns back beyond its ends.
     onward = ((v * way).sum(axis=2) >= 0.0).all(axis=0) & (size > 0.0)
     along = np.where(onward, (a * way).sum(axis=2) ** 2 / np.where(onward, size, 1.0), 0.0)
-    bend = np.sqrt(np.maximum((a * a).sum(axis=2) - along, 0.0).max(axis=0)) * (right.t - left.t) ** 2 / 8.0
+    bend = np.sqrt(np.maximum((a * a).sum(axis=2) - along, 0.0).max(axis=0)) * h**2 / 8.0
     return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
 
 
-def _interpolate(u: Array, times: int, left: ComparedInstants, right: ComparedInstants) -> tuple[Array, Array]:
-    """Return instants at fractions u of intervals, repeated `times` times, and s on the cubics through their ends."""
-    t0, h = repeat_ends(left.t, times), repeat_ends(right.t - left.t, times)
-    s0, v0, s1, v1 = (repeat_ends(x, times) for x in (left.s, left.speed, right.s, right.speed))
-    w = 1.0 - u
+def _interpolate(u: Array, at: ComparedInstants, left: Indices, right: Indices) -> tuple[Array, Array]:
+    """Return instants at fractions u of intervals, and s on the cubics through their ends."""
+    t0, s0, v0, s1, v1 = at.t[left], at.s[left], at.speed[left], at.s[right], at.speed[right]
+    h, w = at.t[right] - t0, 1.0 - u
     s = w * w * ((1.0 + 2.0 * u) * s0 + u * h * v0) + u * u * ((1.0 + 2.0 * w) * s1 - w * h * v1)
     return t0 + u * h, s

@@ -14,7 +14,6 @@ from planners.certificate.bounds import (
     Instants,
     MotionBounds,
     SubdivisionBound,
-    repeat_ends,
     speeds_within,
 )
 from planners.certificate.path_error import Passage
@@ -49,8 +48,9 @@ def segment_speed(
     """
     piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
     ratios = _Ratios(bounds, part)
-    left, right = (LimitedInstants(*bounds.at(piece, t), limit) for t in (begin, end))
-    return float(ratios.bound(piece, left, right)[0]), float(ratios.when[0])
+    ends = bounds.at(np.concatenate([piece, piece]), np.concatenate([begin, end]))
+    proved = ratios.bound(piece, LimitedInstants(*ends, np.concatenate([limit, limit])))
+    return float(proved[0]), float(ratios.when[0])
 
 
 class _Ratios(SubdivisionBound[LimitedInstants]):
@@ -60,15 +60,16 @@ class _Ratios(SubdivisionBound[LimitedInstants]):
         super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
         self._part = part
 
-    def between(self, left: LimitedInstants, right: LimitedInstants) -> Array:
-        out = np.empty((left.t.size, 2))
-        speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*left[:4]), Instants(*right[:4]), out)
-        return np.stack([out[:, self._part] / left.bound, np.zeros(left.t.size)], axis=1)
+    def between(self, at: LimitedInstants, left: Indices, right: Indices) -> Array:
+        out = np.empty((left.size, 2))
+        speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*at[:4]), left, right, out)
+        return np.stack([out[:, self._part] / at.bound[left], np.zeros(left.size)], axis=1)
 
-    def within(self, piece: Indices, left: LimitedInstants, right: LimitedInstants, shares: Array) -> LimitedInstants:
-        times = shares.size // piece.size
-        t = repeat_ends(left.t, times) + shares * repeat_ends(right.t - left.t, times)
-        return LimitedInstants(*self._bounds.at(repeat_ends(piece, times), t), repeat_ends(left.bound, times))
+    def within(
+        self, at: LimitedInstants, piece: Indices, left: Indices, right: Indices, shares: Array
+    ) -> LimitedInstants:
+        t = at.t[left] + shares * (at.t[right] - at.t[left])
+        return LimitedInstants(*self._bounds.at(piece, t), at.bound[left])
 
     def values(self, side: LimitedInstants) -> Array:
         first = 3 * self._part

@@ -402,10 +402,10 @@ def _find_loose(
 @compiled
 def _fourths(arm: Sizes, still: bool, h: Array, joints: Array, out: Array) -> None:
     """Compute bounds (k, n) on the torques' fourth derivatives in intervals, from joint derivatives (k, 6, n) at the starts."""
-    D, space = np.empty(joints.shape), np.empty((2, joints.shape[2] + 1, 7))
-    joint_bounds(joints, h, D)
+    D, space = np.empty(joints.shape[1:]), np.empty((2, joints.shape[2] + 1, 7))
     for k in range(h.shape[0]):
-        fourth_bounds(arm, D[k], still, space, out[k])
+        joint_bounds(joints[k], h[k], D)
+        fourth_bounds(arm, D, still, space, out[k])
 
 
 @compiled

@@ -42,6 +42,7 @@ class FollowStatus(StrEnum):
     SINGULAR = "singular"
     UNREACHABLE = "unreachable"
     CONTACT = "contact"
+    NO_LENGTH = "no_length"
 
 
 @dataclass(frozen=True)
@@ -117,13 +118,18 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
     return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
+def format_place(path: Path, s: float) -> str:
+    """Return a place on a path with its unit."""
+    return f"s = {s:.6g} {path.unit}"
+
+
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
-    sigma, s = smallest_singular_value(robot, q), ended.s
+    sigma, s, at = smallest_singular_value(robot, q), ended.s, format_place(path, ended.s)
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
-        reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {s:.6g}"
+        reason = f"{name} reaches the end of its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {at}"
         return PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, "", sigma)
     status, reason = _explain_beyond(robot, path, reach, ended, q, sigma)
     return PlanFailure(status, s, None, f"{reason}; smallest singular value {sigma:.2g}", "", sigma)
@@ -133,17 +139,17 @@ def _explain_beyond(
     robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array, sigma: float
 ) -> tuple[FollowStatus, str]:
     """Return status and reason of an end that is not at a limit, by solving the IK just behind it."""
-    s = ended.s
+    s, at = ended.s, format_place(path, ended.s)
     beyond = path.pose(min(s + BEYOND * path.end, path.end))
     distance = outside_reach(reach, beyond, 0.0, 0.0)
     if distance >= 0.0:
         bound = f"at most {reach[7]:.6g}" if distance > reach[7] else f"at least {reach[6]:.6g}"
         return FollowStatus.UNREACHABLE, (
-            f"the path leaves the arm's reach at s = {s:.6g}: just beyond, the first and the last joint's axes would be "
+            f"the path leaves the arm's reach at {at}: just beyond, the first and the last joint's axes would be "
             f"{distance:.6g} m apart, and the links allow {bound} m"
         )
     if robot.n < 6 and ended.code == march.NOT_MET and sigma > CLEARLY_REGULAR:
-        few = f"{robot.name} has {robot.n} joints and cannot follow this path from s = {s:.6g} on"
+        few = f"{robot.name} has {robot.n} joints and cannot follow this path from {at} on"
         target = path.pose(min(s + 10.0 * BEYOND * path.end, path.end))
         near = optik.solve_ik(robot, target, robot.limits.clip(q), tolerance=EXACT_TOLERANCE)
         if near:
@@ -153,12 +159,10 @@ def _explain_beyond(
     result = optik.solve_ik(robot, beyond, robot.limits.clip(q))
     this = "this branch" if robot.n <= 6 else "this null-space motion"
     if result and sigma > CLEARLY_REGULAR:
-        words = (
-            f"no continuous motion continues at s = {s:.6g}, where the arm is not singular: is the path discontinuous?"
-        )
+        words = f"no continuous motion continues at {at}, where the arm is not singular: is the path discontinuous?"
         return FollowStatus.BRANCH_JUMP, words
     close = f": the smallest singular value comes to {march.SMALLEST_SINGULAR_VALUE:g} or below"
-    singular = f"the arm is singular at s = {s:.6g}{close if ended.code == march.SINGULAR else f', {this} ends there'}"
+    singular = f"the arm is singular at {at}{close if ended.code == march.SINGULAR else f', {this} ends there'}"
     if result:
         return FollowStatus.SINGULAR, f"{singular}; just beyond, another configuration reaches the path"
     if result.status is IKStatus.OUTSIDE_LIMITS:
@@ -167,16 +171,16 @@ def _explain_beyond(
             f"{singular}; just beyond, the path was reached only with joints outside their limits",
         )
     return FollowStatus.UNREACHABLE, (
-        f"the path leaves the reachable poses at s = {s:.6g}: no configuration was found just beyond, from "
+        f"the path leaves the reachable poses at {at}: no configuration was found just beyond, from "
         f"{result.restarts + 1} initial guesses"
     )
 
 
-def explain_ik_failure(solver: IKSolver, s: float, result: IKResult, before: Array) -> PlanFailure:
+def explain_ik_failure(solver: IKSolver, path: Path, s: float, result: IKResult, before: Array) -> PlanFailure:
     """Return the failure of the IK method where the branch continues."""
-    sigma = smallest_singular_value(solver.robot, before)
+    sigma, at = smallest_singular_value(solver.robot, before), format_place(path, s)
     reason = (
-        f"{solver.name} found no configuration at s = {s:.6g} ({result.status}: {1e3 * result.position_error:.3g} mm and "
+        f"{solver.name} found no configuration at {at} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch continues; smallest singular value {sigma:.2g}"
     )
     return PlanFailure(
@@ -184,12 +188,12 @@ def explain_ik_failure(solver: IKSolver, s: float, result: IKResult, before: Arr
     )
 
 
-def explain_branch_jump(solver: IKSolver, s: float, step: Array, before: Array) -> PlanFailure:
+def explain_branch_jump(solver: IKSolver, path: Path, s: float, step: Array, before: Array) -> PlanFailure:
     """Return the failure of an IK method that converged to another branch."""
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
-    name = robot.joint_names[i]
+    name, at = robot.joint_names[i], format_place(path, s)
     reason = (
-        f"{solver.name} jumps to another configuration at s = {s:.6g}: {name} is {step[i]:.3g} {joint_unit(robot, i)} away "
+        f"{solver.name} jumps to another configuration at {at}: {name} is {step[i]:.3g} {joint_unit(robot, i)} away "
         "from the tracked branch"
     )
     advice = "another method, such as lm, or more samples: the branch itself continues there"

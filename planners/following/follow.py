@@ -31,12 +31,14 @@ from planners.following.failure import (
     explain_end,
     explain_ik_failure,
     find_rank_failure,
+    format_place,
     joint_unit,
 )
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
+from planners.paths._poses import NO_LENGTH
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 
@@ -68,6 +70,11 @@ class FollowResult(NamedTuple):
 
     def __bool__(self) -> bool:
         return self.failure is None
+
+    @property
+    def status(self) -> FollowStatus:
+        """How following ended."""
+        return FollowStatus.SOLVED if self.failure is None else FollowStatus(self.failure.status)
 
 
 def follow(
@@ -112,12 +119,13 @@ def follow(
     Raises
     ------
     InvalidInput
-        A path of length 0, a start off the path, outside the limits or not finite, fewer than 2 samples, an unknown branch,
+        A start off the path, outside the limits or not finite, fewer than 2 samples, an unknown branch,
         an invalid tolerance, a solver for part of the pose, a scene with an arm without shapes.
     """
-    for argument, value, kind in (("solver", solver, IKSolver), ("path", path, Path)):
-        if not isinstance(value, kind):
-            raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
+    if not isinstance(solver, IKSolver):
+        raise InvalidInput("solver", repr(solver)[:60], "an IKSolver, such as optik.ik.get_solver(robot)")
+    if not isinstance(path, Path):
+        raise InvalidInput("path", repr(path)[:60], "a Path")
     q, branch = _check_start(solver, path, q_start, branch, samples)
     tolerance = Tolerance.of(tolerance)
     grid = np.linspace(0.0, path.end, samples)
@@ -141,8 +149,6 @@ def _check_start(
     if branch == "start" and q_start is None:
         raise InvalidInput("q_start", "None", 'a configuration for branch="start"; without one use branch="best"')
     q = None if q_start is None else check_start(robot, q_start, "q_start")
-    if not path.end > 0.0:
-        raise InvalidInput("path", "a length of 0", "a path whose ends differ")
     if branch == "start" and q is not None and path.configurations(robot, np.zeros(1)) is None:
         off = robot.pose_errors(q, path.pose(0.0))
         distance, angle = float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:]))
@@ -174,6 +180,10 @@ class Follower:
 
     def run(self) -> FollowResult:
         """Return the joint path of the tool's path, collision-free if there is a scene."""
+        if not self.path.end > NO_LENGTH:
+            reason = "the path has a length of 0: start and goal are equal, so there is nothing to move"
+            equal = PlanFailure(FollowStatus.NO_LENGTH, 0.0, None, reason, "a goal away from the start")
+            return FollowResult(None, equal)
         given = self.path.configurations(self.robot, self.grid)
         first = given[0] if given is not None else (self.q if self.branch == "start" else None)
         if (
@@ -195,11 +205,12 @@ class Follower:
         """Return the advice for a joint path in collision: a collision-free branch, if there is one."""
         if self.branch == "best":
             what = "branch" if self.robot.n <= 6 else "null-space motion that was tried"
-            return f"no {what} follows the whole path without collision; another path, or the object elsewhere"
+            return f"another path, or the object elsewhere: no {what} follows the whole path without collision"
         other = replace(self, branch="best").run()
         if not other or other.joint_path is None:
-            return "no other branch that was tried follows the whole path without collision; another path"
-        return f'branch="best": from the start configuration {_format(other.joint_path.q[0])} the whole path is free'
+            return "another path: no other branch that was tried follows the whole path without collision"
+        start = _format(self.robot, other.joint_path.q[0])
+        return f'branch="best", which follows the whole path without collision from the start configuration {start}'
 
     def _follow_joints(self, q: Array) -> FollowResult:
         """Return the joint path of a path in joint space: only its limits are checked."""
@@ -218,7 +229,9 @@ class Follower:
         if s <= path.end:
             good, name = int(np.searchsorted(knots, s)), robot.joint_names[i]
             low, high = robot.limits.lower[i], robot.limits.upper[i]
-            reason = f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at s = {s:.6g}"
+            reason = (
+                f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {format_place(path, s)}"
+            )
             advice = "a path in joint space inside the limits"
             failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
         if good < 2:
@@ -349,12 +362,12 @@ class Follower:
                     result = solve(target, tracked[i])
                     away = march.largest_motion(result.q, tracked[i])
                 if not result:
-                    failure = explain_ik_failure(solver, float(samples[i]), result, q)
+                    failure = explain_ik_failure(solver, self.path, float(samples[i]), result, q)
                 elif (redundant and away > march.LARGEST_STEP) or not (
                     free or _is_same(robot, target, result.q, tracked[i])
                 ):
                     failure = explain_branch_jump(
-                        solver, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)]
+                        solver, self.path, float(samples[i]), result.q - tracked[i], tracked[max(i - 1, 0)]
                     )
                 if failure is not None:
                     break
@@ -369,22 +382,25 @@ class Follower:
         """Return a remedy as advice; each one is tried before it is given."""
         robot, path = self.robot, self.path
         shorter = (
-            f"a path that ends before s = {failure.s:.6g}" if failure.s > 0.0 else "another start configuration or path"
+            f"a path that ends before {format_place(path, failure.s)}"
+            if failure.s > 0.0
+            else "another start configuration or path"
         )
         if self.branch == "best":
-            return f"no other branch goes farther; {shorter}" if robot.n <= 6 else shorter
+            return f"{shorter}: no other branch goes farther" if robot.n <= 6 else shorter
         if robot.n > 6:
-            return f'branch="best" may find another null-space motion; {shorter}'
+            return f'branch="best", which may find another null-space motion; or {shorter}'
         if not solve_ik(robot, path.pose(path.end), robot.limits.clip(np.zeros(robot.n))):
-            return f"no branch reaches the end of the path: no configuration was found there; {shorter}"
+            return f"{shorter}: no configuration was found at the end of the path"
         ways = find_branches(robot, path)
         if ways and ways[0].ended is None:
+            start = _format(robot, ways[0].q)
             return (
-                f'branch="best": the start configuration {_format(ways[0].q)} reaches the end of the path; or {shorter}'
+                f'branch="best", which reaches the end of the path from the start configuration {start}; or {shorter}'
             )
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end
-        best = f'branch="best" goes to s = {ways[0].s:.6g}; ' if farther else ""
-        return f"{best}no branch reaches the end of the path; {shorter}"
+        best = f'branch="best", which goes to {format_place(path, ways[0].s)}; or ' if farther else ""
+        return f"{best}{shorter}: no branch reaches the end of the path"
 
 
 def _insert_samples(
@@ -418,6 +434,6 @@ def _is_same(robot: Robot, target: Array, q: Array, tracked: Array) -> bool:
     return bool(np.abs(x[0] - tracked).max() <= 1e-6)
 
 
-def _format(q: Array) -> str:
+def _format(robot: Robot, q: Array) -> str:
     """Return a configuration as text."""
-    return np.array2string(q, precision=4, separator=", ", max_line_width=200)
+    return f"[{', '.join(f'{x:.5g}' for x in q)}] {'(rad, m)' if robot.prismatic.any() else 'rad'}"

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optik import se3
-from optik.arm.reach import reach_bound
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.reach import FARTHEST_REACH, reach_bound
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
@@ -30,8 +31,10 @@ ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B
 """What is assumed of columns that other programs use in another way."""
 LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
 """Longest rotation vector [rad], more looks like degrees, and shortest axis [1]."""
-FARTHEST_POINT, FARTHEST_REACH = 100.0, 3.0
-"""Farthest point [m], and in reaches of a known arm: larger numbers look like millimetres."""
+FARTHEST_POINT = 100.0
+"""Farthest point [m] where the arm is not known: larger numbers look like millimetres."""
+LEAST_VIA_TOLERANCE = 1e-6
+"""Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 ACCEPTED_HEADER = (
     "a header line that names x,y,z [m] or x_mm,y_mm,z_mm, alone or with one of qx,qy,qz,qw; roll,pitch,yaw [rad]; "
     "roll_deg,pitch_deg,yaw_deg; i,j,k; nx,ny,nz; rx,ry,rz [rad]; A,B,C"
@@ -87,13 +90,22 @@ def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[J
         which = "start, a configuration without a tolerance" if i == 0 else "goal, without a tolerance"
         expected = "a configuration, or a pose and empty cells of the joints" if wrong.any() else f"the {which}"
         raise InvalidInput(table.place(i), repr(table.lines[i][1])[:100], expected)
-    q = table.part(np.flatnonzero(at_joints)).numbers(list(joints))
+    rows = table.part(np.flatnonzero(at_joints))
+    q, (lower, upper) = rows.numbers(list(joints)), (robot.limits.lower, robot.limits.upper)
+    for row, i in np.argwhere((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE))[:1]:
+        name, unit = list(joints)[i], list(joints.values())[i]
+        advice = "" if names[name].unit or unit == "m" else f"{name} is in radians, {name}_deg in degrees"
+        expected = f"a value in [{lower[i]:.6g}, {upper[i]:.6g}] {unit}, the range of {robot.joint_names[i]}"
+        raise InvalidInput(rows.place(row, name), f"{q[row, i]:.6g} {unit}", expected, advice=advice)
     rows = table.part(np.flatnonzero(at_poses))
     targets = iter(q), iter(_poses(rows, turned, robot.fk(q[0])[:3, :3], robot) if rows.lines else ())
     chosen = table.part(np.flatnonzero(with_tolerance))
-    allowed = iter((chosen.numbers(tolerances) * [1e-3, np.pi / 180.0]).tolist() if tolerances else ())
-    given = zip(at_poses.astype(int), with_tolerance, strict=True)
-    return [JointWaypoint(next(targets[kind]), tuple(next(allowed)) if has else None) for kind, has in given]
+    allowed = chosen.numbers(tolerances) * ([1e-3, np.pi / 180.0] if tolerances else 1.0)
+    for row, i in np.argwhere(allowed < LEAST_VIA_TOLERANCE)[:1]:
+        place, got = chosen.place(row, tolerances[i]), chosen.cells(row, [tolerances[i]])[0]
+        raise InvalidInput(place, got, f"a tolerance of at least {LEAST_VIA_TOLERANCE:g} m or rad, or an empty cell")
+    tolerance, given = iter(allowed.tolist()), zip(at_poses.astype(int), with_tolerance, strict=True)
+    return [JointWaypoint(next(targets[kind]), tuple(next(tolerance)) if has else None) for kind, has in given]
 
 
 def _filled(table: Table, names: Iterable[str]) -> Flags:
@@ -139,7 +151,7 @@ def _poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | N
         most = min(most, FARTHEST_REACH * float(reach[7] + np.linalg.norm(reach[:3]) + np.linalg.norm(reach[3:6])))
     for row in np.flatnonzero(far > most)[:1]:
         place, got = table.place(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
-        advice = "unit='mm' takes x,y,z as millimetres"
+        advice = "" if table.columns["x"].unit else "unit='mm' takes x,y,z as millimetres"
         raise InvalidInput(place, got, f"points within {most:.3g} m of the base", advice=advice)
     return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table, turned, values, first), p, strict=True)])
 

@@ -409,7 +409,7 @@ def free(
             "path", f"a {path.name}", "a path of tool poses without freedoms, such as a Line or a Polyline"
         )
     if not freedoms:
-        raise InvalidInput("freedoms", "none", "at least one, such as turn=True")
+        raise InvalidInput("freedoms", "none", "at least one, such as turn=True; or elbow=True beyond six joints")
     bounds: dict[str, Bounds] = {}
     for name, value in freedoms.items():  # a path of a file is called by its stem
         bounds[freedom_of(name).name] = freedom_of(name).check(value)

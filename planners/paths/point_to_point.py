@@ -26,7 +26,7 @@ from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import Spline
-from planners.paths._waypoints import read_joint_waypoints
+from planners.paths._waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 from planners.paths.base import Path, check_arm, fields
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
@@ -36,8 +36,6 @@ SHORTEST_LEG = 1e-6
 """Shortest distance between two configurations of the path [rad, m]."""
 STRAIGHT_RATE = 1e-12
 """Largest difference of q' from that of a straight line [1]: rounding."""
-LEAST_VIA_TOLERANCE = 1e-6
-"""Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 SPAN_SAMPLES = 24
 """Samples of each span for the bounds on derivatives; between them a bound grows by half their distance times the next one."""
 
@@ -131,7 +129,7 @@ class PointToPoint(Path):
         legs = np.linalg.norm(np.diff(q, axis=0), axis=1)
         if not legs.min() > SHORTEST_LEG:
             i = int(legs.argmin())
-            raise InvalidInput("points", f"point {i} equal to the one before it", "points that differ in joint space")
+            raise InvalidInput(f"point {i}", "the point before it again", "points that differ in joint space")
         s = np.append(0.0, np.cumsum(np.sqrt(legs)))
         s *= legs.sum() / s[-1]
         poses = [point.target if point.is_pose else robot.fk(x) for point, x in zip(given, q[1:], strict=True)]
@@ -185,7 +183,7 @@ class PointToPoint(Path):
         start, *points = read_joint_waypoints(robot, table, unit)
 
         def name(text: object) -> str:
-            return re.sub(r"\bpoint (\d+)", lambda i: f"row {int(i[1]) + 2} of {os.path.basename(file)}", str(text))
+            return re.sub(r"\bpoint (\d+)", lambda i: table.place(int(i[1]) + 1), str(text))
 
         try:
             path = cls(robot, start.target, *(ViaPoint(*point) for point in points))

@@ -79,7 +79,7 @@ def replan(
     request = replace(request, start_error=start.error)
     if scene is not None and (touch := CollisionCheck(request.robot, scene).check_start(start.joints[0])) is not None:
         error = NoSolution(
-            touch.reason, s=start.at.s, advice="the arm is already in this state: stop it by other means"
+            touch.reason, s=start.at.s, advice="other means of stopping the arm, which is already in this state"
         )
         return request.infeasible(plan.joint_path, error, PlanStatus.CONTACT)
     return plan_stop(request, start, time_limit) if stop else plan_onward(request, start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from optik.scene import Scene
 from optik.scene.contact import check_scene, find_nearest_pairs, find_pairs
 from optik.types import Array, Flags
 from planners.following.failure import FollowStatus, PlanFailure
-from planners.paths._goal import read_goal
+from planners.paths._goal import path_to, read_goal
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
@@ -48,6 +49,8 @@ MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
 DENSITIES = (1.0, 2.0)
 """Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
+NO_WAY_AROUND = 1e-5
+"""Distance of the goal from the start [rad, m] up to which the straight path is taken."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Durations over the least one of a move of joints: up to the first, the coarse grid suffices; up to the second, an iteration
 ends, since the law then shortens the motion along its path; up to the third, the fine grid starts from the coarse result."""
@@ -105,8 +108,8 @@ def check_avoid(value: Any) -> bool | str | os.PathLike[str] | Search:
 
 def check_avoidable(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, scene: Scene | None, winding: str
-) -> PointToPoint | FreePath:  # fmt: skip
-    """Return a path that can avoid obstacles: joints or a pose as goal become a `PointToPoint`."""
+) -> Path:  # fmt: skip
+    """Return a path that can avoid obstacles: joints or a pose as goal become a `PointToPoint`, unless they are the start."""
     if scene is None:
         raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
     check_scene(robot, scene)
@@ -116,17 +119,27 @@ def check_avoidable(
         raise InvalidInput("scene", f"{len(scene.names):,} objects", f"at most {allowed}")
     if isinstance(path, Path):
         if not isinstance(path, PointToPoint | FreePath):
-            allowed = "a PointToPoint, a goal (joints or a pose), or a path with freedoms (planners.free)"
+            allowed = (
+                "a PointToPoint, a goal (joints or a pose), or a path with freedoms: planners.free(line, turn=True)"
+            )
             raise InvalidInput("path", f"a {path.name}, which leaves nothing to choose, with avoid", allowed)
         return path
     start, goal = read_goal(robot, path, q_start, winding)
     away = goal - start if goal.ndim == 1 else robot.pose_errors(start, se3.check_pose(goal, "path"))
-    if not np.abs(away).max() > 0.0:
-        raise InvalidInput("path", "a length of 0", "a path whose ends differ")
+    if not np.abs(away).max() > NO_WAY_AROUND:
+        return path_to(robot, path, start, winding)
     try:
         return PointToPoint(robot, start, goal)
     except NoSolution as error:
         raise NoSolution(error.reason.replace("point 0", "the goal"), advice=error.advice) from None
+
+
+def advise_elbow(failure: PlanFailure | None, path: Path, robot: Robot) -> PlanFailure | None:
+    """Return the failure of a plan around obstacles, for a redundant arm without the freedom of its elbow with that advice."""
+    may_move = robot.n > 6 and isinstance(path, FreePath) and all(kind.screws for kind in path.kinds)
+    if failure is None or failure.status != FollowStatus.CONTACT or not may_move:
+        return failure
+    return replace(failure, advice=f"elbow=True in planners.free, which moves the elbow; or {failure.advice}")
 
 
 def find_first_paths(

@@ -169,17 +169,19 @@ class TimeLaw(ABC):
             A limit that the law needs is missing, or has another number of joints.
         """
         bound = limits.arrays(robot.n)
-        missing = [f for f in DERIVATIVES if f in self.enforced and not np.isfinite(bound[f]).any()]
-        if self.counts_torque and limits.torque is not None:
-            missing = [f for f in missing if f != "acceleration"]
-        if missing:
-            arguments = ", ".join(f"{f}=..." for f in missing)
-            raise InvalidInput(
-                "limits",
-                f"none for {robot.name}",
-                f"limits on {' and '.join(missing)} for the law {self.name!r}: MotionLimits({arguments})",
-            )
+        if missing := self._list_missing(limits, robot):
+            named, unknown = " and ".join(missing), self._list_missing(MotionLimits.of(robot), robot)
+            given = dict.fromkeys((*limits.given_names, *unknown))
+            arguments = ", ".join(["robot", *(f"{f}=..." for f in given)])
+            expected = f"limits on {named} for the law {self.name!r}: MotionLimits.of({arguments})"
+            raise InvalidInput("limits", f"none on {named}", f"{expected}, with the other limits of {robot.name}")
         return bound
+
+    def _list_missing(self, limits: MotionLimits, robot: Robot) -> list[str]:
+        """Return the limits on the joints that the law needs and that are missing."""
+        bound, by_torque = limits.arrays(robot.n), self.counts_torque and limits.torque is not None
+        free = [f for f in DERIVATIVES if f in self.enforced and not np.isfinite(bound[f]).any()]
+        return [f for f in free if f != "acceleration" or not by_torque]
 
     def list_enforced(self, limits: MotionLimits) -> tuple[str, ...]:
         """Return the names of the limits that a plan of this law enforces.

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from typer.testing import CliRunner, Result
 import optik
 import planners
 from benchmarks.cli.app import app
+from benchmarks.cli.certificate import describe_effort
 from optik.registry import names
 from tests.benchmarks.conftest import optik_process
 from tests.oracles import REPOSITORY
@@ -32,14 +34,26 @@ def test_robots_lists_every_robot(typed: Any) -> None:
 def test_no_solution_is_exit_status_one(typed: Any) -> None:
     status, _, said = typed("ik", "--xyz", "3,0,0", "--start-deg", START)
     assert status == 1
-    assert "not solved" in said
+    assert "not solved" in said and "millimetres?" in said  # 3 m is more than 3 times the reach
+    assert "millimetres?" not in typed("ik", "--xyz", "2,0,0", "--start-deg", START)[2]
+    assert "OUTSIDE the joint limits: joint2, joint4" in " ".join(typed("fk", "0,100,0,-100,0,0")[1].split())
     status, _, said = typed("plan", "line", "--move", "1,1,1", "--start-deg", START)
     assert status == 1
     assert said.count("\n") == 1
-    assert "s = " in said
+    assert "s = " in said and "; try: a path that ends before s = " in said
+    status, _, said = typed("plan", "joints", "--to-deg", START, "--start-deg", START)
+    assert status == 1 and "no solution: the path has a length of 0: start and goal are equal" in said
     status, _, said = typed("plan", "line", "--turn-deg", "0,90,0", "--start-deg", START)
     assert status == 1
     assert "joint4" in said and "[-90, 90]°" in said  # degrees, as typed
+
+
+def test_a_drive_says_why_a_torque_may_exceed_its_bound(tmp_path: Path, typed: Any) -> None:
+    pytest.importorskip("mujoco")
+    file, why = str(tmp_path / "move.json"), "the torque can exceed the bound of the planned motion"
+    assert typed("plan", "joints", "--to-deg", "25,-35,40,25,50,-30", "--out", file)[0] == 0
+    assert why in typed("drive", file, "--on", "mujoco")[1]
+    assert why not in typed("drive", file)[1]  # without torques
 
 
 def test_plan_line_certifies_and_writes_what_it_prints(tmp_path: Path) -> None:
@@ -109,7 +123,7 @@ def test_plan_polyline_begins_at_the_first_waypoint_of_a_table(tmp_path: Path) -
     table.write_text(f"X_mm,Y_mm,Z_mm,I,J,K\n{rows}")
     done = inside("plan", "polyline", "--waypoints", str(table), "--timing", "constant_speed", "--out", str(file))
     assert done.exit_code == 0, done.output
-    assert "start of the motion: --start-deg" in done.output
+    assert "start of the motion: --start-deg" in done.output and "start of paper6r" not in done.output
     motion = planners.load_motion(file)
     np.testing.assert_allclose(motion.path.pose(0.0)[:3, 3], points[0], atol=1e-7)
     tool = robot.fk(motion.trajectory.sample(1000)[1])
@@ -203,6 +217,13 @@ def test_a_joint_without_limits_is_turned_the_short_way_or_exactly(tmp_path: Pat
         assert f"goal of the motion: {goal} [degrees" in done.output
 
 
+def test_a_rounding_error_is_no_energy() -> None:
+    plan = planners.plan(optik.load("paper6r"), [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], np.zeros(6), timing="smooth")
+    energy = plan.certificate.energy._replace(net=-3.87e-13)
+    words = describe_effort(replace(plan, _certificate=replace(plan.certificate, energy=energy)))
+    assert ": energy 0 J (" in words
+
+
 def test_a_law_that_promises_nothing_is_not_praised() -> None:
     done = inside("plan", "line", "--timing", "quintic")
     assert done.exit_code == 0, done.output
@@ -228,7 +249,6 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "line", "--velocity", "0"], "velocity"),
         (["plan", "line", "--jerk", "nan"], "jerk"),
         (["ik", "--xyz", "0.1,0.3,0.2", "--restarts", "100000000000000000000000000"], "--restarts"),
-        (["plan", "line", "--move", "0,0,0"], "length of 0"),
         (["plan", "line", "--robot", "ur5e", "--start-deg", "10,-80,90,20,30,40"], "--jerk"),
         (["plan", "line", "--robot", "kr6", "--start-deg", "10,-80,90,20,30,40"], "--acceleration"),
         (["plan", "line", "--out", "plan.txt"], ".json"),
@@ -236,6 +256,10 @@ def test_bench_list_lists_every_suite(typed: Any) -> None:
         (["plan", "line", "--robot", "panda", "--start-deg", "1,2,3,4,5,6"], "expected 7 joint values of panda"),
         (["plan", "line", "--start-deg", "1,2"], "expected 6 joint values"),
         (["plan", "joints", "--to-deg", ""], "--to-deg"),
+        (["plan", "line", "--start-deg", "1,2"], "such as 1,-2.5,3,1,-2.5,3; got"),
+        (["plan", "ptp", "--waypoints", "none.csv"], "--waypoints: expected a readable file; got 'none.csv'"),
+        (["plan", "line", "-r", "panda", "--scene", "none.yaml"], "--scene: expected a readable file of a scene"),
+        (["plan", "line", "-r", "panda", "--scene", "none.txt"], "--scene: expected a name that ends in"),
         (["plan", "line", "--tool-speed", "0"], "--tool-speed"),
         (["plan", "line", "--tool-speed", "fast"], "--tool-speed"),
         (["plan", "line", "--tool-speed", "0.1,0.2"], "a line has one segment"),

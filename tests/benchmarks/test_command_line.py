@@ -306,10 +306,10 @@ def test_a_joint_beside_the_arm_is_held_and_one_that_cannot_be_is_named(typed: A
     held = planners.load_motion(out).robot.shapes
     assert held.m == 1 and held == optik.load(f"{arm}#shapes=yes&tip=tool", values={"grip": 0.5}).shapes
     for text, part in (
-        ("grip=30", "[-1, 1] rad"),
+        ("grip=30", "[-1, 1] rad; got grip = 30 rad"),  # as the option
         ("grp=0", "grip"),
         ("grip", "JOINT=VALUE"),
-        ("joint2=0", "of the chain"),
+        ("joint2=0", "expected joints beside the chain: grip; got 'joint2', a joint of the chain"),
     ):
         status, _, said = typed(*words, "--hold", text)
         assert status == 2 and "--hold" in said and part in said and said.strip().count("\n") == 0, said
@@ -374,6 +374,10 @@ def test_messages_are_in_degrees_millimetres_and_options() -> None:
     words = "a leaves [-1.5708, 1.5708] rad, b its range [0, 0.18] m, by 2e-3 rad at 3 rad/s; or allow=('jerk', 'path')"
     assert translate(words) == (
         "a leaves [-90, 90]°, b its range [0, 180] mm, by 0.1146° at 3 rad/s; or --allow jerk,path"
+    )
+    best = 'branch="best", which reaches the end of the path from the start configuration [1, -0.5] rad; or a path'
+    assert translate(best) == (
+        "--branch best, which reaches the end of the path from the start configuration [57.3, -28.65]°; or a path"
     )
     advice = "timing='optimal' with tool_speed=0.25, which slows; a law with tool_speed= or rotation_speed= as limits"
     assert translate(advice) == (

@@ -82,7 +82,9 @@ def test_point_to_point_follows_a_table(typed: Any, tmp_path: Path) -> None:
 def test_joints_go_around_a_wall_and_straight_ones_do_not(
     typed: Any, wall: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(import_module("planners.plan"), "DENSITY", 1.0)  # what is printed does not depend on the grid
+    monkeypatch.setattr(
+        import_module("planners.plan"), "DENSITIES", (1.0,)
+    )  # what is printed does not depend on the grid
     move = ("plan", "joints", *PANDA, "--to-deg", "51.6,-45,0,-135,0,90,45", "--scene", wall)
     assert typed(*move)[0] == 1
     status, out, said = typed(*move, "--avoid")
@@ -149,12 +151,26 @@ def test_misuse_of_freedoms_names_what_is_allowed(typed: Any, arguments: tuple[s
         (CYCLE + GOAL, ("--branch", "start"), 2, "--branch: expected no branch"),
         (CYCLE + GOAL, ("--avoid",), 2, "--avoid: expected a scene"),
         (
-            CYCLE.replace("114", "9114") + GOAL,
+            CYCLE.replace("114", "2114") + GOAL,
             (),
             1,
-            "reaches the pose of row 2 of cycle.csv",
+            "cycle.csv, line 3, from",
         ),
-        (CYCLE + GOAL.replace("60", "600"), (), 2, "row 3 of cycle.csv: expected"),
+        (
+            CYCLE.replace("114", "9114") + GOAL,
+            (),
+            2,
+            "of the base; got a coordinate of 9.114 m\n",
+        ),  # the header says mm
+        (CYCLE + GOAL.replace("60", "600"), (), 2, "cycle.csv, line 4, column q1: expected a value in [-180, 180]°"),
+        (CYCLE.replace("_deg,", ",") + GOAL, (), 2, "got 1146°; q1 is in radians, q1_deg in degrees"),
+        (CYCLE + GOAL + GOAL, (), 2, "cycle.csv, line 5: expected points that differ"),
+        (
+            CYCLE.replace(",5,5", ",-5,5") + GOAL,
+            (),
+            2,
+            "cycle.csv, line 3, column tolerance_mm: expected a tolerance of",
+        ),
     ],
 )
 def test_misuse_of_via_points(

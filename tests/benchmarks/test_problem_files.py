@@ -71,7 +71,7 @@ def test_poses_of_quaternions_matrices_and_arrays_are_the_same(tmp_path: Path) -
     [
         (HEADER, "0.1,0.3,much,1,0,0,0", r"poses.csv, line 3, column z_m: expected a finite number; got 'much'"),
         (HEADER, "0.1,0.3,nan,1,0,0,0", r"line 3, column z_m"),
-        (HEADER, "0.1,0.3,0.2,1,0,0", r"line 3: expected 7, .*; got 6 values"),
+        (HEADER, "0.1,0.3,0.2,1,0,0", r"line 3: expected 7 values, .*; got 6 values"),
         (HEADER, "0.1,0.3,0.2,2,0,0,0", r"line 3, columns qw to qz: .*length 2"),
         (HEADER.replace("z_m", "z"), "0.1,0.3,0.2,1,0,0,0", r"header: .*got the column 'z'"),
         (HEADER + ",q1_rad", "0.1,0.3,0.2,1,0,0,0,0.1", r"header: .*got no column 'q2_rad'"),

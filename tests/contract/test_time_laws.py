@@ -157,7 +157,7 @@ def test_a_missing_limit_is_named(law: str) -> None:
         assert info.value.argument == "limits"
         assert missing in str(info.value)
         for other in set(enforced) - {missing}:
-            assert other not in info.value.expected
+            assert other not in info.value.expected.partition(":")[0]
     make_law(law).run(default_joint_path(), MotionLimits(**dict.fromkeys(enforced, 10.0)))
 
 

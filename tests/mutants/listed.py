@@ -358,7 +358,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/path_bounds.py", "6.0 * a[2] * b[2]", "3.0 * a[2] * b[2]"),
     ("planners/certificate/path_bounds.py", "float(np.sqrt(3.0) * fourth)", "float(fourth)"),
     ("planners/certificate/path_bounds.py", "max(abs(v0), abs(v1)) + j * h * h / 8.0", "max(abs(v0), abs(v1))"),
-    ("planners/certificate/path_bounds.py", "3.0 * b[1] * v * a", "b[1] * v * a"),
+    ("planners/certificate/path_bounds.py", "3.0 * b2 * v * a", "b2 * v * a"),
     ("planners/certificate/certificate.py", "RATIO_ROUNDING = 1e-12", "RATIO_ROUNDING = 1e-4"),
     (
         "planners/limits/_kinds.py",
@@ -430,7 +430,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/certificate/path_error.py", ">= 0.0).all(axis=0)", ">= 0.0).any(axis=0)"),
     ("planners/certificate/certificate.py", "key=lambda name: -found", "key=lambda name: found"),
     ("planners/certificate/path_bounds.py", "w = -(c2 + np", "w = -(c2 - np"),
-    ("planners/certificate/path_bounds.py", "np.empty((k, 6)), np.empty(k)", "np.empty((k, 5)), np.empty(k)"),
+    ("planners/certificate/path_bounds.py", "(2, 6)), np.empty(6), np.empty(6)", "(2, 6)), np.empty(6), np.empty(5)"),
     ("planners/paths/free_path.py", "BREAK_APART * self.end", "BREAK_APART / self.end"),
     ("planners/search/_find.py", "== goals).all(axis=1)", "== goals).any(axis=1)"),
     ("planners/search/_find.py", "* min(map(measure_length", "* max(map(measure_length"),
@@ -533,11 +533,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "x = (low * f_high - high * f_low) / (f_high - f_low)",
         "x = (low * f_high - high * f_low) * (f_high - f_low)",
     ): "bisection alone ends at the same factor, within the steps that it has",
-    (
-        "optik/distance.py",
-        "elif _dot(d, right) <= 0.0:",
-        "elif _dot(d, right) < 0.0:",
-    ): "a slope of exactly 0 at the end: the search between the ends ends there too",
     (
         "planners/certificate/bounds.py",
         "for i in range(1, 6):",

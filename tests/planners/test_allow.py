@@ -59,7 +59,7 @@ def test_only_its_word_lets_an_invalid_motion_into_a_file(kind: str, case: int, 
     assert one.found > 1.0
     for name, write in (("motion.npz", save), ("motion.json", to_ros)):
         for allow in ((), others(one)):
-            with pytest.raises(InvalidMotion, match=r"allow=\(.*\) permits it") as caught:
+            with pytest.raises(InvalidMotion, match=r"allow=\(.*\), which permits it") as caught:
                 write(one.plan, tmp_path / name, allow=allow)
             assert set(caught.value.allow) == {one.word, *allow}
             assert list(tmp_path.iterdir()) == []
@@ -238,7 +238,7 @@ def test_an_invalid_file_is_executed_with_its_word_only(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
-    assert "--allow contact,path permits it" in " ".join(capfd.readouterr().err.split())
+    assert "--allow contact,path, which permits it" in " ".join(capfd.readouterr().err.split())
 
 
 def test_the_refusal_says_what_by_how_much_and_where() -> None:

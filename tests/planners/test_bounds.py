@@ -18,7 +18,7 @@ from optik.types import Array
 from planners import Arc, Line, Path, Polyline, Trajectory
 from planners.certificate import bounds as motion_bounds
 from planners.certificate import path_error as deviation
-from planners.certificate.bounds import hermite_bound, joint_bounds, tool_bounds, tool_speed
+from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds, tool_speed
 from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
 from planners.certificate.path_error import path_error
 from planners.curve import bell, quintic_through
@@ -41,18 +41,18 @@ def norms(curves: list[Polynomial], t: Array) -> Array:
 
 
 def hermite_of(curves: list[Polynomial], h: float) -> float:
-    """`hermite_bound` of polynomials on [0, h], from their own ends and fourth derivatives."""
-    ends = [np.array([[c(t) for c in part]]) for part in (curves, [c.deriv() for c in curves]) for t in (0.0, h)]
+    """`bezier_bound` of polynomials on [0, h], from their own ends and fourth derivatives."""
+    ends = [np.array([c(t) for c in part]) for part in (curves, [c.deriv() for c in curves]) for t in (0.0, h)]
     fourth = norms([c.deriv(4) for c in curves], np.linspace(0.0, h, 20_001)).max()
     left, right, left_rate, right_rate = ends
-    return float(hermite_bound(left, left_rate, right, right_rate, np.array([h]), np.array([fourth]))[0])
+    return float(bezier_bound(left, left_rate, right, right_rate, h, fourth))
 
 
 @pytest.mark.parametrize("h", [1e-3, 0.7, 1.0, 20.0])
 def test_a_curve_at_rest_in_zero_at_both_ends_comes_as_far_as_the_bound_says(h: float) -> None:
     """f = t² (h − t)² has f⁗ = 24 and its greatest value h⁴/16 = 24 h⁴/384."""
-    zero = np.zeros((1, 2))
-    bound = hermite_bound(zero, zero, zero, zero, np.array([h]), np.array([24.0]))[0]
+    zero = np.zeros(2)
+    bound = bezier_bound(zero, zero, zero, zero, h, 24.0)
     assert bound == pytest.approx(h**4 / 16.0, rel=1e-12, abs=0.0)
 
 
@@ -73,14 +73,14 @@ def test_no_derivative_of_a_quintic_passes_its_taylor_sum(seed: int) -> None:
     n, h = 5, float(spread(rng, 1, decades=0.5)[0])
     derivatives = rng.choice([-1.0, 1.0], (1, 6, n)) * spread(rng, 1, 6, n)
     derivatives[..., 0] = np.abs(derivatives[..., 0])  # where all have one sign the end is the greatest
-    D = np.empty((1, 6, n))
-    joint_bounds(derivatives, np.array([h]), D)
+    D = np.empty((6, n))
+    joint_bounds(derivatives[0], h, D)
     c = derivatives[0] / np.array([factorial(i) for i in range(6)])[:, None]
     t = np.linspace(0.0, h, SAMPLES // 10)
     for order in range(6):
         values = np.abs(oracles.piece_values(np.repeat(c[::-1, None], t.size, axis=1), t, order))
-        assert (values.max(axis=0) <= D[0, order] * ROUNDING).all()
-        assert values[-1, 0] == pytest.approx(D[0, order, 0], rel=1e-10)
+        assert (values.max(axis=0) <= D[order] * ROUNDING).all()
+        assert values[-1, 0] == pytest.approx(D[order, 0], rel=1e-10)
 
 
 # ---------------------------------------------------------------- the tool, from the joints
@@ -109,7 +109,8 @@ def bounded(robot: Robot, dq: Array) -> tuple[Array, Array, Array]:
     links = np.linalg.norm([*robot.fixed[:, :3, 3], robot.tool[:3, 3]], axis=1)
     position, rotation, spin = np.empty((k, 6)), np.empty((k, 6)), np.empty(k)
     D = np.ascontiguousarray(np.moveaxis(np.abs(dq), 0, 1))
-    tool_bounds(links, robot.prismatic, D, position, rotation, spin)
+    for i in range(k):
+        spin[i] = tool_bounds(links, robot.prismatic, D[i], np.empty((2, 6)), position[i], rotation[i])
     return position, rotation, spin
 
 
@@ -315,7 +316,7 @@ def never_halved(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def whole(_: Any, bounds: Any) -> Any:
         pieces = bounds.knots.size - 1
-        return np.arange(pieces), *bounds.ends, np.ones(pieces + 1, np.bool_)
+        return np.arange(pieces), bounds.ends, np.ones(pieces + 1, np.bool_)
 
     monkeypatch.setattr(deviation, "ERROR_INTERVALS", 0)
     monkeypatch.setattr(deviation, "_first_intervals", whole)

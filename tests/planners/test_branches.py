@@ -238,6 +238,8 @@ def test_advice_of_another_branch_is_true() -> None:
         assert bool(best) is (
             "reaches the end of the path" in failure.advice and "no branch reaches" not in failure.advice
         )
+        assert f"a path that ends before s = {failure.s:.6g} m" in failure.advice and "; a path" not in failure.advice
+        assert (best.status == "solved") is bool(best)
         seen += bool(best)
         if failure.status is FollowStatus.UNREACHABLE:
             beyond = solver.solve(line.pose(min(failure.s + 1e-3 * line.end, line.end)), robot.limits.clip(q))

@@ -335,7 +335,7 @@ def test_a_plan_that_touches_later_says_which_start_is_free() -> None:
     stopped = planners.plan(arm, path, q, scene=Scene(spheres=[(arm.frames(end)[2, :3, 3], 0.005)]), limits=LIMITS)
     assert stopped.status is PlanStatus.CONTACT and stopped.failure is not None
     assert stopped.failure.s > 0.1 * path.end
-    assert 'branch="best": from the start configuration' in stopped.failure.advice
+    assert 'branch="best", which follows the whole path without collision from the start' in stopped.failure.advice
 
 
 def elbow_arm() -> optik.Robot:

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from optik.errors import InvalidInput
+from optik import Scene
+from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
-from planners import Arc, JointLine, Line, MotionLimits, Plan, PlanStatus, Polyline, laws, plan
+from planners import Arc, JointLine, Line, MotionLimits, Path, Plan, PlanStatus, Polyline, laws, plan
 from planners.limits import ALL_LIMITS
 from tests.planners.cases import START, paper6r
 
@@ -51,9 +52,21 @@ def refused(argument: str, path: Any, q_start: Any = START, **options: Any) -> s
 
 
 # ---------------------------------------------------------------- paths
-@pytest.mark.parametrize("path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START], ids=kind_of)
-def test_a_path_of_length_0_is_refused(path: Any) -> None:
-    assert "length of 0" in refused("path", path)
+@pytest.mark.parametrize(
+    "path", [Line(HERE, HERE), JointLine(ROBOT, START, START), HERE, START, START + 1e-15, HERE + 1e-16], ids=kind_of
+)
+@pytest.mark.parametrize("avoid", [False, True], ids=["", "avoid"])
+def test_a_plan_of_length_0_has_a_status_and_no_error(path: Any, avoid: bool) -> None:
+    found = planned(path, scene=Scene(), avoid=avoid and not isinstance(path, Path))
+    assert (found.status, bool(found), found.has_motion) == ("no_length", False, False)
+    with pytest.raises(NoSolution, match="start and goal are equal, so there is nothing to move; try: a goal away"):
+        found.trajectory  # noqa: B018
+
+
+@pytest.mark.parametrize("off", [1e-9, 1e-7, 2e-6])
+def test_a_goal_beside_the_start_is_reached_also_around_obstacles(off: float) -> None:
+    for goal in (START + off, at(off, off, 0.0)):
+        assert all(planned(goal, scene=Scene(), avoid=avoid) for avoid in (False, True))
 
 
 @pytest.mark.parametrize("axis", np.eye(3), ids=str)

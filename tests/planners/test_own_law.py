@@ -1,10 +1,13 @@
 """Laws that users write in a notebook or in a file: names by default, and errors that name what is wrong in the law."""
 
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import optik
 import planners
 from optik.errors import InvalidInput
 from planners import MotionLimits, TimeLaw, Trajectory
@@ -90,3 +93,17 @@ def test_what_a_law_returns_must_be_a_trajectory_of_the_arm() -> None:
 def test_all_missing_limits_are_named_in_one_error() -> None:
     with pytest.raises(InvalidInput, match="velocity and acceleration"):
         planners.plan(paper6r(), START + 0.1, START, timing=Toppra(), limits=MotionLimits(jerk=100.0))
+
+
+def test_the_call_in_an_error_on_missing_limits_gives_what_is_missing() -> None:
+    robot, goal = optik.load("ur5e"), [0.3, -1.0, 1.0, 0.2, 0.4, 0.1]  # has limits on velocity and torque
+    for limits, call in (
+        (None, "MotionLimits.of(robot, jerk=...)"),  # its torque limits the acceleration
+        (MotionLimits(jerk=50.0), "MotionLimits.of(robot, jerk=...)"),
+        (MotionLimits.of(robot, acceleration=10.0), "MotionLimits.of(robot, acceleration=..., jerk=...)"),
+    ):
+        with pytest.raises(InvalidInput, match=re.escape(call)) as info:
+            planners.plan(robot, goal, np.zeros(6), limits=limits)
+        given = eval(call.replace("...", "50.0"), {"MotionLimits": MotionLimits, "robot": robot})
+        assert planners.plan(robot, goal, np.zeros(6), limits=given)
+        assert ("velocity" in info.value.got) is (limits is not None and limits.velocity is None)

@@ -117,7 +117,8 @@ def test_a_plan_that_fails_says_where_and_why_wherever_its_motion_is_asked_for()
         assert 47 / 150 < error.s / result.path.end < 48 / 150
         assert error.advice
         assert failure.reason in str(error)
-        assert failure.advice in str(error)
+        assert f"{failure.reason}; try: {failure.advice}" in str(error)
+        assert f"at s = {error.s:.6g} m" in failure.reason  # with its unit
         assert isinstance(error, optik.OptikError)
 
 

@@ -368,6 +368,14 @@ def test_thresholds_are_those_that_are_stated(name: str) -> None:
     assert {key: getattr(found, key) for key in STATED[name]} == STATED[name]
 
 
+def rounding(motion: Trajectory) -> Array:
+    """Rounding errors of derivatives (4, m + 1, n) at the knots, from the shorter piece beside each."""
+    h = np.diff(motion.knots)
+    shorter = np.minimum(np.append(h, h[-1]), np.append(h[0], h))
+    size = np.maximum(motion.extrema(0).worst, checks.FROM_AFAR)
+    return checks.STEP_ROUNDING * size / shorter[None, :, None] ** np.arange(4)[:, None, None]
+
+
 @pytest.mark.parametrize("order", range(4))
 @pytest.mark.parametrize(("share", "jumps"), [(0.99, False), (1.01, True)])
 def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps: bool) -> None:
@@ -376,11 +384,11 @@ def test_a_jump_is_one_just_above_its_threshold(order: int, share: float, jumps:
     smooth = Trajectory(quintic_through(t, q, np.array([[0.0, 0.0], [1.0, 5.0], [0.0, 0.0]]), np.zeros((3, 2))))
     c, moved = smooth.coefficients.copy(), smooth
     for _ in range(4):  # the jump changes the largest value that it is compared with
-        most = checks.JUMP * moved.extrema(order).worst + checks._rounding(moved)[order, 1]
+        most = checks.JUMP * moved.extrema(order).worst + rounding(moved)[order, 1]
         c[5 - order, 1, 0] += (share * most[0] - moved.jumps(order)[0, 0]) / factorial(order)
         moved = Trajectory(PPoly(c, smooth.knots))
     assert moved.jumps(order)[0, 0] == pytest.approx(share * most[0], rel=1e-3)
-    assert checks.jumps(moved)[order, 1, 0] == jumps
+    assert checks.jumps(moved, checks.rest(moved))[order, 1, 0] == jumps
 
 
 @pytest.mark.parametrize(("share", "rests"), [(0.99, True), (1.01, False)])
@@ -389,7 +397,7 @@ def test_a_motion_is_at_rest_just_below_its_threshold(share: float, rests: bool,
     t, q = np.array([0.0, 0.7, 1.3, 1.8]), np.array([[0.0, 0.0], [0.4, 30.0], [0.9, -50.0], [0.7, 20.0]])
     v = np.array([[0.0, 0.0], [1.0, 5.0], [-0.5, 2.0], [0.0, 0.0]])
     still = Trajectory(quintic_through(t, q, v, np.zeros((4, 2))))
-    most = checks._rounding(still)[1, -end]
+    most = rounding(still)[1, -end]
     if end:
         most = most + checks.AT_REST * still.extrema(1).worst
     v[-end, 0] = share * most[0]
@@ -401,12 +409,16 @@ def test_a_joint_that_stands_at_0_is_at_rest() -> None:
     assert checks.rest(polynomial((1.0, np.array([[0.0, 0.3]])))) == (True, True)
 
 
-def test_rounding_counts_by_the_shorter_of_the_pieces_beside_a_knot() -> None:
-    h, worst = np.array([0.5, 0.01, 0.2]), np.array([0.3, 4.0])
-    motion = polynomial(*((x, worst[None]) for x in h))
-    shorter = np.array([0.5, 0.01, 0.01, 0.2])
-    expected = checks.STEP_ROUNDING * worst / shorter[None, :, None] ** np.arange(4)[:, None, None]
-    np.testing.assert_allclose(checks._rounding(motion), expected, rtol=1e-12)
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize(("knot", "shorter"), [(1, 0.01), (2, 0.01), (3, 0.2)])
+def test_rounding_counts_by_the_shorter_of_the_pieces_beside_a_knot(order: int, knot: int, shorter: float) -> None:
+    h, worst = np.array([0.5, 0.01, 0.2, 0.3]), np.array([0.3, 4.0])
+    for share in (0.9, 1.1):
+        c = np.zeros((6, 4, 2))
+        c[5] = worst
+        c[5 - order, knot, 1] = share * checks.STEP_ROUNDING * worst[1] / shorter**order / factorial(order)
+        motion = Trajectory(PPoly(c, np.append(0.0, np.cumsum(h))))
+        assert checks.jumps(motion, (True, True))[order, knot].tolist() == [False, share > 1.0]
 
 
 @pytest.mark.parametrize(("distance", "angle"), [(1.01, 0.5), (0.5, 1.01), (1.01, 1.01), (1.0, 1.0)])

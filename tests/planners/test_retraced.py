@@ -247,7 +247,9 @@ def bound_and_truth(way: list[Any], cut: list[Any], s: Any, h: float) -> tuple[A
     bounds = np.array([[np.abs(p.deriv(k)(x)).max() * (1.0 + 1e-9) for p in way] for k in range(1, 5)])[None]
     links = np.linalg.norm([*PLANAR.fixed[:, :3, 3], PLANAR.tool[:3, 3]], axis=1)
     out = np.full((1, 2), np.inf)
-    joint_intervals(links, PLANAR.prismatic, (np.array([0.0, end]), bounds), end, *ends, out)
+    both = ComparedInstants(*(np.concatenate(pair) for pair in zip(*ends, strict=True)))
+    interval = np.array([0]), np.array([1])
+    joint_intervals((links, PLANAR.prismatic), (np.array([0.0, end]), bounds), end, both, interval, out)
     t = np.linspace(0.0, h, 4001)
     a, b = (PLANAR.fk(np.stack([p(y) for p in curves], axis=1)) for curves, y in ((cut, t), (way, s(t))))
     off = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1).max()

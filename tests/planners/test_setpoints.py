@@ -187,7 +187,7 @@ def test_columns_can_be_named_by_the_caller(read: Callable[..., Trajectory]) -> 
         check(read("zeit a1 a2\n" + rows, columns="t,j1,j2"), 0)
     with pytest.raises(InvalidInput, match=r"line 1: .*columns='x,y,z,…' names the columns"):
         read(rows)
-    with pytest.raises(InvalidInput, match="line 1: expected 4, one for each column"):
+    with pytest.raises(InvalidInput, match="line 1: expected 4 values, one for each column"):
         read(rows, columns="t,j1,j2,j3")
     with pytest.raises(InvalidInput, match="line 1, column t"):
         read("nan nan NaN\n" + rows, columns="t,j1,j2")

@@ -131,9 +131,9 @@ def test_a_payload_between_two_masses_is_timed_for_both() -> None:
 
 def test_limits_on_acceleration_may_be_left_out_only_where_torque_stands() -> None:
     path = joints()
-    with pytest.raises(InvalidInput, match="acceleration="):
+    with pytest.raises(InvalidInput, match="limits on acceleration"):
         Toppra().run(path, MotionLimits(2.0))
-    with pytest.raises(InvalidInput, match="velocity="):
+    with pytest.raises(InvalidInput, match="limits on velocity"):
         Toppra().run(path, MotionLimits(torque=TORQUE))
     with pytest.raises(InvalidInput, match="robot"):
         Toppra().run(path_of(replace(paper6r(), inertia=None)), MotionLimits(2.0, torque=TORQUE))

@@ -87,7 +87,7 @@ def test_every_header_gives_the_poses_that_were_written(
         ("x,y,z,x\n", ["line 1"]),
         ("x,y,z,i,j,k,qx,qy,qz,qw\n", ["line 1"]),
         ("x,y,z,qx,qy,qz\n", ["line 1", "got 'x,y,z,qx,qy,qz'"]),
-        (HEAD + "1,2\n", ["line 3", "3, one for each column", "2 values"]),
+        (HEAD + "1,2\n", ["line 3", "3 values, one for each column", "2 values"]),
         (HEAD + "1,2,3,4\n", ["line 3", "4 values"]),
         (HEAD + "\n# a remark\n1,,3\n", ["line 5, column y", "''"]),
         (HEAD + "1,2,nan\n", ["line 3, column z", "'nan'"]),

@@ -42,14 +42,16 @@ MOST_CUTS = 6
 """Most rounds from one initial path."""
 
 
-def push_out(choice: Choice, scene: Scene, p: Array, near: Array) -> tuple[Array, Array] | None:
+def push_out(
+    choice: Choice, scene: Scene, p: Array, near: Array, pairs: NearPairs | None = None
+) -> tuple[Array, Array] | None:
     """Return coefficients near p whose path is free of contact at the grid points, and their joints; None if none are found.
 
     Least squares of the missing rooms, by the method of Levenberg and Marquardt. No timing is involved.
     """
     robot, programme, bodies = choice.robot, choice.programme, bodies_of(choice.robot, scene)
     basis, free, K, D = choice.parts[0], programme.window.free, programme.K, programme.D
-    pairs = NearPairs(robot, scene, K + 1)
+    pairs = pairs or NearPairs(robot, scene, K + 1)
     for _ in range(PUSHES):
         place = programme.place(p, near)
         if place is None:
@@ -87,7 +89,8 @@ def push_out(choice: Choice, scene: Scene, p: Array, near: Array) -> tuple[Array
 class Cuts:
     """The least rooms that are required of pairs at grid points: table (K + 1, pairs) [m], NaN where none is."""
 
-    def __init__(self, robot: Robot, scene: Scene, q: Array) -> None:
+    def __init__(self, robot: Robot, scene: Scene, q: Array, pairs: NearPairs | None = None) -> None:
+        self._pairs = pairs or NearPairs(robot, scene, len(q))
         self._robot, self._scene, self._count = robot, scene, len(find_pairs(robot, scene).bodies)
         self.initial = self.rooms(q, NEAR_ROOM)
         self.table = np.full(self.initial.shape, np.nan)
@@ -100,7 +103,8 @@ class Cuts:
     def rooms(self, q: Array, within: float) -> Array:
         """Return the rooms of all pairs at configurations (k, pairs) that are below a bound [m], and infinity for others."""
         found = np.full((len(q), self._count), np.inf)
-        k, pair, room = NearPairs(self._robot, self._scene, len(q)).find(q, within)
+        pairs = self._pairs if len(q) == self._pairs.count else NearPairs(self._robot, self._scene, len(q))
+        k, pair, room = pairs.find(q, within)
         found[k, pair] = room
         return found
 
@@ -116,7 +120,7 @@ class Cuts:
         width = int(chosen.sum(axis=1).max()) + SPARE_SLOTS
         order = np.argsort(~chosen, axis=1, kind="stable")[:, :width]
         slots = np.where(np.take_along_axis(chosen, order, axis=1), order, -1)
-        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required)
+        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, self._pairs)
 
     def add_touched(self, q: Array) -> bool:
         """Add the pairs without room among configurations, several in each interval; return whether there are any."""
@@ -174,15 +178,16 @@ def choose_around(
     given, more coefficients are tried.
     """
     best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
+    pairs = NearPairs(choice.robot, scene, choice.programme.K + 1)
     for finer in itertools.chain([choice], choice.refine()):
         before = tried
         for p, near in [guess] if guess else itertools.chain(finer.guesses(), finer.swings()):
             if best and tried - before >= ENOUGH_GUESSES:
                 break
-            tried, pushed = tried + 1, push_out(finer, scene, p, near)
+            tried, pushed = tried + 1, push_out(finer, scene, p, near, pairs)
             if pushed is None:
                 continue
-            found, chosen, spent = _clear(finer, scene, pushed, plan_along, enough)
+            found, chosen, spent = _clear(finer, scene, pushed, plan_along, enough, pairs)
             rounds, steps = rounds + spent[0], steps + spent[1]
             if not (best or found):
                 chosen = finer.path_of(pushed[0])
@@ -198,11 +203,11 @@ def choose_around(
 
 def _clear(
     choice: Choice, scene: Scene, first: tuple[Array, Array], plan_along: Callable[[FreePath | PointToPoint, Array], P],
-    enough: float,
+    enough: float, pairs: NearPairs,
 ) -> tuple[P | None, FreePath | PointToPoint, tuple[int, int]]:  # fmt: skip
     """Return the fastest plan from a free initial path or None if none is valid, its path, and the rounds and Newton steps."""
     (p, near), s, steps = first, choice.optimum.programme.s, 0
-    cuts, chosen = Cuts(choice.robot, scene, near[0]), choice.initial
+    cuts, chosen = Cuts(choice.robot, scene, near[0], pairs), choice.initial
     for rounds in range(1, MOST_CUTS + 1):
         programme = FreeProgramme(choice.optimum.programme, *choice.parts, *choice.statics, cuts.limits(choice))
         solution = solve(programme, p, choice.bounds, near, damping=choice.damping, enough=enough)

@@ -31,6 +31,8 @@ FREE_ROOM = 1e3
 """Room [m] of what is not limited."""
 SLOT_ROOM = 0.03
 """Room [m] below which a pair is limited."""
+BLOCK = 32
+"""Number of pairs of a capsule that are passed over together."""
 NO_DIRECTION = 1e-12
 """Distance of axes [m] below which nothing tells where to move."""
 
@@ -39,21 +41,25 @@ class NearPairs:
     """The pairs of shapes with little room at each of some configurations, from one step of them to the next.
 
     A lower bound on each room is known from the last time, and how far the ends of each capsule have moved since. A room is
-    computed where this bound, and one from a sphere around the capsule, do not suffice.
+    computed where this bound, and one from a sphere around the capsule, do not suffice. A block of pairs of one capsule is
+    passed over if its least bound suffices.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
         self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
-        capsules, pairs = len(self._bodies[0][0]), len(self._bodies[2])
+        capsules, pairs, self.count = len(self._bodies[0][0]), len(self._bodies[2]), count
         self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.full((count, pairs), -np.inf)
-        size = count * pairs
+        body, kind = self._bodies[2][:, 0], self._bodies[2][:, 2]
+        starts = np.arange(pairs) % BLOCK == 0
+        starts[1:] |= (body[1:] != body[:-1]) | (kind[1:] == SELF)
+        self._blocks = np.append(np.flatnonzero(starts), pairs)
+        self._least, size = np.full((count, self._blocks.size - 1), -np.inf), count * pairs
         self._found = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
 
     def find(self, q: Array, within: float) -> tuple[Indices, Indices, Array]:
         """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms."""
-        count = find_near(
-            self._chain, self._bodies, np.ascontiguousarray(q), self._margin, within, self._memory, self._found
-        )
+        blocks, q = (self._blocks, self._least), np.ascontiguousarray(q)
+        count = find_near(self._chain, self._bodies, q, self._margin, within, self._memory, blocks, self._found)
         k, pair, room = self._found
         return k[:count].copy(), pair[:count].copy(), room[:count].copy()
 
@@ -67,10 +73,13 @@ class ClearanceLimits(Statics):
 
     bends = 0
 
-    def __init__(self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices, required: Array) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices, required: Array,
+        pairs: NearPairs | None = None,
+    ) -> None:  # fmt: skip
         self._robot, self._bodies, self._basis, self._free = robot, bodies_of(robot, scene), basis, free
         self._margin, self._slots, self._required, self.count = scene.margin, slots.copy(), required, slots.shape[1]
-        self._pairs = NearPairs(robot, scene, len(required))
+        self._pairs = pairs or NearPairs(robot, scene, len(required))
         self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
         self._at: Place | None = None  # the joints that the rooms of the slots and their derivatives belong to
         self._near: tuple[Place, Indices, Indices, Array] | None = None  # pairs without a slot that are near there
@@ -174,17 +183,18 @@ def pair_rooms(
 @compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
-    memory: tuple[Array, Array, Array], found: tuple[Indices, Indices, Array],
+    memory: tuple[Array, Array, Array], blocks: tuple[Indices, Array], found: tuple[Indices, Indices, Array],
 ) -> int:  # fmt: skip
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the way of its capsules until it was found (k, pairs) [m]. found (written): configurations, pairs, and rooms.
+    each pair plus the way of its capsules until it was found (k, pairs) [m]. blocks: where the blocks of pairs begin, and the
+    least of these bounds in each (k, blocks) (updated). found (written): configurations, pairs, and rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), scene, pairs = bodies
-    places, moved, known = memory
+    (places, moved, known), (begin, least) = memory, blocks
     frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
@@ -196,17 +206,23 @@ def find_near(
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
-        for p in range(pairs.shape[0]):
-            m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-            way = moved[k, m] + (moved[k, i] if kind == SELF else 0.0)
-            if known[k, p] - way >= within:
+        for block in range(least.shape[1]):
+            first, lowest = begin[block], np.inf
+            if pairs[first, 2] != SELF and least[k, block] - moved[k, pairs[first, 0]] >= within:
                 continue
-            thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
-            room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
-            if room < within:
-                room = find_nearest((m, i, kind), scene, at)[0] - thick
-            known[k, p] = room + way
-            if room < within:
-                found[0][count], found[1][count], found[2][count] = k, p, room
-                count += 1
+            for p in range(first, begin[block + 1]):
+                m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+                way = moved[k, m] + (moved[k, i] if kind == SELF else 0.0)
+                if known[k, p] - way < within:
+                    beside = radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
+                    thick = radius[m] + beside
+                    room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
+                    if room < within:
+                        room = find_nearest((m, i, kind), scene, at)[0] - thick
+                    known[k, p] = room + way
+                    if room < within:
+                        found[0][count], found[1][count], found[2][count] = k, p, room
+                        count += 1
+                lowest = min(lowest, known[k, p])
+            least[k, block] = lowest
     return count
