@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -265,25 +266,35 @@ def test_another_tool_is_solved_for_that_tool(method):
 
 SOLVE = """
 import pickle, sys
-solver, target, start = pickle.load(sys.stdin.buffer)
-result = solver.solve(target, start, trace=True)
-sys.stdout.buffer.write(pickle.dumps((solver.options, result)))
+solvers, target, start = pickle.load(sys.stdin.buffer)
+results = [(solver.options, solver.solve(target, start, trace=True)) for solver in solvers]
+sys.stdout.buffer.write(pickle.dumps(results))
 """
 
 
-def test_a_solver_pickled_to_another_process_answers_the_same(method):
-    solver = method.build(max_iterations=60, max_restarts=2, tolerance=Tolerance(1e-5, 1e-4))
-    target, start = oracles.fk(ARM, START), np.zeros(6)
-    there = subprocess.run(
+@pytest.fixture(name="there", scope="module")
+def _there():
+    """Solvers of all methods, and their options and results in another process, by the method as it was asked for."""
+    solvers = {}
+    for asked in everything("optik.ik"):
+        with suppress(MissingDependency):
+            solvers[asked] = make_solver(
+                ROBOT, asked, max_iterations=60, max_restarts=2, tolerance=Tolerance(1e-5, 1e-4)
+            )
+    done = subprocess.run(
         [sys.executable, "-c", SOLVE],
-        input=pickle.dumps((solver, target, start)),
+        input=pickle.dumps((list(solvers.values()), oracles.fk(ARM, START), np.zeros(6))),
         capture_output=True,
         check=True,
         cwd=oracles.REPOSITORY,
     )
-    options, result = pickle.loads(there.stdout)
+    return dict(zip(solvers, zip(solvers.values(), pickle.loads(done.stdout), strict=True), strict=True))
+
+
+def test_a_solver_pickled_to_another_process_answers_the_same(method, there):
+    solver, (options, result) = there[method.asked]
     assert options == solver.options
-    same(result, solver.solve(target, start, trace=True))
+    same(result, solver.solve(oracles.fk(ARM, START), np.zeros(6), trace=True))
 
 
 def test_with_options_keeps_the_robot_and_the_other_options(method):
