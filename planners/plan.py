@@ -192,9 +192,8 @@ def judge_certificate(
         status = PlanStatus.LIMITS_EXCEEDED
         advice = f"another law, as {proof.law} does not enforce this limit; or allow={words_for(proof.violations)!r}"
     first = proof.violations[0]
-    s = float(np.interp(first.t, proof.binding.t, proof.binding.s))
     reason = f"the certificate is not valid: {'; '.join(proof.reasons)}"
-    return status, PlanFailure(status, s, first.joint, reason, advice)
+    return status, PlanFailure(status, proof.s_at(first.t), first.joint, reason, advice)
 
 
 @dataclass(frozen=True)
@@ -258,7 +257,7 @@ class PlanRequest:
         """Return the plan of a motion that exceeds a limit, for ``strict=True``."""
         field = max(proof.enforced, key=lambda f: np.nan_to_num(proof.worst(f)[0]))
         ratio, joint, t = proof.worst(field)
-        s = float(np.interp(t, proof.binding.t, proof.binding.s))
+        s = proof.s_at(t)
         what = f"the {field.replace('_', ' ')} of {joint} is {ratio:.9g} of its limit at t = {t:.6g} s"
         if not ratio > 1.0:
             what = proof.reasons[0]

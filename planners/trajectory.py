@@ -186,14 +186,14 @@ class Trajectory(PiecewiseCurve):
         """
         if order not in range(self.highest_order + 1):
             raise InvalidInput("order", repr(order), f"0 to {self.highest_order}")
-        return Extrema(*self._extrema[order])
+        return self._extrema[order]
 
     @cached_property
-    def _extrema(self) -> Array:
-        """Least and greatest values and their times, (order, 4, n)."""
+    def _extrema(self) -> tuple[Extrema, ...]:
+        """Least and greatest values and their times, by order."""
         out = np.empty((4, 4, self.n))
         whole_extrema(*self._pieces, self.knots, out)
-        return out
+        return tuple(Extrema(*each) for each in out)
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:

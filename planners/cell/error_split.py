@@ -166,8 +166,8 @@ def split_along(execution: Execution, solver: IKSolver, true_spot: Array, sample
     """
     robot, path, t = execution.robot, execution.plan.path, execution.t
     motion = execution.plan.trajectory if execution.motion is None else execution.motion
-    binding = execution.plan.certificate.binding
-    wanted = np.interp(np.linspace(0.0, path.end, samples), binding.s, binding.t)
+    proof = execution.plan.certificate
+    wanted = np.interp(np.linspace(0.0, path.end, samples), proof.s, proof.t)
     chosen = np.unique(np.append(np.clip(np.searchsorted(t, wanted), 0, t.size - 1), t.size - 1))
     # without a motion of its own, the arm stood at the end of the plan already
     planned = motion(

@@ -55,7 +55,7 @@ def restore_plan(motion: Motion, *, solver: str = "lm", allow: Allow = ()) -> Pl
         raise InvalidInput("motion", got, "a motion from the start of its path")
     proof = motion.certify()
     check_valid(proof, allow, "the certificate of this motion is not valid: ", "another law, or lower limits")
-    joints, (t, s) = _follow_path(motion, solver), proof.binding[:2]
+    joints, t, s = _follow_path(motion, solver), proof.t, proof.s
     off = np.abs(joints(np.clip(s, 0.0, joints.end)) - motion.trajectory(t))
     if off.max() > SAME_WAY:
         i, joint = (int(k) for k in np.unravel_index(off.argmax(), off.shape))

@@ -49,6 +49,12 @@ class MotionAnalysis(LimitedMotion):
         vars(motion).update({name: known[name] for name in PATH_INDEPENDENT if name in known})
         return motion
 
+    def bare(self) -> MotionAnalysis:
+        """Return the analysis of the same motion without its large computed values."""
+        motion, known = MotionAnalysis(self.robot, self.trajectory, self._path, *self._accuracy), vars(self)
+        vars(motion).update({name: known[name] for name in ("rest", "knot_positions") if name in known})
+        return motion
+
     def slowed(self, factor: float) -> MotionAnalysis:
         """Return the motion stretched in time by a factor."""
         return MotionAnalysis(self.robot, self.trajectory.slowed(factor), self._path, *self._accuracy)
@@ -70,7 +76,7 @@ class MotionAnalysis(LimitedMotion):
         """The path error, and the motion's progress along the path."""
         return path_error(self.robot, self.path, self.trajectory, self.bounds, *self._accuracy)
 
-    @property
+    @cached_property
     def knot_positions(self) -> Array:
         """Path parameter (m + 1,) at the knots of the trajectory [m, or rad]."""
         passage = self.along[1]

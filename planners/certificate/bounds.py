@@ -8,9 +8,8 @@ A prismatic joint adds R_j z q_j, by Leibniz's rule.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,21 +69,24 @@ def joint_bounds(derivatives: Array, h: float, D: Array) -> None:
 
 
 @compiled
-def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
-    """Compute derivatives of order 0 to 5 of quintic pieces at instants.
+def instant(c: Array, piece: int, u: float, out: Array) -> None:
+    """Compute the derivatives of order 0 to 5 of a quintic piece at u [s]: c (6, m, n), out (6, n) [rad/s^i, m/s^i]."""
+    for j in range(c.shape[2]):
+        for order in range(6):
+            value = 0.0
+            for power in range(5, order - 1, -1):
+                factor = 1.0
+                for i in range(order):
+                    factor *= power - i
+                value = value * u + factor * c[5 - power, piece, j]
+            out[order, j] = value
 
-    Shapes and units: c (6, m, n) [rad/s^i, m/s^i], piece (k,), u (k,) [s], out (k, 6, n) [rad/s^i, m/s^i].
-    """
+
+@compiled
+def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
+    """Compute the derivatives (k, 6, n) of the joints at u (k,) after the beginnings of pieces (k,)."""
     for k in range(u.shape[0]):
-        for j in range(c.shape[2]):
-            for order in range(6):
-                value = 0.0
-                for power in range(5, order - 1, -1):
-                    factor = 1.0
-                    for i in range(order):
-                        factor *= power - i
-                    value = value * u[k] + factor * c[5 - power, piece[k], j]
-                out[k, order, j] = value
+        instant(c, piece[k], u[k], out[k])
 
 
 @compiled
@@ -157,6 +159,17 @@ class MotionBounds:
         _move(self.robot.chain, joints, poses, motion)
         return Instants(t, joints, poses, motion)
 
+    def bound_speeds(self, piece: Indices, at: Instants, limits: Array) -> Array:
+        """Return bounds on |v| and |ω| over their limits (k, 2), the largest ratios found, and their times (3, 2).
+
+        The first half of the instants `at` begins intervals of the motion, and the second half ends them.
+        """
+        out = np.zeros((3, 2))
+        most = FEW_INTERVALS if self.far_out_of_range else SPEED_INTERVALS
+        arm = (self.robot.chain, self.links)
+        _bound_speeds(arm, (self._c, self.knots), piece, at, limits, most, out)
+        return out
+
 
 @compiled
 def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array, h: float, fourth: float) -> float:
@@ -175,121 +188,8 @@ def bezier_bound(left: Array, left_rate: Array, right: Array, right_rate: Array,
     return float(np.sqrt(max(p0, p1, p2, p3)) + fourth * h**4 / 384.0)
 
 
-MOST_PARTS = 8
-"""Largest number of parts into which an interval is divided at once."""
 NARROWEST_SHARE = 1e-9
 """Fraction of a motion's duration below which an interval is not divided: rounding in t is near."""
-Side = TypeVar("Side", bound=Any)
-"""A NamedTuple of arrays (k, ...) that begins with the times ``t`` (k,): the motion at instants."""
-
-
-class Closeness(NamedTuple):
-    """Accuracy of a bound: at most `factor` times the largest value found, or times `floor` if that is larger.
-
-    ``most`` is the largest number of intervals; a motion that needs more keeps a looser bound.
-    """
-
-    factor: float
-    floor: Array
-    most: int
-
-
-def join_sides(first: Side, second: Side) -> Side:
-    """Return the instants of two as one."""
-    both: Side = type(first)(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
-    return both
-
-
-class SubdivisionBound(ABC, Generic[Side]):
-    """Proved bounds on two values of a motion over time, such as distance and angle.
-
-    A subclass bounds the values within intervals, and computes them at instants.
-
-    Parameters
-    ----------
-    bounds : MotionBounds
-        The motion.
-    close : Closeness
-        Required accuracy of the bounds.
-
-    Attributes
-    ----------
-    found, when : (2,) array
-        Largest values found, and their times [s].
-    """
-
-    def __init__(self, bounds: MotionBounds, close: Closeness) -> None:
-        self._bounds, self._close = bounds, close
-        self._shortest = NARROWEST_SHARE * float(bounds.knots[-1])
-        self.found, self.when = np.zeros(2), np.zeros(2)
-
-    @abstractmethod
-    def between(self, at: Side, left: Indices, right: Indices) -> Array:
-        """Return bounds on both values within intervals between instants of `at`."""
-
-    @abstractmethod
-    def within(self, at: Side, piece: Indices, left: Indices, right: Indices, shares: Array) -> Side:
-        """Return the motion inside intervals, at fractions `shares` of their durations."""
-
-    @abstractmethod
-    def values(self, side: Side) -> Array:
-        """Return both values at instants."""
-
-    @property
-    def most_intervals(self) -> int:
-        """Largest number of intervals."""
-        return FEW_INTERVALS if self._bounds.far_out_of_range else self._close.most
-
-    def record_closed(self, which: Flags) -> None:
-        """Record the intervals of the last `between` that are not divided further."""
-
-    def bound(self, piece: Indices, at: Side) -> Array:
-        """Return the bounds on both values, by subdividing intervals until the bounds are close enough.
-
-        The first half of the instants `at` begins the intervals, and the second half ends them.
-        """
-        left = np.arange(piece.size)
-        right, proved, count = left + piece.size, np.zeros(2), 0
-        self._keep_largest(at)
-        while True:
-            between = self.between(at, left, right)
-            over = (between / (self._close.factor * np.maximum(self.found, self._close.floor))).max(axis=1)
-            loose = (over > 1.0) & (at.t[right] - at.t[left] > self._shortest)
-            # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
-            loose &= float((over[loose] ** 0.25).sum()) <= self.most_intervals - count
-            np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
-            self.record_closed(~loose)
-            if not loose.any():
-                return np.maximum(proved, self.found)
-            count += loose.size - int(np.count_nonzero(loose))
-            some, begin, end, parts = piece[loose], left[loose], right[loose], _count_parts(over[loose])
-            shares = np.arange(1, parts).repeat(some.size) / parts
-            every = [np.concatenate([x] * (parts - 1)) for x in (some, begin, end)]
-            middle = self.within(at, every[0], every[1], every[2], shares)
-            self._keep_largest(middle)
-            inner = np.arange(at.t.size, at.t.size + shares.size)
-            piece, left, right = (
-                np.concatenate([some] * parts),
-                np.concatenate([begin, inner]),
-                np.concatenate([inner, end]),
-            )
-            at = join_sides(at, middle)
-
-    def _keep_largest(self, side: Side) -> None:
-        """Update the largest values found, and their times, with the values at instants."""
-        values = self.values(side)
-        for i, k in enumerate(values.argmax(axis=0)):
-            if values[k, i] > self.found[i]:
-                self.found[i], self.when[i] = values[k, i], side.t[k]
-
-
-def _count_parts(over: Array) -> int:
-    """Return the number of parts for intervals from their bounds over the target: errors of cubics fall with parts⁴."""
-    if over.max() <= 2.0**4:
-        return 2
-    return int(np.clip(np.ceil(np.median(over) ** 0.25), 2, MOST_PARTS))
-
-
 SPEED_EXCESS = 1e-6
 """Largest excess of the bound over the largest speed found, as a fraction of it."""
 
@@ -300,10 +200,6 @@ SPEED_FLOOR = 1e-6
 
 SPEED_INTERVALS = 200_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
-
-
-MOVES_AND_TURNS = np.repeat(np.eye(2), 3, axis=0)
-"""Matrix from the squares of a twist (6,) to |v|² and |ω|²."""
 
 
 class ToolSpeed(NamedTuple):
@@ -322,42 +218,78 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     Intervals are divided until the bounds exceed the largest values found by at most 1e-6 of them.
     """
     bounds = bounds or MotionBounds(robot, trajectory)
-    speeds = _Speeds(bounds)
-    proved = speeds.bound(np.arange(trajectory.knots.size - 1), bounds.ends)
-    return ToolSpeed(float(proved[0]), float(proved[1]), float(speeds.when[0]), float(speeds.when[1]))
+    pieces = trajectory.knots.size - 1
+    proved, _, when = bounds.bound_speeds(np.arange(pieces), bounds.ends, np.ones((pieces, 2)))
+    return ToolSpeed(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
 
 
-class _Speeds(SubdivisionBound[Instants]):
-    """|v| and |ω| of the tool."""
-
-    def __init__(self, bounds: MotionBounds) -> None:
-        super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, SPEED_FLOOR), SPEED_INTERVALS))
-
-    def between(self, at: Instants, left: Indices, right: Indices) -> Array:
-        out = np.empty((left.size, 2))
-        speeds_within(self._bounds.links, self._bounds.robot.prismatic, at, left, right, out)
-        return out
-
-    def within(self, at: Instants, piece: Indices, left: Indices, right: Indices, shares: Array) -> Instants:
-        return self._bounds.at(piece, at.t[left] + shares * (at.t[right] - at.t[left]))
-
-    def values(self, side: Instants) -> Array:
-        twist = side.motion[:, 0]
-        return np.asarray(np.sqrt((twist * twist) @ MOVES_AND_TURNS))
+SPEED_HALVINGS = 32
+"""Largest number of times that an interval is halved: 2⁻³² is below `NARROWEST_SHARE`."""
 
 
 @compiled
-def speeds_within(links: Array, prismatic: Flags, at: Instants, left: Indices, right: Indices, out: Array) -> None:
-    """Compute bounds on |v| and |ω| of the tool within intervals between instants of `at`.
+def _ratio(motion: Array, limits: Array, part: int) -> float:
+    """Return |v| or |ω| of a twist in the first row of `motion`, over its limit."""
+    x, y, z = motion[0, 3 * part], motion[0, 3 * part + 1], motion[0, 3 * part + 2]
+    return float(np.sqrt(x * x + y * y + z * z) / limits[part])
 
-    Shapes and units: links (n + 1,) [m], prismatic (n,), left and right (k,), out (k, 2) [m/s, rad/s].
+
+@compiled
+def _bound_speeds(
+    arm: tuple[Chain, Array],
+    curve: tuple[Array, Array],
+    piece: Indices,
+    at: Instants,
+    limits: Array,
+    most: int,
+    out: Array,
+) -> None:
+    """Write what `MotionBounds.bound_speeds` returns; an interval is halved until its bound is close to the largest found.
+
+    Shapes and units: curve coefficients (6, m, n) and knots (m + 1,), piece (k,), limits (k, 2), out (3, 2) [1, 1, s].
     """
-    D, work, moves, turns = np.empty(at.joints.shape[1:]), np.empty((2, 6)), np.empty(6), np.empty(6)
-    for k in range(left.shape[0]):
-        i, j = left[k], right[k]
-        h = at.t[j] - at.t[i]
-        joint_bounds(at.joints[i], h, D)
-        spin = tool_bounds(links, prismatic, D, work, moves, turns)
-        a, b = at.motion[i], at.motion[j]
-        out[k, 0] = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h, moves[5])
-        out[k, 1] = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h, spin)
+    (chain, links), (c, knots) = arm, curve
+    n, k, count = c.shape[2], piece.shape[0], 0
+    frame, T, _J = kinematics.workspace(n)
+    D, work, moves, turns = np.empty((6, n)), np.empty((2, 6)), np.empty(6), np.empty(6)
+    # An instant that begins an interval, and the ends of that interval and of those after it, the nearest last.
+    left_joints, left_motion = np.empty((6, n)), np.empty((3, 6))
+    t, joints, motion = (
+        np.empty(SPEED_HALVINGS + 1),
+        np.empty((SPEED_HALVINGS + 1, 6, n)),
+        np.empty((SPEED_HALVINGS + 1, 3, 6)),
+    )
+    proved, found, when = out[0], out[1], out[2]
+    for i in range(2 * k):
+        for part in range(2):
+            ratio = _ratio(at.motion[i], limits[i % k], part)
+            if ratio > found[part]:
+                found[part], when[part] = ratio, at.t[i]
+    for i in range(k):
+        left, left_joints[:], left_motion[:] = at.t[i], at.joints[i], at.motion[i]
+        t[0], joints[0], motion[0] = at.t[i + k], at.joints[i + k], at.motion[i + k]
+        top = 0
+        while top >= 0:
+            h = t[top] - left
+            joint_bounds(left_joints, h, D)
+            spin = tool_bounds(links, chain[1], D, work, moves, turns)
+            a, b = left_motion, motion[top]
+            v = bezier_bound(a[0, :3], a[1, :3], b[0, :3], b[1, :3], h, moves[5]) / limits[i, 0]
+            w = bezier_bound(a[0, 3:], a[1, 3:], b[0, 3:], b[1, 3:], h, spin) / limits[i, 1]
+            over = max(v / max(found[0], SPEED_FLOOR), w / max(found[1], SPEED_FLOOR)) / (1.0 + SPEED_EXCESS)
+            # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
+            if over > 1.0 and h > NARROWEST_SHARE * knots[-1] and top < SPEED_HALVINGS and over**0.25 <= most - count:
+                top += 1
+                t[top] = left + 0.5 * h
+                instant(c, piece[i], t[top] - knots[piece[i]], joints[top])
+                kinematics.forward(chain, joints[top, 0], frame, T)
+                kinematics.tool_motion(chain, frame, T, joints[top, 0], joints[top, 1:4], motion[top])
+                for part in range(2):
+                    ratio = _ratio(motion[top], limits[i], part)
+                    if ratio > found[part]:
+                        found[part], when[part] = ratio, t[top]
+                continue
+            proved[0], proved[1], count = max(proved[0], v), max(proved[1], w), count + 1
+            left, left_joints[:], left_motion[:] = t[top], joints[top], motion[top]
+            top -= 1
+    proved[0], proved[1] = max(proved[0], found[0]), max(proved[1], found[1])

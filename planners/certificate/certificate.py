@@ -13,12 +13,20 @@ import numpy as np
 from optik.errors import InvalidInput, InvalidMotion
 from optik.ik.base import Tolerance
 from optik.types import Array
-from planners.certificate.checks import Coverage, Jump, find_continuity_violations, find_position_violations
+from planners.certificate.analysis import MotionAnalysis
+from planners.certificate.checks import (
+    Coverage,
+    Jump,
+    find_continuity_violations,
+    find_position_violations,
+    sampled_jerk,
+    smallest_singular_value,
+)
 from planners.certificate.clearance import Clearance
 from planners.certificate.effort import Energy, FrictionStep
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
-from planners.limits import ALL_LIMITS, LOADED, Extreme, ToolExtreme, kind_of
+from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
 from planners.limits._motion import plain
 from planners.paths.base import Path
 
@@ -51,8 +59,6 @@ class Certificate:
         Mechanical energy and largest power found; None if neither the torque nor its rate is limited.
     friction_steps : tuple of FrictionStep
         Steps of the torque by Coulomb friction, which ``torque_rate`` excludes; empty if neither of them is limited.
-    sampled_jerk : (n,) array
-        Largest difference of accelerations at consecutive samples of the controller, over its period [rad/s³].
     rate : float
         Rate of the controller [1/s].
     position_margin : (n,) array
@@ -64,10 +70,8 @@ class Certificate:
     tool_speed, rotation_speed : ToolExtreme
         Proved bounds on the speed of the tool's point [m/s] and of its rotation [rad/s], their ratios to the limits (NaN
         without a limit) and the times of the peaks.
-    singular_value, t_singular_value : float
-        Smallest singular value of the Jacobian, and its time: the minimum of a grid that is refined around it.
-    binding : Binding
-        Path speed and active constraint of each segment.
+    t, s : (m + 1,) array
+        Times of the knots [s], and path parameters there [m, or rad].
     coverage : Coverage
         Part of the path that the motion covers.
     continuous : int
@@ -82,6 +86,8 @@ class Certificate:
         Largest jump of the position, or of the velocity if the position is continuous.
     t_position_margin : (n,) array
         Times of the least distances to the position limits [s].
+    motion, parts : MotionAnalysis, and tuple of LimitedPart
+        The motion, and its parts with their limits, for the values that are computed when they are first read.
     """
 
     joint_names: tuple[str, ...]
@@ -91,21 +97,21 @@ class Certificate:
     velocity: Extreme
     acceleration: Extreme
     jerk: Extreme
-    sampled_jerk: Array
     rate: float
     position_margin: Array
     path_error: PathError
     tolerance: Tolerance | None
     tool_speed: ToolExtreme
     rotation_speed: ToolExtreme
-    singular_value: float
-    t_singular_value: float
-    binding: Binding
+    t: Array
+    s: Array
     coverage: Coverage
     continuous: int
     rest: tuple[bool, bool]
     torque: Extreme
     torque_rate: Extreme
+    motion: MotionAnalysis = dataclasses.field(repr=False)
+    parts: tuple[LimitedPart, ...] = dataclasses.field(repr=False)
     extra: Mapping[str, Extreme | ToolExtreme] = dataclasses.field(default_factory=dict)
     energy: Energy | None = None
     friction_steps: tuple[FrictionStep, ...] = ()
@@ -115,6 +121,45 @@ class Certificate:
 
     def __str__(self) -> str:
         return "\n".join(summary_lines(self))
+
+    @cached_property
+    def sampled_jerk(self) -> Array:
+        """Largest difference of accelerations at consecutive samples of the controller, over its period [rad/s³]."""
+        return sampled_jerk(self.motion.trajectory, self.rate)
+
+    @cached_property
+    def binding(self) -> Binding:
+        """Path speed and active constraint of each segment."""
+        return active_constraints(self.parts, self.t, self.s)
+
+    @cached_property
+    def _singular(self) -> tuple[float, float]:
+        return smallest_singular_value(self.motion.robot, self.motion.trajectory)
+
+    @property
+    def singular_value(self) -> float:
+        """Smallest singular value of the Jacobian [m/rad, 1]: the minimum of a grid that is refined around it."""
+        return self._singular[0]
+
+    @property
+    def t_singular_value(self) -> float:
+        """Time of the smallest singular value [s]."""
+        return self._singular[1]
+
+    def s_at(self, t: float) -> float:
+        """Return the path parameter [m, or rad] at a time [s], between the knots by interpolation.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s].
+
+        Returns
+        -------
+        float
+            Path parameter [m, or rad].
+        """
+        return float(np.interp(t, self.t, self.s))
 
     def extreme(self, field: str) -> Extreme | ToolExtreme:
         """Return the peak value of a limited quantity, its ratio to the limit and its time.
@@ -270,6 +315,14 @@ def shorten(words: str, most: int = 300) -> str:
     return line if len(line) <= most else f"{line[: most - 1]}…"
 
 
+class LimitedPart(NamedTuple):
+    """A part of a motion, its start time [s], and its limits."""
+
+    motion: MotionAnalysis
+    begin: float
+    limits: MotionLimits
+
+
 class Binding(NamedTuple):
     """Path speed and active constraint of each of the m segments of a motion.
 
@@ -291,6 +344,21 @@ class Binding(NamedTuple):
         return numbers | {"limit": list(self.limit), "joint": list(self.joint)}
 
 
+def active_constraints(parts: tuple[LimitedPart, ...], t: Array, s: Array) -> Binding:
+    """Return the peak ratio of every segment between knots, its limit and its joint.
+
+    Joint ratios are exact; tool ratios are taken at both ends of each segment.
+    """
+    robot, kinds = parts[0].motion.robot, parts[-1].limits.kinds
+    each = [(part.motion.bare(), part.limits.bounds(robot.n)) for part in parts]
+    rows = [[kind.piece_ratios(motion, bounds[kind.name]) for kind in kinds] for motion, bounds in each]
+    ratios = np.concatenate([np.concatenate(ratios, axis=1) for ratios in rows], axis=0)
+    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(robot)]
+    which = ratios.argmax(axis=1)
+    limit, joint = zip(*(columns[i] for i in which), strict=True)
+    return Binding(t, s, np.diff(s) / np.diff(t), ratios[np.arange(which.size), which], limit, joint)
+
+
 def find_forbidden(proof: Certificate, allow: Allow) -> tuple[Violation, ...]:
     """Return the violations of a motion that the words of ``allow=`` do not permit."""
     allowed = check_allow(allow)
@@ -302,8 +370,10 @@ def check_valid(proof: Certificate, allow: Allow = (), context: str = "", advice
     violations = find_forbidden(proof, allow)
     if violations:
         reason = context + "; ".join(violation.words for violation in violations)
-        s = float(np.interp(violations[0].t, proof.binding.t, proof.binding.s))
-        raise InvalidMotion(reason, words_for(violations, allow), s=s, joint=violations[0].joint, advice=advice)
+        first = violations[0]
+        raise InvalidMotion(
+            reason, words_for(violations, allow), s=proof.s_at(first.t), joint=first.joint, advice=advice
+        )
 
 
 def plan_summary(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,17 +13,16 @@ from optik.ik.base import Tolerance, ToleranceLike
 from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.certificate.certificate import Binding, Certificate
+from planners.certificate.certificate import Certificate, LimitedPart
 from planners.certificate.checks import (
     Coverage,
+    check_rate,
     check_span,
     continuous_order,
     coverage,
     largest_jump,
     position_margins,
     position_times,
-    sampled_jerk,
-    smallest_singular_value,
 )
 from planners.certificate.clearance import clearance
 from planners.certificate.effort import energy, friction_steps
@@ -90,6 +89,7 @@ def certify(
     if unknown := [field for field in enforced if field not in limits.names]:
         raise InvalidInput("enforced", repr(unknown[0])[:60], f"names out of: {', '.join(limits.names)}")
     tolerance = None if tolerance is None else Tolerance.of(tolerance)
+    check_rate(rate)
     analysis = MotionAnalysis(robot, trajectory) if analysis is None else analysis
     if analysis.trajectory is not trajectory or analysis.robot != robot:
         raise InvalidInput("analysis", "the analysis of another motion", "that of this robot and trajectory")
@@ -112,18 +112,15 @@ def _certify(
     robot, trajectory = motion.robot, motion.trajectory
     parts = limited_parts(motion, limits, before)
     judged = judge_parts(motion, parts)
-    off, places, covered = _measure_along_path(motion, span)
-    singular_value, t_singular_value = smallest_singular_value(robot, trajectory)
+    off, s, covered = _measure_along_path(motion, span)
     return Certificate(
         joint_names=robot.joint_names,
         **criteria,
         duration=trajectory.duration,
-        sampled_jerk=sampled_jerk(trajectory, criteria["rate"]),
         position_margin=position_margins(robot, trajectory),
         path_error=off,
-        singular_value=singular_value,
-        t_singular_value=t_singular_value,
-        binding=active_constraints(motion, parts, places),
+        t=trajectory.knots,
+        s=s,
         coverage=covered,
         continuous=continuous_order(motion.jumps),
         jump=largest_jump(trajectory, motion.jumps),
@@ -132,6 +129,8 @@ def _certify(
         clearance=None if scene is None else clearance(robot, trajectory, scene),
         **{name: judged.pop(name) for name in ALL_LIMITS},
         extra=judged,
+        motion=motion.bare(),
+        parts=tuple(part._replace(motion=part.motion.bare()) for part in parts),
         **_measure_effort(motion, limits),
     )
 
@@ -173,14 +172,6 @@ def _check_kinds(robot: Robot, path: Path | None, trajectory: Trajectory, limits
     if path is not None:
         check_path(limits, path)
     return limits
-
-
-class LimitedPart(NamedTuple):
-    """A part of a motion, its start time [s], and its limits."""
-
-    motion: MotionAnalysis
-    begin: float
-    limits: MotionLimits
 
 
 def limited_parts(
@@ -232,23 +223,3 @@ def _select_worse(first: Any, second: Any) -> Extreme | ToolExtreme:
     a, b = (np.where(free, x.value, np.nan_to_num(x.ratio, nan=-1.0, posinf=np.inf)) for x in (first, second))
     chosen = [np.where(a >= b, x, y) for x, y in zip(first, second, strict=True)]
     return Extreme(*chosen) if isinstance(first, Extreme) else ToolExtreme(*(float(x) for x in chosen))
-
-
-def active_constraints(motion: MotionAnalysis, parts: tuple[LimitedPart, ...], places: Array) -> Binding:
-    """Return the peak ratio of every segment, its limit and its joint, with the path parameter (m + 1,) at the knots.
-
-    Joint ratios are exact; tool ratios are taken at both ends of each segment.
-    """
-    t, n, kinds = motion.trajectory.knots, motion.robot.n, parts[-1].limits.kinds
-    each = [[kind.piece_ratios(part.motion, part.limits.bounds(n)[kind.name]) for kind in kinds] for part in parts]
-    ratios = np.concatenate([np.concatenate(rows, axis=1) for rows in each], axis=0)
-    columns = [(kind.name, subject) for kind in kinds for subject in kind.subjects(motion.robot)]
-    which = ratios.argmax(axis=1)
-    return Binding(
-        t=t,
-        s=places,
-        speed=np.diff(places) / np.diff(t),
-        ratio=ratios[np.arange(len(which)), which],
-        limit=tuple(columns[i][0] for i in which),
-        joint=tuple(columns[i][1] for i in which),
-    )

@@ -52,10 +52,14 @@ PERIODS = 1_000_000
 """Largest number of periods that are all evaluated: half a minute of computing."""
 
 
-def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
-    """Return the largest difference of accelerations over one period of a controller, divided by the period."""
+def check_rate(rate: float) -> None:
+    """Raise InvalidInput unless a controller's rate [1/s] is in `RATES`."""
     if not RATES[0] <= check_number(rate, "rate", "samples per second") <= RATES[1]:
         raise InvalidInput("rate", f"{rate:.9g}", f"samples per second, in [{RATES[0]:g}, {RATES[1]:g}]")
+
+
+def sampled_jerk(trajectory: Trajectory, rate: float) -> Array:
+    """Return the largest difference of accelerations over one period of a controller, divided by the period."""
     periods = max(int(trajectory.end * rate + 1e-9), 1)
     first = np.arange(min(periods, PERIODS))
     # A motion of days: periods around the knots, where accelerations change fastest, and a sample.
@@ -263,6 +267,8 @@ def _find_backward_stretches(passage: Passage) -> Array:
     A stretch may span many intervals; ``passage.falls`` has its part in each of them.
     """
     falls = passage.falls
+    if not falls.size and (passage.s[1:] >= passage.s[:-1]).all():
+        return np.empty((0, 3))
     t = np.concatenate([passage.t, falls[:, 0], falls[:, 2]])
     s = np.concatenate([passage.s, falls[:, 1], falls[:, 3]])
     order = np.lexsort((np.repeat([0, 1, 2], [passage.t.size, len(falls), len(falls)]), t))

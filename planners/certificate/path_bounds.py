@@ -22,22 +22,18 @@ Ends = tuple[Indices, Indices]
 
 
 class ComparedInstants(NamedTuple):
-    """Tool and path at instants t (k,).
+    """A motion compared with its path at instants t (k,).
 
-    ``joints`` (k, 6, n), ``poses`` (k, 4, 4) and ``motion`` (k, 3, 6) are those of `Instants`. ``s`` (k,) are the
-    path parameters of the tool, ``speed`` (k,) is ṡ, ``path_poses`` (k, 4, 4), ``twist`` (k, 6) and ``path_joints`` are those
-    of the path (`planners.certificate.projection.PathPositions`).
+    ``joints`` (k, 6, n) are those of `Instants`. ``s`` (k,) are the path parameters of the tool, ``speed`` (k,) is ṡ, and
+    ``path_joints`` are those of `planners.certificate.projection.PathPositions`. ``error`` (k, 3, 12) is that of `compare`.
     """
 
     t: Array
     joints: Array
-    poses: Array
-    motion: Array
     s: Array
     speed: Array
-    path_poses: Array
-    twist: Array
     path_joints: Array
+    error: Array
 
 
 @compiled
@@ -47,27 +43,35 @@ def _angle(norm: float) -> float:
 
 
 @compiled
-def _error(
-    tool: Array, motion: Array, pose: Array, twist: Array, speed: float, E: Array, value: Array, rate: Array
-) -> None:
-    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives.
+def compare(poses: Array, motion: Array, path_poses: Array, twist: Array, error: Array, off: Array) -> None:
+    """Compute the errors of tool poses from path poses, and their distances and angles.
 
-    E (3, 3) is overwritten by R_tool R_pathᵀ.
+    The position error and the rotation error E − I, with E = R_tool R_pathᵀ, are the first row of ``error``. The second row
+    is its time derivative for a path at standstill, the third what each unit of ṡ adds to that.
+
+    Shapes and units: poses, path_poses (k, 4, 4), motion (k, 3, 6), twist (k, 6), error (k, 3, 12), off (k, 2) [m, rad].
     """
-    for i in range(3):
-        for j in range(3):
-            E[i, j] = tool[i, 0] * pose[j, 0] + tool[i, 1] * pose[j, 1] + tool[i, 2] * pose[j, 2]
-    for i in range(3):
-        value[i] = tool[i, 3] - pose[i, 3]
-        rate[i] = motion[0, i] - speed * twist[i]
-    w = (motion[0, 3], motion[0, 4], motion[0, 5])
-    p = (speed * twist[3], speed * twist[4], speed * twist[5])
-    for i in range(3):  # Ė = ω × E − E (ω_path ×)
-        a, b = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            c, d = (j + 1) % 3, (j + 2) % 3
-            value[3 + 3 * i + j] = E[i, j] - (1.0 if i == j else 0.0)
-            rate[3 + 3 * i + j] = w[a] * E[b, j] - w[b] * E[a, j] - (E[i, c] * p[d] - E[i, d] * p[c])
+    for k in range(poses.shape[0]):
+        A, B, (value, rate, along) = poses[k], path_poses[k], (error[k, 0], error[k, 1], error[k, 2])
+        w, p = motion[k, 0, 3:], twist[k, 3:]
+        for i in range(3):
+            value[i], rate[i], along[i] = A[i, 3] - B[i, 3], motion[k, 0, i], -twist[k, i]
+            for j in range(3):
+                value[3 + 3 * i + j] = A[i, 0] * B[j, 0] + A[i, 1] * B[j, 1] + A[i, 2] * B[j, 2]
+        E = value[3:].reshape(3, 3)
+        for i in range(3):  # Ė = ω × E − E (ω_path ×)
+            a, b = (i + 1) % 3, (i + 2) % 3
+            for j in range(3):
+                c, d = (j + 1) % 3, (j + 2) % 3
+                rate[3 + 3 * i + j] = w[a] * E[b, j] - w[b] * E[a, j]
+                along[3 + 3 * i + j] = E[i, d] * p[c] - E[i, c] * p[d]
+        turned = 0.0
+        for i in range(3):
+            E[i, i] -= 1.0
+            for j in range(3):
+                turned += (A[i, j] - B[i, j]) ** 2
+        off[k, 0] = np.sqrt(value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
+        off[k, 1] = _angle(np.sqrt(turned))
 
 
 class PieceBounds(NamedTuple):
@@ -160,8 +164,7 @@ def intervals(
     """
     (links, prismatic), (left, right) = arm, ends
     D, work, moves, turns = np.empty(at.joints.shape[1:]), np.empty((2, 6)), np.empty(6), np.empty(6)
-    E, b = np.empty((3, 3)), np.empty((2, 5))
-    e0, r0, e1, r1 = np.empty(12), np.empty(12), np.empty(12), np.empty(12)
+    b, r0, r1 = np.empty((2, 5)), np.empty(12), np.empty(12)
     for k in range(left.shape[0]):
         i, j = left[k], right[k]
         h, s0, s1 = at.t[j] - at.t[i], at.s[i], at.s[j]
@@ -169,8 +172,10 @@ def intervals(
         tool_bounds(links, prismatic, D, work, moves, turns)
         v0 = _clip_speed(at.speed[i], s0, end - s0, h)
         v1 = _clip_speed(at.speed[j], end - s1, s1, h)
-        _error(at.poses[i], at.motion[i], at.path_poses[i], at.twist[i], v0, E, e0, r0)
-        _error(at.poses[j], at.motion[j], at.path_poses[j], at.twist[j], v1, E, e1, r1)
+        e0, e1 = at.error[i, 0], at.error[j, 0]
+        for m in range(12):
+            r0[m] = at.error[i, 1, m] + v0 * at.error[i, 2, m]
+            r1[m] = at.error[j, 1, m] + v1 * at.error[j, 2, m]
         path_rates(limits, (s0, s1), (v0, v1), h, b)
         fall[k] = _fall(s0, v0 * h, s1, v1 * h)
         fall[k, ::2] = at.t[i] + fall[k, ::2] * h
@@ -261,3 +266,30 @@ def _fall(s0: float, v0: float, s1: float, v1: float) -> tuple[float, float, flo
         if top - s > high - low:
             begin, high, end, low = peak, top, u, s
     return begin, high, end, low
+
+
+@compiled
+def divide(at: ComparedInstants, ends: Ends, parts: Indices, inner: Array, new: Indices) -> None:
+    """Divide intervals between instants of `at` into equal parts: their inner instants, with s on the cubics through the ends.
+
+    Shapes and units: ends (2,) of (k,), parts (k,), inner (2, Σ (parts − 1)) [s; m, or rad], new (2, Σ parts): the instants at
+    which the parts begin and end, of `at` followed by the inner ones.
+    """
+    a, b = 0, 0
+    left, right = ends
+    for k in range(left.shape[0]):
+        i, j = left[k], right[k]
+        t0, s0, s1 = at.t[i], at.s[i], at.s[j]
+        h = at.t[j] - t0
+        for part in range(parts[k]):
+            new[0, b], new[1, b] = at.t.shape[0] + a - 1 if part else i, at.t.shape[0] + a
+            b += 1
+            if part + 1 == parts[k]:
+                new[1, b - 1] = j
+                break
+            u = (part + 1) / parts[k]
+            w = 1.0 - u
+            before = w * w * ((1.0 + 2.0 * u) * s0 + u * h * at.speed[i])
+            inner[0, a] = t0 + u * h
+            inner[1, a] = before + u * u * ((1.0 + 2.0 * w) * s1 - w * h * at.speed[j])
+            a += 1

@@ -9,16 +9,10 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.ik.base import Tolerance
 from optik.types import Array, Flags, Indices
-from planners.certificate.bounds import (
-    FEW_INTERVALS,
-    Closeness,
-    Instants,
-    MotionBounds,
-    SubdivisionBound,
-)
+from planners.certificate.bounds import FEW_INTERVALS, NARROWEST_SHARE, Instants, MotionBounds
 from planners.certificate.chord_search import CHORD_ROOM
-from planners.certificate.path_bounds import ComparedInstants, PieceBounds, intervals, joint_intervals
-from planners.certificate.projection import BEND, NEAREST_TURN, NOT_ALONG_PATH, Nearest, NearestJoints
+from planners.certificate.path_bounds import ComparedInstants, PieceBounds, compare, divide, intervals, joint_intervals
+from planners.certificate.projection import BEND, NEAREST_TURN, NOT_ALONG_PATH, Nearest, NearestJoints, PathPositions
 from planners.certificate.violation import Violation
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
@@ -33,8 +27,8 @@ LOOK_PARTS = 64
 """Largest number of parts of a piece of the motion in the first search for positions along the path."""
 ERROR_ROUNDING = 2e-15
 """Largest rounding error of a computed distance [m] or angle [rad]."""
-DISTANCE_AND_TURN = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0], [1.0, 0.0]] * 4)
-"""Matrix from squared differences of two poses (16,) to the squared distance and 8 sin² of half the angle."""
+MOST_PARTS = 16
+"""Largest number of parts into which an interval is divided at once."""
 
 
 class PathError(NamedTuple):
@@ -116,17 +110,19 @@ def path_error(
     """
     bounds = bounds or MotionBounds(robot, trajectory)
     nearest = NearestJoints(robot, path) if path.in_joints else Nearest(path, turn)
-    piece, at, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(nearest, bounds)
+    piece, at, off, knot = _known_positions(nearest, bounds, trajectory) or _search_positions(
+        nearest, bounds, trajectory
+    )
     errors = _Errors(bounds, path, nearest, np.minimum(enough, ERROR_FLOOR))
-    proved = errors.bound(piece, at) + ERROR_ROUNDING
+    proved = errors.bound(piece, at, off) + ERROR_ROUNDING
     error = PathError(*(float(x) for x in (*proved, *errors.found, *errors.when)))
-    t, s = (np.append(x[: piece.size], x[-1]) for x in (at.t, at.s))
+    t, s = (np.append(x[: piece.size], x[2 * piece.size - 1]) for x in (at.t, at.s))
     return error, Passage(t, s, knot, np.concatenate(errors.falls))
 
 
-Intervals = tuple[Indices, ComparedInstants, Flags]
-"""The pieces (k,) of intervals, the instants at which they begin and then those at which they end, one-sided, and which of the
-k + 1 instants between them are knots of the motion."""
+Intervals = tuple[Indices, ComparedInstants, Array, Flags]
+"""The pieces (k,) of intervals, the instants at which they begin and then those at which they end, one-sided, the distances and
+angles (2 k, 2) there, and which of the k + 1 instants between them are knots of the motion."""
 
 
 def _known_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Trajectory) -> Intervals | None:
@@ -134,63 +130,110 @@ def _known_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Traject
     s = trajectory.s
     if s is None:
         return None
-    at = _compare(nearest, bounds.ends, np.concatenate([s[:-1], s[1:]]))
-    return None if _deviations(at).max() > CHORD_ROOM else (np.arange(s.size - 1), at, np.ones(s.size, np.bool_))
+    at, off = _compare_ends(nearest, bounds.ends, s, trajectory)
+    return None if off.max() > CHORD_ROOM else (np.arange(s.size - 1), at, off, np.ones(s.size, np.bool_))
 
 
-def _search_positions(nearest: Nearest, bounds: MotionBounds) -> Intervals:
+def _search_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Trajectory) -> Intervals:
     """Return the intervals of a motion whose positions along the path are found by a search."""
     piece, ends, knot = _first_intervals(nearest, bounds)
-    guess = nearest.guess(Instants(*(np.concatenate([x[: piece.size], x[-1:]]) for x in ends)))
-    return piece, _compare(nearest, ends, np.concatenate([guess[:-1], guess[1:]])), knot
+    return piece, *_compare_ends(nearest, ends, nearest.guess(_between(ends)), trajectory), knot
 
 
-def _compare(nearest: Nearest, side: Instants, guess: Array) -> ComparedInstants:
-    """Return the tool at instants, and the nearest positions along the path from a guess."""
-    return ComparedInstants(*side, *nearest.places(side, guess))
+def _between(ends: Instants) -> Instants:
+    """Return the k + 1 right-hand instants between intervals that begin, and then end, at the given ones."""
+    count = ends.t.size // 2
+    return Instants(*(np.concatenate([x[:count], x[-1:]]) for x in ends))
 
 
-class _Errors(SubdivisionBound[ComparedInstants]):
-    """Distance and angle between tool and path, and the backward stretches of the motion."""
+SAME_SIDES = 1e-9
+"""Step of a position [rad, m] or of a velocity up to which both sides of a knot are compared with the path at one position."""
+
+
+def _compare_ends(
+    nearest: Nearest, ends: Instants, guess: Array, trajectory: Trajectory
+) -> tuple[ComparedInstants, Array]:
+    """Return what `_compare` does for the instants at which intervals begin and end, from guesses (k + 1,) between them."""
+    left = np.arange(guess.size - 1)
+    both = np.concatenate([left, left + 1])
+    if any(np.abs(trajectory.jumps(order)).max(initial=0.0) > SAME_SIDES for order in (0, 1)):
+        return _compare(ends, nearest.places(ends, guess[both]))
+    return _compare(ends, PathPositions(*(x[both] for x in nearest.places(_between(ends), guess))))
+
+
+def _compare(side: Instants, along: PathPositions) -> tuple[ComparedInstants, Array]:
+    """Return a motion compared with positions along its path, and the distances and angles (k, 2) to them."""
+    error, off = np.empty((side.t.size, 3, 12)), np.empty((side.t.size, 2))
+    compare(side.poses, side.motion, along.poses, along.twist, error, off)
+    return ComparedInstants(side.t, side.joints, along.s, along.speed, along.path_joints, error), off
+
+
+class _Errors:
+    """Proved bounds on distance and angle between tool and path, and the backward stretches of the motion.
+
+    ``found`` and ``when`` (2,) are the largest values found, and their times [s].
+    """
 
     def __init__(self, bounds: MotionBounds, path: Path, nearest: Nearest, floor: Array) -> None:
-        super().__init__(bounds, Closeness(ERROR_EXCESS, floor, ERROR_INTERVALS))
-        self._nearest, self._end, self._limits = nearest, path.end, PieceBounds.of(path)
-        self._joint_bounds = path.joint_bounds()
-        self._fall = np.empty((0, 4))
+        self._bounds, self._nearest, self._floor = bounds, nearest, floor
+        self._end, self._limits, self._joint_bounds = path.end, PieceBounds.of(path), path.joint_bounds()
+        self.found, self.when = np.zeros(2), np.zeros(2)
         self.falls: list[Array] = []
 
-    def between(self, at: ComparedInstants, left: Indices, right: Indices) -> Array:
-        out, self._fall = np.empty((left.size, 2)), np.empty((left.size, 4))
+    def bound(self, piece: Indices, at: ComparedInstants, off: Array) -> Array:
+        """Return the bounds on both values, by dividing intervals until the bounds are close enough.
+
+        The first half of the instants `at` begins the intervals, and the second half ends them.
+        """
+        left = np.arange(piece.size)
+        right, proved, count = left + piece.size, np.zeros(2), 0
+        shortest = NARROWEST_SHARE * float(self._bounds.knots[-1])
+        self._keep_largest(at.t, off)
+        while True:
+            between, fall = self._between(at, left, right)
+            over = (between / (ERROR_EXCESS * np.maximum(self.found, self._floor))).max(axis=1)
+            loose = (over > 1.0) & (at.t[right] - at.t[left] > shortest)
+            # The remainder falls with the fourth power of the interval: intervals that would be too many are not begun.
+            if float((over[loose] ** 0.25).sum()) > self._most_intervals - count:
+                loose[:] = False
+            np.maximum(proved, between[~loose].max(axis=0, initial=0.0), out=proved)
+            self.falls.append(fall[~loose & (fall[:, 1] > fall[:, 3])])
+            if not loose.any():
+                return np.maximum(proved, self.found)
+            piece, left, right = piece[loose], left[loose], right[loose]
+            count += loose.size - piece.size
+            # Errors of cubics fall with parts⁴.
+            parts = np.clip(np.ceil(over[loose] ** 0.25), 2, MOST_PARTS).astype(np.int64)
+            total = int(parts.sum())
+            inner, new = np.empty((2, total - parts.size)), np.empty((2, total), np.int64)
+            divide(at, (left, right), parts, inner, new)
+            t, guess = inner
+            side = self._bounds.at(np.repeat(piece, parts - 1), t)
+            middle, off = _compare(side, self._nearest.places(side, guess))
+            self._keep_largest(t, off)
+            at = ComparedInstants(*(np.concatenate(pair) for pair in zip(at, middle, strict=True)))
+            piece, (left, right) = np.repeat(piece, parts), new
+
+    def _between(self, at: ComparedInstants, left: Indices, right: Indices) -> tuple[Array, Array]:
+        """Return bounds (k, 2) on both values within intervals between instants, and the backward stretches (k, 4)."""
+        out, fall = np.empty((left.size, 2)), np.empty((left.size, 4))
         arm, limits = (self._bounds.links, self._bounds.robot.prismatic), self._limits
-        intervals(arm, limits, self._end, at, (left, right), out, self._fall)
+        intervals(arm, limits, self._end, at, (left, right), out, fall)
         if self._joint_bounds is not None:
             joint_intervals(arm, (limits.breaks, self._joint_bounds), self._end, at, (left, right), out)
-        return out
-
-    def within(
-        self, at: ComparedInstants, piece: Indices, left: Indices, right: Indices, shares: Array
-    ) -> ComparedInstants:
-        t, guess = _interpolate(shares, at, left, right)
-        return _compare(self._nearest, self._bounds.at(piece, t), guess)
-
-    def values(self, side: ComparedInstants) -> Array:
-        return _deviations(side)
+        return out, fall
 
     @property
-    def most_intervals(self) -> int:
-        return FEW_INTERVALS if self.found.max() > NOT_ALONG_PATH else super().most_intervals
+    def _most_intervals(self) -> int:
+        """Largest number of intervals: few for a motion that is far off."""
+        far = self.found.max() > NOT_ALONG_PATH or self._bounds.far_out_of_range
+        return FEW_INTERVALS if far else ERROR_INTERVALS
 
-    def record_closed(self, which: Flags) -> None:
-        self.falls.append(self._fall[which & (self._fall[:, 1] > self._fall[:, 3])])
-
-
-def _deviations(side: ComparedInstants) -> Array:
-    """Return the distance and the angle (k, 2) between tool and path at instants."""
-    apart = (side.poses - side.path_poses).reshape(-1, 16)
-    values = np.sqrt((apart * apart) @ DISTANCE_AND_TURN)
-    values[:, 1] = 2.0 * np.arcsin(np.minimum(values[:, 1] / np.sqrt(8.0), 1.0))
-    return np.asarray(values)
+    def _keep_largest(self, t: Array, off: Array) -> None:
+        """Update the largest values found, and their times, with the values (k, 2) at instants."""
+        for i, k in enumerate(off.argmax(axis=0)):
+            if off[k, i] > self.found[i]:
+                self.found[i], self.when[i] = off[k, i], t[k]
 
 
 def _first_intervals(nearest: Nearest, bounds: MotionBounds) -> tuple[Indices, Instants, Flags]:
@@ -221,11 +264,3 @@ def _count_parts(nearest: Nearest, ends: Instants) -> Indices:
     along = np.where(onward, (a * way).sum(axis=2) ** 2 / np.where(onward, size, 1.0), 0.0)
     bend = np.sqrt(np.maximum((a * a).sum(axis=2) - along, 0.0).max(axis=0)) * h**2 / 8.0
     return np.asarray(np.clip(np.ceil(np.sqrt(bend / BEND)), 1, LOOK_PARTS), np.int64)
-
-
-def _interpolate(u: Array, at: ComparedInstants, left: Indices, right: Indices) -> tuple[Array, Array]:
-    """Return instants at fractions u of intervals, and s on the cubics through their ends."""
-    t0, s0, v0, s1, v1 = at.t[left], at.s[left], at.speed[left], at.s[right], at.speed[right]
-    h, w = at.t[right] - t0, 1.0 - u
-    s = w * w * ((1.0 + 2.0 * u) * s0 + u * h * v0) + u * u * ((1.0 + 2.0 * w) * s1 - w * h * v1)
-    return t0 + u * h, s

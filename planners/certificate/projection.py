@@ -75,7 +75,7 @@ class PathPositions(NamedTuple):
 
 
 class PathComparison(NamedTuple):
-    """A motion compared with its path at s (k,): squared distances, Newton steps, and the speed along the path.
+    """A motion compared with its path at s (k,): squared distances, Newton steps, speeds along the path, rates of the path.
 
     ``points`` and ``tangents`` are the path's poses and twists, or its configurations and their derivatives.
     """
@@ -84,6 +84,7 @@ class PathComparison(NamedTuple):
     cost: Array
     step: Array
     speed: Array
+    rate: Array
     points: Array
     tangents: Array
 
@@ -126,8 +127,9 @@ class Nearest:
         target, guess = self._target(instants), np.clip(guess, 0.0, self._path.end)
         found = self._descend(target, guess)
         back = found.speed < -PATH_STILL * np.abs(found.speed).max()
-        slow = self._size(found.tangents) < self._slow
-        at = np.flatnonzero(((slow & (found.cost > TOOL_ON_PATH**2)) | back) & (found.cost < NOT_ALONG_PATH**2))
+        at = np.flatnonzero(
+            (((found.rate < self._slow) & (found.cost > TOOL_ON_PATH**2)) | back) & (found.cost < NOT_ALONG_PATH**2)
+        )
         for part in (at[i : i + CUSPS_AT_ONCE] for i in range(0, at.size, CUSPS_AT_ONCE)):
             some, before = tuple(x[part] for x in target), tuple(x[part] for x in found[-2:])
             better = self._descend(some, self._likeliest(some, guess[part]))
@@ -171,17 +173,12 @@ class Nearest:
         """Return the points of the path at s, and their derivatives."""
         return self._path.frames(s)
 
-    def _size(self, tangents: Array) -> Array:
-        """Return the rates (k,) of the path."""
-        moves, turns = (np.linalg.norm(tangents[:, part], axis=1) for part in (slice(0, 3), slice(3, 6)))
-        return np.asarray(np.hypot(moves, CHORD_TURN * turns))
-
     def _compare(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         """Compare a motion with the path at s (k,)."""
         (tool, motion), (poses, twist) = target, self._frames(s)
-        cost, step, speed = np.empty((3, s.size))
-        _step(tool, motion, poses, twist, (self._still, self._turn), cost, step, speed)
-        return PathComparison(s.copy(), cost, step, speed, poses, twist)
+        found = np.empty((4, s.size))
+        _step(tool, motion, poses, twist, (self._still, self._turn), found)
+        return PathComparison(s.copy(), found[0], found[1], found[2], found[3], poses, twist)
 
     def _misfit(self, target: tuple[Array, ...], poses: Array, twist: Array) -> Array:
         """Return squared distances (k,) of position, rotation, and backward motion in `BACK_TIME`."""
@@ -238,18 +235,17 @@ class NearestJoints(Nearest):
     def _frames(self, s: Array) -> tuple[Array, Array]:
         return self._joints(s, 0), self._joints(s, 1)
 
-    def _size(self, tangents: Array) -> Array:
-        return np.asarray(np.linalg.norm(tangents, axis=1))
-
     def _compare(self, target: tuple[Array, ...], s: Array) -> PathComparison:
         (q, velocity, acceleration), (at, q1) = target, self._frames(s)
-        off, size = q - at, np.maximum((q1 * q1).sum(axis=1), self._still**2)
+        off, rate = q - at, (q1 * q1).sum(axis=1)
+        size = np.maximum(rate, self._still**2)
         speed = (q1 * velocity).sum(axis=1) / size
         if (cusp := size <= self._still**2).any():  # q' = 0, so q̈ = q'' ṡ²
             q2 = self._joints(s[cusp], 2)
             along = (q2 * acceleration[cusp]).sum(axis=1) / np.maximum((q2 * q2).sum(axis=1), 1e-300)
             speed[cusp] = np.sqrt(np.maximum(along, 0.0))
-        return PathComparison(s.copy(), (off * off).sum(axis=1), (off * q1).sum(axis=1) / size, speed, at, q1)
+        cost, step = (off * off).sum(axis=1), (off * q1).sum(axis=1) / size
+        return PathComparison(s.copy(), cost, step, speed, np.sqrt(rate), at, q1)
 
     def _misfit(self, target: tuple[Array, ...], poses: Array, twist: Array) -> Array:
         return _add_backward_motion(target[0] - poses, twist, target[1])
@@ -267,17 +263,8 @@ def _add_backward_motion(off: Array, tangents: Array, rate: Array) -> Array:
 
 
 @compiled
-def _step(
-    tool: Array,
-    motion: Array,
-    poses: Array,
-    twist: Array,
-    how: tuple[float, float],
-    cost: Array,
-    step: Array,
-    speed: Array,
-) -> None:
-    """Compute squared distances of tool poses from path poses, Newton steps along the path, and the tool's speed along it.
+def _step(tool: Array, motion: Array, poses: Array, twist: Array, how: tuple[float, float], out: Array) -> None:
+    """Compute squared distances, Newton steps, speeds and rates of `PathComparison` (4, k) for a tool and its path.
 
     `how` is the least squared rate of the path, and the distance [m] as which a rotation of 1 rad counts.
     """
@@ -291,7 +278,7 @@ def _step(
         e[3] = 0.5 * _skew(A, B, 2, 1)
         e[4] = 0.5 * _skew(A, B, 0, 2)
         e[5] = 0.5 * _skew(A, B, 1, 0)
-        size, along, going, off = still, 0.0, 0.0, 0.0
+        size, along, going, off, rate = still, 0.0, 0.0, 0.0, 0.0
         for i in range(6):
             weight = 1.0 if i < 3 else turn * turn
             w = twist[k, i]
@@ -299,7 +286,8 @@ def _step(
             along += weight * w * e[i]
             going += weight * w * motion[k, 0, i]
             off += weight * e[i] * e[i]
-        cost[k], step[k], speed[k] = off, along / size, going / size
+            rate += w * w * (1.0 if i < 3 else CHORD_TURN * CHORD_TURN)
+        out[0, k], out[1, k], out[2, k], out[3, k] = off, along / size, going / size, np.sqrt(rate)
 
 
 @compiled

@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from optik.types import Array, Indices
-from planners.certificate.bounds import (
-    SPEED_EXCESS,
-    SPEED_INTERVALS,
-    Closeness,
-    Instants,
-    MotionBounds,
-    SubdivisionBound,
-    speeds_within,
-)
+from planners.certificate.bounds import MotionBounds
 from planners.certificate.path_error import Passage
 from planners.certificate.projection import Nearest
 from planners.paths.base import Path
 
-RATIO_FLOOR = 1e-6
-"""Least ratio to a limit that the excess of the bound is relative to."""
 CROSSING_ROUNDING = 1e-12
 """Fraction of the path, and of the duration, below which two positions, or two instants, are the same: rounding is near."""
 CROSSING_STEPS = 60
 """Largest number of steps to the instant at which a break is passed; three Newton steps are usual."""
-
-
-class LimitedInstants(NamedTuple):
-    """A motion at instants, as `Instants`, with the limit (k,) of the time interval of each."""
-
-    t: Array
-    joints: Array
-    poses: Array
-    motion: Array
-    bound: Array
 
 
 def segment_speed(
@@ -47,34 +25,10 @@ def segment_speed(
     within an interval, the least limit of all its pieces counts.
     """
     piece, begin, end, limit = _stretches(bounds, path, passage, on_pieces)
-    ratios = _Ratios(bounds, part)
-    ends = bounds.at(np.concatenate([piece, piece]), np.concatenate([begin, end]))
-    proved = ratios.bound(piece, LimitedInstants(*ends, np.concatenate([limit, limit])))
-    return float(proved[0]), float(ratios.when[0])
-
-
-class _Ratios(SubdivisionBound[LimitedInstants]):
-    """|v| or |ω| of the tool over its limit; the second value is not used."""
-
-    def __init__(self, bounds: MotionBounds, part: int) -> None:
-        super().__init__(bounds, Closeness(1.0 + SPEED_EXCESS, np.full(2, RATIO_FLOOR), SPEED_INTERVALS))
-        self._part = part
-
-    def between(self, at: LimitedInstants, left: Indices, right: Indices) -> Array:
-        out = np.empty((left.size, 2))
-        speeds_within(self._bounds.links, self._bounds.robot.prismatic, Instants(*at[:4]), left, right, out)
-        return np.stack([out[:, self._part] / at.bound[left], np.zeros(left.size)], axis=1)
-
-    def within(
-        self, at: LimitedInstants, piece: Indices, left: Indices, right: Indices, shares: Array
-    ) -> LimitedInstants:
-        t = at.t[left] + shares * (at.t[right] - at.t[left])
-        return LimitedInstants(*self._bounds.at(piece, t), at.bound[left])
-
-    def values(self, side: LimitedInstants) -> Array:
-        first = 3 * self._part
-        ratio = np.linalg.norm(side.motion[:, 0, first : first + 3], axis=1) / side.bound
-        return np.stack([ratio, np.zeros(ratio.size)], axis=1)
+    ends, limits = bounds.at(np.tile(piece, 2), np.concatenate([begin, end])), np.full((piece.size, 2), np.inf)
+    limits[:, part] = limit
+    proved, _, when = bounds.bound_speeds(piece, ends, limits)
+    return float(proved[part]), float(when[part])
 
 
 def _stretches(

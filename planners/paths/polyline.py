@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
+from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table, tell_assumed
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
-from planners.paths._poses import make_poses, shortest_turn
+from planners.paths._poses import shortest_turn
 from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
 
@@ -122,7 +123,6 @@ class Polyline(Path):
         half = _find_half_widths(chords, turns, length, *room[inner].T)
         self._pieces = _build_pieces(self.waypoints, chords, turns, length, half)
         self._breaks: Array = np.append(_find_begins(self._pieces, length, half), self._end)
-        self._turns = bool(turns.any())
 
     @classmethod
     def from_csv(
@@ -190,54 +190,12 @@ class Polyline(Path):
 
     def _evaluate(self, x: Array, order: int) -> Array:
         piece = np.searchsorted(self._breaks[1:-1], x, side="right")
-        return self._pose(x, piece) if order == 0 else self._twist(x, piece, order)
-
-    def _pose(self, x: Array, piece: Indices) -> Array:
-        c = self._pieces
-        b = x - c.begin[piece]
-        p = c.position[piece] + b[:, None] * c.d2[piece]
-        at = np.flatnonzero(c.corner[piece])
-        if at.size:
-            k = piece[at]
-            width = c.width[k]
-            u = np.clip(b[at] / width, 0.0, 1.0)
-            a, b[at] = width * _blend_integral(1.0 - u), width * _blend_integral(u)
-            p[at] = c.position[k] - a[:, None] * c.d1[k] + b[at, None] * c.d2[k]
-        R = c.rotation[piece]
-        if self._turns:
-            if at.size:
-                R[at] = se3.exp_so3(-a[:, None] * c.w1[k]) @ R[at]
-            R = se3.exp_so3(b[:, None] * c.w2[piece]) @ R
-        return make_poses(R, p)
-
-    def _twist(self, x: Array, piece: Indices, order: int) -> Array:
-        c = self._pieces
+        if order == 0:
+            poses = np.zeros((x.size, 4, 4))
+            _write_poses(self._pieces, piece, x, poses)
+            return poses
         out = np.zeros((x.size, 6))
-        if order == 1:
-            out[:, :3], out[:, 3:] = c.d2[piece], c.w2[piece]
-        at = np.flatnonzero(c.corner[piece])
-        if not at.size:
-            return out
-        k = piece[at]
-        d1, d2, w1, w2, width = c.d1[k], c.d2[k], c.w1[k], c.w2[k], c.width[k][:, None]
-        u = np.clip((x[at] - c.begin[k])[:, None] / width, 0.0, 1.0)
-        f = u * u * u * (10.0 + u * (6.0 * u - 15.0))
-        f1 = 30.0 * (u * (1.0 - u)) ** 2 / width
-        f2 = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / width**2
-        out[at, :3] = (d1 + f * (d2 - d1), f1 * (d2 - d1), f2 * (d2 - d1))[order - 1]
-        if not self._turns:
-            return out
-        # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment after the waypoint: y' = f w₂×y
-        y = np.einsum("kij,kj->ki", se3.exp_so3(width * _blend_integral(u) * w2), w1)
-        if order == 1:
-            out[at, 3:] = f * w2 + (1.0 - f) * y
-            return out
-        side = np.cross(w2, y)
-        if order == 2:
-            out[at, 3:] = f1 * (w2 - y) + (1.0 - f) * f * side
-        else:
-            bent = (1.0 - f) * f * f * np.cross(w2, side)
-            out[at, 3:] = f2 * (w2 - y) + (1.0 - 3.0 * f) * f1 * side + bent
+        _write_twists(self._pieces, piece, x, order, out)
         return out
 
     def piece_bounds(self) -> Array:
@@ -285,9 +243,70 @@ class Polyline(Path):
         return cls(waypoints, blend=blend, blend_rotation=rotation)
 
 
-def _blend_integral(u: Array) -> Array:
+@compiled
+def _blend_integral(u: float) -> float:
     """Return F(u) = ∫f from 0 to u: the length that a segment has covered at u, over 2h."""
     return u * u * u * u * (2.5 + u * (u - 3.0))
+
+
+@compiled
+def _write_poses(pieces: Pieces, piece: Indices, x: Array, poses: Array) -> None:
+    """Write the poses (k, 4, 4) at x (k,), which are on the given pieces (k,)."""
+    first, second, w = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for k in range(x.shape[0]):
+        i, T = piece[k], poses[k]
+        a, b = 0.0, x[k] - pieces.begin[i]
+        if pieces.corner[i]:
+            width = pieces.width[i]
+            u = min(max(b / width, 0.0), 1.0)
+            a, b = width * _blend_integral(1.0 - u), width * _blend_integral(u)
+        for j in range(3):
+            T[j, 3] = pieces.position[i, j] - a * pieces.d1[i, j] + b * pieces.d2[i, j]
+            w[j] = -a * pieces.w1[i, j]
+        T[3, 3] = 1.0
+        se3.exp_rotation(w, first)
+        for j in range(3):
+            w[j] = b * pieces.w2[i, j]
+        se3.exp_rotation(w, second)
+        for j in range(3):
+            for m in range(3):
+                w[m] = second[j, 0] * first[0, m] + second[j, 1] * first[1, m] + second[j, 2] * first[2, m]
+            for m in range(3):
+                R = pieces.rotation[i]
+                T[j, m] = w[0] * R[0, m] + w[1] * R[1, m] + w[2] * R[2, m]
+
+
+@compiled
+def _write_twists(pieces: Pieces, piece: Indices, x: Array, order: int, out: Array) -> None:
+    """Write the twists (k, 6) at x (k,), which are on the given pieces (k,), or their first or second derivatives."""
+    R, y, w = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for k in range(x.shape[0]):
+        i = piece[k]
+        d1, d2, w1, w2, width = pieces.d1[i], pieces.d2[i], pieces.w1[i], pieces.w2[i], pieces.width[i]
+        if not pieces.corner[i]:
+            if order == 1:
+                out[k, :3], out[k, 3:] = d2, w2
+            continue
+        u = min(max((x[k] - pieces.begin[i]) / width, 0.0), 1.0)
+        f, f1 = u * u * u * (10.0 + u * (6.0 * u - 15.0)), 30.0 * (u * (1.0 - u)) ** 2 / width
+        f2, g = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / width**2, 1.0 - f
+        # ω = f w₂ + (1 − f) y, where y = exp(w₂ b) w₁ turns with the segment after the waypoint: y' = f w₂×y
+        for j in range(3):
+            w[j] = width * _blend_integral(u) * w2[j]
+        se3.exp_rotation(w, R)
+        for j in range(3):
+            y[j] = R[j, 0] * w1[0] + R[j, 1] * w1[1] + R[j, 2] * w1[2]
+        for j in range(3):
+            m, n = (j + 1) % 3, (j + 2) % 3
+            side = w2[m] * y[n] - w2[n] * y[m]
+            bent = w2[j] * (w2[0] * y[0] + w2[1] * y[1] + w2[2] * y[2]) - y[j] * (w2[0] ** 2 + w2[1] ** 2 + w2[2] ** 2)
+            if order == 1:
+                out[k, j], out[k, 3 + j] = d1[j] + f * (d2[j] - d1[j]), f * w2[j] + g * y[j]
+            elif order == 2:
+                out[k, j], out[k, 3 + j] = f1 * (d2[j] - d1[j]), f1 * (w2[j] - y[j]) + g * f * side
+            else:
+                out[k, j] = f2 * (d2[j] - d1[j])
+                out[k, 3 + j] = f2 * (w2[j] - y[j]) + (1.0 - 3.0 * f) * f1 * side + g * f * f * bent
 
 
 def _check_waypoints(waypoints: Any) -> Array:

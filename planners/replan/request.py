@@ -129,6 +129,6 @@ def explain_infeasible(request: PlanRequest, start: MovingState, stop: bool) -> 
         return NoSolution(f"{none} was found: {'; '.join(proof.reasons)}", s=start.at.s, advice=advice)
     field = max(proof.enforced, key=lambda f: float(np.nan_to_num(proof.worst(f)[0], posinf=np.inf)))
     ratio, joint, t = proof.worst(field)
-    s = float(np.interp(t, proof.binding.t, proof.binding.s))
+    s = proof.s_at(t)
     what = f"the running motion reaches {ratio:.6g} times the {field.replace('_', ' ')} limit of {joint} at s = {s:.6g}"
     return NoSolution(f"{none} was found; {what}", s=s, joint=joint, advice=advice)

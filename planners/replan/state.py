@@ -192,8 +192,8 @@ def _build_state_off_motion(plan: Plan, running: Trajectory, given: State, t: fl
 
 def _knot_table(plan: Plan) -> tuple[Array, Array]:
     """Return times and path parameters of the plan's motion at its knots, from its law or else from its certificate."""
-    running, binding = plan.trajectory, plan.certificate.binding
-    return (binding.t, binding.s) if running.s is None else (running.knots, running.s)
+    running, proof = plan.trajectory, plan.certificate
+    return (proof.t, proof.s) if running.s is None else (running.knots, running.s)
 
 
 def _find_clock(plan: Plan, given: State, s: float) -> tuple[float, tuple[float, float]]:

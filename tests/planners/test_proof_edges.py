@@ -457,4 +457,4 @@ def test_the_jerk_that_a_controller_sees_of_a_long_motion_is_found_at_its_knots(
     for rate in checks.RATES:
         assert np.isfinite(checks.sampled_jerk(motion, rate)).all()
         with pytest.raises(InvalidInput, match="rate"):
-            checks.sampled_jerk(motion, rate * (1.01 if rate > 1.0 else 0.99))
+            checks.check_rate(rate * (1.01 if rate > 1.0 else 0.99))

@@ -188,8 +188,7 @@ def _find_position(execution: Execution) -> float:
     """Return the approximate position on the path at which an execution ended [m, or rad]."""
     if execution.stop_plan is not None and execution.stop_plan.span is not None:
         return execution.stop_plan.span[1]
-    binding = execution.plan.certificate.binding
-    return float(np.interp(execution.t[-1], binding.t, binding.s))
+    return execution.plan.certificate.s_at(float(execution.t[-1]))
 
 
 def _describe_slowing(plan: Plan, sent: Plan) -> str:

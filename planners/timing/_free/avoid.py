@@ -223,5 +223,5 @@ def _clear(
         if not found.has_motion or found.certificate.clearance is None or found.certificate.clearance.proved:
             break
         proof, t = found.certificate, found.certificate.clearance.nearest.time
-        cuts.add_failed(found.trajectory(t), float(np.interp(t, proof.binding.t, proof.binding.s)), s)
+        cuts.add_failed(found.trajectory(t), proof.s_at(t), s)
     return None, chosen, (rounds, steps)
