@@ -135,7 +135,7 @@ def test_values_of_rooms_change_with_the_coefficients_as_their_differences(kind:
     scene = drawn(rng)
     K, pairs = choice.programme.K, len(bodies_of(robot, scene)[2])
     slots = rng.integers(-1, pairs, (K + 1, 5))
-    rows = ClearanceLimits(robot, scene, *choice.parts[:2], slots, np.full((K + 1, pairs), 2e-3))
+    rows = ClearanceLimits(robot, scene, *choice.parts[:2], slots, np.full((K + 1, 1), 2e-3), np.zeros(pairs, int))
     programme = FreeProgramme(choice.optimum.programme, *choice.parts, rows)
 
     def values(p: Array) -> Array:
@@ -200,6 +200,8 @@ def test_each_room_that_is_required_has_a_slot_at_its_grid_point() -> None:
     first = plan(robot, path, limits=LIMITS)
     choice = JointChoice(path, first.joint_path, Optimal().run_with_optimum(first.joint_path, LIMITS)[1])
     cuts = avoid.Cuts(robot, scene, choice.near[0])
+    every = np.arange(len(bodies_of(robot, scene)[2]))
+    cuts._add(np.zeros(every.size, int), every)
     wanted = rng.random(cuts.table.shape) < np.linspace(0.0, 0.3, len(cuts.table))[:, None]
     cuts.table = np.where(wanted, 1e-3, np.nan)
     slots = cuts.limits(choice)._slots
@@ -216,7 +218,8 @@ def test_a_step_may_not_end_where_a_pair_without_a_slot_has_too_little_room_and_
     for _ in range(30):
         scene = drawn(rng)
         pairs, K = len(bodies_of(robot, scene)[2]), choice.programme.K
-        rows = ClearanceLimits(robot, scene, *choice.parts[:2], np.full((K + 1, 6), -1), np.full((K + 1, pairs), 2e-3))
+        equal = np.full((K + 1, 1), 2e-3), np.zeros(pairs, int)
+        rows = ClearanceLimits(robot, scene, *choice.parts[:2], np.full((K + 1, 6), -1), *equal)
         for size in (0.0, 0.02, 0.05, 0.1):  # from the second on most rooms are known by bounds only
             p = choice.p + size * rng.normal(size=choice.p.shape) * choice.programme.window.free.reshape(choice.p.shape)
             place = choice.programme.place(p, choice.near)

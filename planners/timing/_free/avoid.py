@@ -38,6 +38,8 @@ PUSHES, PUSH_ROOM, PUSH_DAMPING, LONGEST_PUSH = 60, 5e-3, 1e-3, 0.1
 largest curvature, and the longest step of a coefficient [rad, m]."""
 ENOUGH_GUESSES = 3
 """Initial guesses after which none is tried once a motion is found."""
+UNKNOWN = (np.inf, np.nan, OF_INITIAL)
+"""The initial room [m] of a pair that was not near, the room that is required of it, and its share of the initial one."""
 MOST_CUTS = 6
 """Most rounds from one initial path."""
 
@@ -87,40 +89,39 @@ def push_out(
 
 
 class Cuts:
-    """The least rooms that are required of pairs at grid points: table (K + 1, pairs) [m], NaN where none is."""
+    """The least rooms that are required of pairs at grid points: table (K + 1, C) [m], NaN where none is.
+
+    Its columns are the pairs (C,) that were near; `initial` (K + 1, C) are their rooms on the initial path, infinite beyond
+    `NEAR_ROOM`.
+    """
 
     def __init__(self, robot: Robot, scene: Scene, q: Array, pairs: NearPairs | None = None) -> None:
-        self._pairs = pairs or NearPairs(robot, scene, len(q))
+        self._near = pairs or NearPairs(robot, scene, len(q))
         self._robot, self._scene, self._count = robot, scene, len(find_pairs(robot, scene).bodies)
-        self.initial = self.rooms(q, NEAR_ROOM)
-        self.table = np.full(self.initial.shape, np.nan)
-        self.share = np.full(self.initial.shape, OF_INITIAL)
-        count = min(NEAREST_PAIRS, self.initial.shape[1])
-        nearest = np.argpartition(self.initial, count - 1, axis=1)[:, :count]
-        near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM
+        k, pair, room = self._near.find(q, NEAR_ROOM)
+        self.pairs, column = np.unique(pair, return_inverse=True)
+        self.initial, self.table, self.share = (np.full((len(q), self.pairs.size), x) for x in UNKNOWN)
+        self.initial[k, column] = room
+        nearest = np.argsort(self.initial, axis=1)[:, :NEAREST_PAIRS]
+        near = np.isfinite(np.take_along_axis(self.initial, nearest, axis=1))
         np.put_along_axis(self.table, nearest, np.where(near, REQUIRED_ROOM, np.nan), axis=1)
-
-    def rooms(self, q: Array, within: float) -> Array:
-        """Return the rooms of all pairs at configurations (k, pairs) that are below a bound [m], and infinity for others."""
-        found = np.full((len(q), self._count), np.inf)
-        pairs = self._pairs if len(q) == self._pairs.count else NearPairs(self._robot, self._scene, len(q))
-        k, pair, room = pairs.find(q, within)
-        found[k, pair] = room
-        return found
 
     def limits(self, choice: Choice) -> ClearanceLimits:
         """Return the limits of all grid points but the ends that are given."""
         chosen = np.isfinite(self.table)
         required = np.where(chosen, self.table, REQUIRED_ROOM)
         required = np.where(self.initial > 0.0, np.minimum(required, self.share * self.initial), required)
+        required = np.column_stack([required, np.full(len(required), REQUIRED_ROOM)])  # of all other pairs
         free, D = choice.parts[1], choice.p.shape[1]
         for end, coefficients in ((0, free[:D]), (-1, free[-D:])):
             if not coefficients.any():
                 chosen[end], required[end] = False, -np.inf
-        width = int(chosen.sum(axis=1).max()) + SPARE_SLOTS
-        order = np.argsort(~chosen, axis=1, kind="stable")[:, :width]
-        slots = np.where(np.take_along_axis(chosen, order, axis=1), order, -1)
-        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, self._pairs)
+        slots = np.full((len(chosen), int(chosen.sum(axis=1).max()) + SPARE_SLOTS), -1)
+        k, at = np.nonzero(chosen)
+        slots[k, np.arange(k.size) - np.searchsorted(k, k)] = self.pairs[at]
+        column = np.full(self._count, self.pairs.size)
+        column[self.pairs] = np.arange(self.pairs.size)
+        return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, column, self._near)
 
     def add_touched(self, q: Array) -> bool:
         """Add the pairs without room among configurations, several in each interval; return whether there are any."""
@@ -134,17 +135,25 @@ class Cuts:
 
     def add_failed(self, q: Array, s: float, grid: Array) -> None:
         """Add the pair with the least room at a configuration, around its place s on the grid."""
-        pair, k = int(self.rooms(q[None], np.inf)[0].argmin()), int(np.searchsorted(grid, s))
+        _k, pairs, rooms = NearPairs(self._robot, self._scene, 1).find(q[None], np.inf)
+        pair, k = int(pairs[rooms.argmin()]), int(np.searchsorted(grid, s))
         around = np.unique(np.clip(np.arange(k - 2, k + 2), 0, len(grid) - 1))
         self._add(around, np.full(around.size, pair))
 
     def _add(self, k: Indices, pairs: Indices) -> None:
         """Require room of pairs at grid points, and more where some was required."""
         k, pairs = np.unique(np.stack([k, pairs]), axis=1)
-        before = self.table[k, pairs]
-        again = np.where(self.share[k, pairs] < MORE_OF_INITIAL, MORE_OF_INITIAL, np.inf)
-        self.share[k, pairs] = np.where(np.isnan(before), OF_INITIAL, again)
-        self.table[k, pairs] = np.where(np.isnan(before), REQUIRED_ROOM, before + FURTHER_ROOM)
+        before, self.pairs = self.pairs, np.union1d(self.pairs, pairs)
+        place, at = np.searchsorted(self.pairs, before), np.searchsorted(self.pairs, pairs)
+        old = self.initial, self.table, self.share
+        self.initial, self.table, self.share = (
+            np.full((len(x), self.pairs.size), y) for x, y in zip(old, UNKNOWN, strict=True)
+        )
+        self.initial[:, place], self.table[:, place], self.share[:, place] = old
+        required, share = self.table[k, at], self.share[k, at]
+        again = np.where(share < MORE_OF_INITIAL, MORE_OF_INITIAL, np.inf)
+        self.share[k, at] = np.where(np.isnan(required), OF_INITIAL, again)
+        self.table[k, at] = np.where(np.isnan(required), REQUIRED_ROOM, required + FURTHER_ROOM)
 
 
 def _between(path: Array, s: Array) -> Array:

@@ -40,15 +40,15 @@ NO_DIRECTION = 1e-12
 class NearPairs:
     """The pairs of shapes with little room at each of some configurations, from one step of them to the next.
 
-    A lower bound on each room is known from the last time, and how far the ends of each capsule have moved since. A room is
-    computed where this bound, and one from a sphere around the capsule, do not suffice. A block of pairs of one capsule is
-    passed over if its least bound suffices.
+    A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
+    capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
+    block of pairs of one capsule is passed over if its least bound suffices.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
         self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
         capsules, pairs, self.count = len(self._bodies[0][0]), len(self._bodies[2]), count
-        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.full((count, pairs), -np.inf)
+        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs))
         body, kind = self._bodies[2][:, 0], self._bodies[2][:, 2]
         starts = np.arange(pairs) % BLOCK == 0
         starts[1:] |= (body[1:] != body[:-1]) | (kind[1:] == SELF)
@@ -67,18 +67,20 @@ class NearPairs:
 class ClearanceLimits(Statics):
     """The rooms of a few pairs at each grid point: those in `slots` (K + 1, S), indices of `find_pairs` or −1 for none.
 
-    required (K + 1, pairs) is the least room [m] of each pair, below `SLOT_ROOM`, and −infinity where it has none. No step ends
-    where another pair has less. Pairs that come near take the place of farther ones.
+    required (K + 1, C) is the least room [m], below `SLOT_ROOM`, or −infinity if there is none; column (pairs,) is the place of
+    each pair in it. No step ends where another pair has less. Pairs that come near take the place of farther ones.
     """
 
     bends = 0
 
     def __init__(
-        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices, required: Array,
+        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices,
+        required: Array, column: Indices,
         pairs: NearPairs | None = None,
     ) -> None:  # fmt: skip
         self._robot, self._bodies, self._basis, self._free = robot, bodies_of(robot, scene), basis, free
-        self._margin, self._slots, self._required, self.count = scene.margin, slots.copy(), required, slots.shape[1]
+        self._margin, self._slots, self.count = scene.margin, slots.copy(), slots.shape[1]
+        self._required, self._column = required, column
         self._pairs = pairs or NearPairs(robot, scene, len(required))
         self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
         self._at: Place | None = None  # the joints that the rooms of the slots and their derivatives belong to
@@ -90,7 +92,7 @@ class ClearanceLimits(Statics):
         other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
         k, pair, room = k[other], pair[other], room[other]
         self._near = place, k, pair, room
-        return not bool((room < self._required[k, pair]).any())
+        return not bool((room < self._required[k, self._column[pair]]).any())
 
     def renew(self, place: Place) -> tuple[Indices, Indices]:
         """Give slots to the pairs that came near."""
@@ -102,7 +104,7 @@ class ClearanceLimits(Statics):
         changed = []
         for k, pair, room in zip(*self._near[1:], strict=True):
             slot = int(self._room[k].argmax())
-            if self._room[k, slot] > room and np.isfinite(self._required[k, pair]):
+            if self._room[k, slot] > room and np.isfinite(self._required[k, self._column[pair]]):
                 self._slots[k, slot], self._room[k, slot] = pair, room
                 changed.append((k, slot))
         found = np.unique(np.array(changed, np.int64).reshape(-1, 2), axis=0)
@@ -112,7 +114,7 @@ class ClearanceLimits(Statics):
         """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
         self._at = place
         pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
-        required = np.take_along_axis(self._required, np.maximum(self._slots, 0), axis=1)
+        required = np.take_along_axis(self._required, self._column[np.maximum(self._slots, 0)], axis=1)
         x = np.minimum(self._room - np.where(self._slots >= 0, required, 0.0), FREE_ROOM)
         self._slope *= (
             -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]
@@ -188,14 +190,15 @@ def find_near(
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
-    each pair plus the way of its capsules until it was found (k, pairs) [m]. blocks: where the blocks of pairs begin, and the
-    least of these bounds in each (k, blocks) (updated). found (written): configurations, pairs, and rooms.
+    each pair plus the way of its capsules until it was found (k, pairs) [m], or 0 if none is known. blocks: where the blocks of
+    pairs begin, and the least of these bounds in each (k, blocks) (updated). found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), scene, pairs = bodies
     (places, moved, known), (begin, least) = memory, blocks
     frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
+    ahead = np.zeros(link.shape[0])  # a bound from the configuration before becomes one from this one by adding it
     for k in range(q.shape[0]):
         kinematics.frames(chain, q[k], frame)
         at = places[k]
@@ -206,14 +209,23 @@ def find_near(
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
+            if k > 0:
+                step = max(
+                    length_between(read_row(places[k - 1, m], 0), u), length_between(read_row(places[k - 1, m], 1), v)
+                )
+                ahead[m] = moved[k, m] - moved[k - 1, m] - step
         for block in range(least.shape[1]):
             first, lowest = begin[block], np.inf
+            if k > 0 and pairs[first, 2] != SELF:
+                least[k, block] = max(least[k, block], least[k - 1, block] + ahead[pairs[first, 0]])
             if pairs[first, 2] != SELF and least[k, block] - moved[k, pairs[first, 0]] >= within:
                 continue
             for p in range(first, begin[block + 1]):
                 m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
                 way = moved[k, m] + (moved[k, i] if kind == SELF else 0.0)
-                if known[k, p] - way < within:
+                if known[k, p] == 0.0 and k > 0 and known[k - 1, p] != 0.0:
+                    known[k, p] = known[k - 1, p] + ahead[m] + (ahead[i] if kind == SELF else 0.0)
+                if known[k, p] == 0.0 or known[k, p] - way < within:
                     beside = radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
                     thick = radius[m] + beside
                     room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
