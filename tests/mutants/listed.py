@@ -331,6 +331,8 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/timing/_free/clearances.py", "base = link[i] if kind == SELF else 0", "base = 0"),
     ("planners/timing/_free/clearances.py", "(moved[k, i] if kind == SELF else 0.0)", "0.0"),
     ("planners/timing/_free/clearances.py", "known[k, p] = room + way", "known[k, p] = room + 2.0 * way"),
+    ("planners/timing/_free/clearances.py", "moved[k - 1, m] - step", "moved[k - 1, m] + step"),
+    ("planners/timing/_free/clearances.py", "(ahead[i] if kind == SELF else 0.0)", "0.0"),
     ("optik/scene/contact.py", "if bound > 0.0 and bound - DISTANCE", "if bound - DISTANCE"),
     (
         "planners/timing/_free/choose.py",
@@ -343,7 +345,11 @@ LISTED: tuple[tuple[str, str, str], ...] = (
         "(np.maximum(x, 0.0) + ROOM_BEND)",
     ),
     ("planners/timing/_free/avoid.py", "chosen = np.isfinite(self.table)", "chosen = np.isnan(self.table)"),
-    ("planners/timing/_free/clearances.py", "return not bool((room < self._required[k, pair]).any())", "return True"),
+    (
+        "planners/timing/_free/clearances.py",
+        "return not bool((room < self._required[k, self._column[pair]]).any())",
+        "return True",
+    ),
     (
         "planners/timing/_free/avoid.py",
         "missing, rows = PUSH_ROOM - rooms",
@@ -458,11 +464,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "if away < 0.0 and bend <= 0.0:",
         "if away < 0.0 and bend < 0.0:",
     ): "a second derivative of exactly 0",
-    (
-        "planners/timing/_free/avoid.py",
-        "near = np.take_along_axis(self.initial, nearest, axis=1) < NEAR_ROOM",
-        "near = np.take_along_axis(self.initial, nearest, axis=1) <= NEAR_ROOM",
-    ): "a room of exactly that distance",
     (
         "planners/certificate/checks.py",
         "GRID_INSTANTS, FINER_INSTANTS = 121, 9",

@@ -86,10 +86,12 @@ def test_rooms_of_pairs_are_those_of_the_contact_check_and_change_as_their_diffe
 
 def test_near_pairs_are_those_below_the_bound_from_step_to_step() -> None:
     robot, rng, seen = panda(), np.random.default_rng(shift_seed(5)), 0
-    for _ in range(30):
+    for trial in range(60):
         scene = drawn(rng)
-        bodies, q, pairs = bodies_of(robot, scene), REST + rng.uniform(-1.0, 1.0, (4, 7)), NearPairs(robot, scene, 4)
-        slots = np.tile(np.arange(len(bodies[2])), (4, 1))
+        near = 0.1 * np.cumsum(rng.normal(size=(12, 7)), axis=0)  # bounds from one configuration hold at the next ones
+        q = REST + (rng.uniform(-1.0, 1.0, 7) + near if trial % 2 else rng.uniform(-1.0, 1.0, (12, 7)))
+        bodies, pairs = bodies_of(robot, scene), NearPairs(robot, scene, len(q))
+        slots = np.tile(np.arange(len(bodies[2])), (len(q), 1))
         room = np.empty(slots.shape)
         for size, within in ((0.0, 0.1), (0.02, 0.1), (0.05, 0.05), (1.0, 0.02), (0.02, np.inf)):
             q = q + size * rng.normal(size=q.shape)
