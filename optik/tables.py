@@ -1,7 +1,7 @@
 """Tables of numbers as other programs write them: any separator, decimal commas, units in the header, or no header.
 
-A table is text in UTF-8. Empty lines and lines that begin with # are skipped. The separator of the first line holds for all.
-What is ambiguous is refused. What was assumed is in the notes and in an `AssumptionWarning`.
+A table is text in UTF-8. Empty lines and lines that begin with # are skipped. All lines have the separator of the first
+one. Ambiguous values are refused. Assumptions are listed in the notes and in an `AssumptionWarning`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ NO_HEADER = "columns='x,y,z,…' names the columns of a file without a header"
 
 
 class Column(NamedTuple):
-    """A column: its place in a row, its unit in the header or empty, and the size of its unit in SI units."""
+    """A column: its index, its unit in the header or an empty string, and the size of its unit in SI units."""
 
     at: int
     unit: str = ""
@@ -54,7 +54,7 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table: its file, the line of its header, its separator and columns, numbered lines, and what was assumed."""
+    """A table: its file, the line of its header, its separator and columns, numbered lines, and assumptions."""
 
     file: str
     header: int
@@ -87,7 +87,7 @@ class Table(NamedTuple):
         return np.asarray(values * [self.columns[name].size for name in names])
 
     def resolve(self, wanted: Mapping[str, str]) -> Table:
-        """Return the table with its wanted columns by their bare names, in units of the header, or else in the given units."""
+        """Return the table with wanted columns named without units; a unit in the header replaces the wanted unit."""
         columns: dict[str, Column] = {}
         for whole, column in self.columns.items():
             head, bracket, tail = whole.replace("(", "[").replace(")", "]").partition("[")
@@ -107,7 +107,7 @@ class Table(NamedTuple):
             raise self.header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
 
     def header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
-        """Return the error for the columns."""
+        """Return an error about the columns."""
         names = names or list(self.columns)
         advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
         return InvalidInput(self.place(), repr(",".join(names))[:160], expected, advice=advice)
@@ -118,7 +118,7 @@ class Table(NamedTuple):
 
 
 def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> Table:
-    """Read a table; given columns name those of a file without a header, or rename them; ignored columns are left out."""
+    """Read a table; `columns` names the columns of a file without a header, or renames them; `ignore` leaves some out."""
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
     name, left, lines = str(file), read_names(ignore, "ignore"), list[tuple[int, str]]()
@@ -177,7 +177,7 @@ def _read_header(table: Table, given: tuple[str, ...]) -> Table:
 
 
 def _holds_numbers(cells: list[str], count: int) -> bool:
-    """Return whether cells are so many numbers, or text without digits; a separator may end the line."""
+    """Return whether there are `count` cells of numbers or of text without digits; a separator may end the line."""
     numbers = all(isfinite(read_number(cell)) or not re.search(r"\d", cell) for cell in cells)
     return len(cells) - (not cells[-1]) <= count <= len(cells) and numbers
 
@@ -195,7 +195,7 @@ def read_number(cell: str) -> float:
 
 
 def _find_size(unit: str, usual: str) -> float | None:
-    """Return the size of a unit like the usual one, or of this one; None for a unit of another kind."""
+    """Return the size of a unit, by default the usual one, in SI units; None for a unit of another quantity."""
     (own, _, over), (base, _, per) = (unit or usual).partition("/"), usual.partition("/")
     known = next((sizes for sizes in UNIT_SIZES if base in sizes), {"": 1.0})
     return known.get(own) if over.replace("^", "").replace("²", "2") in ("", per) else None
@@ -207,7 +207,7 @@ def read_names(value: Names, argument: str) -> tuple[str, ...]:
 
 
 def tell_assumed(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
-    """Warn of what was assumed when a file was read, and return it."""
+    """Warn of assumptions made while reading a file, and return them."""
     if told := tuple(notes):
         warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)
     return told

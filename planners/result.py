@@ -141,7 +141,7 @@ class Plan:
 
     @property
     def least_duration(self) -> float | None:
-        """Duration [s] of a joint move by its slowest joint alone, which no path between the ends beats; None for others."""
+        """Least duration [s] of a joint move on any path: that of its slowest joint alone; None for other motions."""
         if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:
             return None
         return least_move_duration(self.goal - self.trajectory(0.0), self.limits)

@@ -30,7 +30,7 @@ def format_ratio(ratio: float) -> str:
 def describe_effort(plan: Any) -> str:
     """Describe the mass model of a plan, its energy and its power."""
     proof, payload = plan.certificate, plan.robot.payload
-    net = round(proof.energy.net, 9) + 0.0  # rounding is no energy
+    net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
     load = "without payload" if payload is None else f"with {payload}"
     words = (
         f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "

@@ -233,7 +233,7 @@ class StartCommand(RobotCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsCommand(RobotCommand):
-    """A command on motions under limits."""
+    """A command with limits of motions."""
 
     velocity: float | None = option(
         "Limits", "Velocity limit of every joint [rad/s, prismatic m/s]; by default the robot's."
@@ -416,7 +416,7 @@ def name_options(words: str, names: str) -> str:
 
 
 def name_robot_options(words: str) -> str:
-    """Return a message on the file of a robot with options in place of Python arguments."""
+    """Return a message about the file of a robot with options in place of Python arguments."""
     held = re.compile(r"values=\{([^}]*)\}")
     words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
     for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),

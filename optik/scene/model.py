@@ -71,7 +71,7 @@ class Scene:
     margin : float
         Distance [m] to the objects at or below which the arm counts as in contact; it does not apply between its own links.
     notes : sequence of str
-        What was assumed when the scene was read from a file; not part of equality and of files.
+        Assumptions made while reading the scene from a file; not compared, and not saved.
 
     Raises
     ------

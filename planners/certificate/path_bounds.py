@@ -18,7 +18,7 @@ JOINT_ROUNDING = 2e-15
 Arm = tuple[Array, Flags]
 """Lengths (n + 1,) of the links [m], and which joints are prismatic (n,)."""
 Ends = tuple[Indices, Indices]
-"""The instants (k,) at which intervals begin, and those at which they end."""
+"""Indices (k,) of the instants at which intervals begin, and of those at which they end."""
 
 
 class ComparedInstants(NamedTuple):
@@ -50,7 +50,7 @@ def _angle(norm: float) -> float:
 def _error(
     tool: Array, motion: Array, pose: Array, twist: Array, speed: float, E: Array, value: Array, rate: Array
 ) -> None:
-    """Compute the tool's position error and rotation error E − I (12,) from its path pose, and their time derivatives.
+    """Compute the tool's position error and rotation error E − I (12,) relative to the path, and their time derivatives.
 
     E (3, 3) is overwritten by R_tool R_pathᵀ.
     """

@@ -49,32 +49,32 @@ def load_trajectory(
     Parameters
     ----------
     file : str or path
-        ``.csv``: a table, with separators and units as for `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
-        joint by its name [rad, m], perhaps ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
-        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), perhaps ``velocities``, ``accelerations``. These clocks may
-        begin at any time. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message around one.
+        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
+        joint by its name [rad, m], optionally ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
+        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time
+        need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
         From the robot's joint names to the file's.
     interpolation : {"linear", "cubic", "quintic", "spline"}, optional
-        Controller interpolation through positions, velocities and accelerations; by default the highest that there are data
-        for, like joint_trajectory_controller of ROS 2. ``"spline"`` is its ``positions_upsampling``: cubic splines through
+        Controller interpolation through positions, velocities and accelerations; by default the highest order of the data,
+        as in ROS 2's joint_trajectory_controller. ``"spline"`` is its ``positions_upsampling``: cubic splines through
         positions, at rest at both ends.
     start : (n,) array, optional
         Configuration at 0 s [rad, m], at rest, for a message whose first point is later.
     ignore : str or sequence of str, optional
         Joints of a message, or columns of a table, that are left out.
     unwrap : str or sequence of str, optional
-        The robot's joints whose positions jump by whole turns, which are removed. By default such a jump of a joint without
-        limits is refused; ``()`` takes positions as written.
+        The robot's joints from whose positions jumps by whole turns are removed. By default such a jump of a joint without
+        limits is refused; ``()`` accepts it.
     columns : str or sequence of str, optional
         Names of the columns of a table without a header, or new names of all columns.
 
     Returns
     -------
     Trajectory
-        In the robot's joint order, from t = 0. What was assumed is in its attribute ``notes`` and in an `AssumptionWarning`.
+        In the robot's joint order, from t = 0. Assumptions are listed in its attribute ``notes`` and in an `AssumptionWarning`.
 
     Raises
     ------
@@ -186,6 +186,6 @@ def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
         raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")
     begin, size = table.numbers(clock)[0, 0], table.columns[clock[0]].size
     times = [Decimal(table.cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
-    t = np.array([float(time - times[0]) * size for time in times])  # exact also for a clock since 1970
+    t = np.array([float(time - times[0]) * size for time in times])  # exact for times since 1970, too
     values = [table.numbers(columns) for columns in chosen if columns]
     return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.place(i, *clock), table.notes)

@@ -119,7 +119,7 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
 
 
 def format_place(path: Path, s: float) -> str:
-    """Return a place on a path with its unit."""
+    """Return a path parameter with its unit, as text."""
     return f"s = {s:.6g} {path.unit}"
 
 

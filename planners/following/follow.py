@@ -73,7 +73,7 @@ class FollowResult(NamedTuple):
 
     @property
     def status(self) -> FollowStatus:
-        """How following ended."""
+        """Outcome of following."""
         return FollowStatus.SOLVED if self.failure is None else FollowStatus(self.failure.status)
 
 

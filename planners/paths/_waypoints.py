@@ -28,11 +28,11 @@ ORIENTATION_COLUMNS = (QUATERNION_COLUMNS, ANGLE_COLUMNS, *AXIS_COLUMNS, ROTATIO
 ORIENTATION_UNITS: dict[tuple[str, ...], str] = {ANGLE_COLUMNS: "rad", ROTATION_COLUMNS: "rad", KUKA_COLUMNS: "deg"}
 """Units of the columns of an orientation where the header has none."""
 ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B,C are KUKA's angles about z, y and x"}
-"""What is assumed of columns that other programs use in another way."""
+"""Assumptions about columns whose meaning differs between programs."""
 LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
-"""Longest rotation vector [rad], more looks like degrees, and shortest axis [1]."""
+"""Longest rotation vector [rad], because longer ones are probably in degrees, and shortest axis [1]."""
 FARTHEST_POINT = 100.0
-"""Farthest point [m] where the arm is not known: larger numbers look like millimetres."""
+"""Farthest point [m] for an unknown arm: larger coordinates are probably in millimetres."""
 LEAST_VIA_TOLERANCE = 1e-6
 """Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 ACCEPTED_HEADER = (
@@ -124,7 +124,7 @@ def _filled(table: Table, names: Iterable[str]) -> Flags:
 def _resolve(
     table: Table, others: Mapping[str, str], unit: str | None, accepted: str = ACCEPTED_HEADER
 ) -> tuple[Table, tuple[str, ...]]:
-    """Return the table with the bare names of its columns, and the columns of its orientation; note what is assumed."""
+    """Return the table with the bare names of its columns, and the columns of its orientation; note assumptions."""
     if unit is not None and unit not in UNIT_SIZES[0]:
         raise InvalidInput("unit", repr(unit)[:60], f"the unit of x,y,z: {', '.join(UNIT_SIZES[0])}")
     units = {name: ORIENTATION_UNITS.get(names, "") for names in ORIENTATION_COLUMNS for name in names}

@@ -163,7 +163,7 @@ class PointToPoint(Path):
         file : str or path
             The table. Its columns ``tolerance_mm`` and ``tolerance_deg`` are the tolerances of via points; empty: exactly.
         unit, columns, ignore
-            As of `Polyline.from_csv`.
+            As in `Polyline.from_csv`.
 
         Returns
         -------

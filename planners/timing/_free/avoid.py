@@ -174,7 +174,7 @@ def choose_around(
     """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
 
     Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
-    given. An iteration ends at a duration [s] that is enough. If no valid plan is found and the number of coefficients was not
+    given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
     given, more coefficients are tried.
     """
     best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0
