@@ -131,7 +131,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
             raise InvalidInput(f"{name}, line {number}", "more", expected)
         lines.append((number, line.rstrip("\n")))
     if not lines:
-        raise InvalidInput(name, "no line", "a header line that names the columns, and rows")
+        raise InvalidInput(name, "no lines", "a header line that names the columns, and rows")
     number = lines[0][0]
     try:
         table = _read_header(Table(name, number, ",", {}, lines, []), read_names(columns, "columns"))
@@ -143,7 +143,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
             cells = _split(line, table.separator)
             if len(cells) != width and (len(cells) != width + 1 or cells[-1]):  # a separator may end a line
                 expected = f"{width} values, one for each column, separated by {SEPARATORS[table.separator]}"
-                advice = "decimal commas need another separator" if table.separator == "," else ""
+                advice = "with decimal commas, use another separator" if table.separator == "," else ""
                 raise InvalidInput(f"{name}, line {number}", f"{len(cells)} values", expected, advice=advice)
             for cell in (cells[column.at] for column in table.columns.values()):
                 if ("," in cell or "." in cell) and DECIMAL.fullmatch(cell):
@@ -167,7 +167,7 @@ def _read_header(table: Table, given: tuple[str, ...]) -> Table:
     data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
     lines = table.lines if given and any(data) else table.lines[1:]
     if given and not any(data):
-        table.notes.append(f"the columns {','.join(cells)} are taken as {','.join(given)}"[:200])
+        table.notes.append(f"the columns {','.join(cells)} are read as {','.join(given)}"[:200])
     names = given or cells
     columns = {name: Column(at) for at, name in enumerate(names)}
     table = table._replace(separator=separator, columns=columns, lines=lines)

@@ -81,7 +81,7 @@ def print_certificate(plan: Any) -> None:
             table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
     if plan.least_duration:
-        out_console.print(f"the slowest joint alone takes {plan.least_duration:.4f} s from rest to rest")
+        out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
     error = (
         f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
     )

@@ -172,7 +172,7 @@ class RobotCommand(JsonCommand):
         "--hold", metavar="JOINT=VALUE",
     )  # fmt: skip
     without_shape: list[str] | None = option(
-        "Robot", "Link of a URDF whose collision shape is not read; comma separated or repeated.", metavar="LINK"
+        "Robot", "Links of a URDF whose collision shapes are not read; comma-separated, repeatable.", metavar="LINK"
     )
     gravity: str | None = numbers(
         "Robot",
@@ -253,7 +253,7 @@ class TableCommand(Command):
     """A command that reads a table of another program."""
 
     columns: str | None = option("Path", "Names of the columns of a file without a header, or new names: x,y,z.")
-    ignore: str | None = option("Path", "Columns of the file to leave out, or joints of a message, comma separated.")
+    ignore: str | None = option("Path", "Columns of the file, or joints of a message, to leave out; comma-separated.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -421,7 +421,7 @@ def name_robot_options(words: str) -> str:
     words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
     for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
                           ("srdf=, or shapes.with_apart", "#srdf=FILE behind the robot's file"),
-                          ("a file, or shapes.with_part", "STL or OBJ")):  # fmt: skip
+                          ("a file, or shapes.with_part", "files in STL or OBJ")):  # fmt: skip
         words = words.replace(python, typed)
     return name_options(words, "tip|base|gravity|without_shape")
 

@@ -21,7 +21,7 @@ NO_TOOL = re.compile(
     r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
 )
 """Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
-TAKES_ANOTHER = "; tip= takes another"
+TAKES_ANOTHER = "; tip= selects another"
 """End of the sentence on a tip that was chosen by a rule."""
 
 
@@ -39,7 +39,7 @@ def find_tip(tree: Tree, base: str) -> tuple[str, str]:
     usable = [end for end in ends if _is_usable(tree, base, end.link)]
     if len(usable) > 1:
         words = join_names([f"{end.link} ({end.joints} joint{'s' * (end.joints > 1)})" for end in usable])
-        raise RobotModelError(tree.name, f"usable tips are {words}; for the first: tip={usable[0].link!r}")
+        raise RobotModelError(tree.name, f"possible tips are {words}; for the first: tip={usable[0].link!r}")
     if not ends:
         return base, ""
     end = (usable or ends)[0]  # if it is not usable, a later check names its joint

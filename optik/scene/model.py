@@ -337,7 +337,7 @@ class Scene:
             raise InvalidInput("robot", f"{robot.name!r} without shapes", "an arm with shapes: robot.with_shapes(...)")
         if robot.shapes.unread:
             got = f"{robot.name!r} with {robot.shapes.describe_unread()}"
-            raise InvalidInput("robot", got, "an arm whose links all have their shape in a scene")
+            raise InvalidInput("robot", got, "an arm whose links all have a shape")
         flags = np.ones((robot.shapes.m, len(self.names)), dtype=np.bool_)
         numbers = {name: i for i, name in enumerate(robot.link_names)}
         for link, other in self.allow:

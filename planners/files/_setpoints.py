@@ -162,7 +162,7 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
     for i, j in np.argwhere(jumps)[:1] if unwrap is None else ():
         name = robot.joint_names[j]
         got = f"a jump of {name} by {q[i + 1, j] - q[i, j]:.6g} rad at {t[i + 1]:.9g} s, nearly a turn of 2π"
-        advice = f"unwrap={name!r} removes turns, unwrap=() takes positions as written"
+        advice = f"unwrap={name!r} removes whole turns, unwrap=() accepts the jump"
         raise InvalidInput(place(i + 1), got, "continuous positions of a joint without limits", advice=advice)
     return wrapped
 

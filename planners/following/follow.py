@@ -205,7 +205,7 @@ class Follower:
         """Return the advice for a joint path in collision: a collision-free branch, if there is one."""
         if self.branch == "best":
             what = "branch" if self.robot.n <= 6 else "null-space motion that was tried"
-            return f"another path, or the object elsewhere: no {what} follows the whole path without collision"
+            return f"another path, or another pose of the object: no {what} follows the whole path without collision"
         other = replace(self, branch="best").run()
         if not other or other.joint_path is None:
             return "another path: no other branch that was tried follows the whole path without collision"

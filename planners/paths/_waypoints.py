@@ -138,7 +138,7 @@ def _resolve(
         raise InvalidInput("unit", repr(unit), f"{', '.join(stated)}, the unit in {table.place()}, or none")
     table.notes.extend(ASSUMED[names] for names in turned if names in ASSUMED)
     if kuka and unit is None and not stated:
-        table.notes.append("X,Y,Z are millimetres, as A,B,C are KUKA's")
+        table.notes.append("X,Y,Z are in millimetres, because A,B,C are KUKA's")
     return resolved, turned[0] if turned else ()
 
 
@@ -151,7 +151,7 @@ def _poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | N
         most = min(most, FARTHEST_REACH * float(reach[7] + np.linalg.norm(reach[:3]) + np.linalg.norm(reach[3:6])))
     for row in np.flatnonzero(far > most)[:1]:
         place, got = table.place(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
-        advice = "" if table.columns["x"].unit else "unit='mm' takes x,y,z as millimetres"
+        advice = "" if table.columns["x"].unit else "unit='mm' reads x,y,z in millimetres"
         raise InvalidInput(place, got, f"points within {most:.3g} m of the base", advice=advice)
     return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table, turned, values, first), p, strict=True)])
 

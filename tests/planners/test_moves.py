@@ -54,7 +54,7 @@ def test_plans_of_joint_moves_state_it_and_none_is_faster() -> None:
         move = plan(paper6r(), goal, START, limits=LIMITS, timing=law)
         assert move.least_duration == least_move_duration(goal - START, LIMITS)
         assert move.trajectory.duration >= move.least_duration * (1.0 - 1e-9)
-        assert f"the slowest joint alone {move.least_duration:.3g} s" in str(move)
+        assert f"(slowest joint alone: {move.least_duration:.3g} s)" in str(move)
         assert replan(move, 0.1, stop=True).least_duration is None
 
 

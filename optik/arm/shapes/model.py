@@ -111,7 +111,7 @@ class Shapes:
         more = f"; and {len(self.unread) - MOST_DESCRIBED} more" if len(self.unread) > MOST_DESCRIBED else ""
         links = tuple(dict.fromkeys(link for link, _ in self.unread))
         advice = f"give the shapes (a file, or shapes.with_part), or plan without them: without_shape={links}"
-        return f"collision shapes that cannot be read ({words}{more}); plans in a scene are refused: {advice}"
+        return f"collision shapes that cannot be read ({words}{more}); plans with a scene are refused: {advice}"
 
     # ------------------------------------------------------------ pairs
 
