@@ -63,27 +63,29 @@ class Table(NamedTuple):
     lines: list[tuple[int, str]]
     notes: list[str]
 
-    def place(self, row: int | None = None, *columns: str) -> str:
+    def locate(self, row: int | None = None, *columns: str) -> str:
         """Return the place of a row, or of the header, for errors."""
         line = f"{self.file}, line {self.header if row is None else self.lines[row][0]}"
         return f"{line}, column{'s' * (len(columns) > 1)} {','.join(columns)}" if columns else line
 
-    def cells(self, row: int, names: Iterable[str]) -> list[str]:
+    def read_cells(self, row: int, names: Iterable[str]) -> list[str]:
         """Return the cells of a row in some columns."""
         cells = _split(self.lines[row][1], self.separator)
         return [cells[self.columns[name].at] for name in names]
 
-    def numbers(self, names: Sequence[str]) -> Array:
+    def read_numbers(self, names: Sequence[str]) -> Array:
         """Return the finite numbers of some columns (k, m), in SI units."""
         bare = [name for name in names if not self.columns[name].unit]
         if 0 < len(bare) < len(names):
-            raise InvalidInput(self.place(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none")
+            raise InvalidInput(
+                self.locate(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none"
+            )
         values = np.empty((len(self.lines), len(names)))
         for row in range(len(self.lines)):
-            cells = self.cells(row, names)
+            cells = self.read_cells(row, names)
             values[row] = [read_number(cell) for cell in cells]
             for j in np.flatnonzero(~np.isfinite(values[row]))[:1]:
-                raise InvalidInput(self.place(row, names[j]), repr(cells[j])[:60], "a finite number")
+                raise InvalidInput(self.locate(row, names[j]), repr(cells[j])[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
 
     def resolve(self, wanted: Mapping[str, str]) -> Table:
@@ -98,21 +100,21 @@ class Table(NamedTuple):
                     whole, column = each, Column(column.at, own, size)
                     break
             if columns.setdefault(whole, column) is not column:
-                raise InvalidInput(self.place(), f"the column {whole!r} twice", "each column once")
+                raise InvalidInput(self.locate(), f"the column {whole!r} twice", "each column once")
         return self._replace(columns=columns)
 
     def refuse_others(self, known: Iterable[str], expected: str) -> None:
         """Raise InvalidInput for columns that are not known."""
         if others := [name for name in self.columns if name not in known]:
-            raise self.header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
+            raise self.make_header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
 
-    def header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
+    def make_header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
         """Return an error about the columns."""
         names = names or list(self.columns)
         advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
-        return InvalidInput(self.place(), repr(",".join(names))[:160], expected, advice=advice)
+        return InvalidInput(self.locate(), repr(",".join(names))[:160], expected, advice=advice)
 
-    def part(self, rows: Iterable[int]) -> Table:
+    def select_rows(self, rows: Iterable[int]) -> Table:
         """Return some rows."""
         return self._replace(lines=[self.lines[i] for i in rows])
 
@@ -172,7 +174,7 @@ def _read_header(table: Table, given: tuple[str, ...]) -> Table:
     columns = {name: Column(at) for at, name in enumerate(names)}
     table = table._replace(separator=separator, columns=columns, lines=lines)
     if len(columns) < len(names) or len(names) > MOST_COLUMNS:
-        raise table.header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
+        raise table.make_header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
     return table
 
 
@@ -206,7 +208,7 @@ def read_names(value: Names, argument: str) -> tuple[str, ...]:
     return check_words([name.strip() for name in value.split(",")] if isinstance(value, str) else value or (), argument)
 
 
-def tell_assumed(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
+def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
     """Warn of assumptions made while reading a file, and return them."""
     if told := tuple(notes):
         warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)

@@ -59,7 +59,7 @@ from planners.search._around import (
 )
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._free.avoid import choose_around, guess_from
+from planners.timing._free.avoid import choose_around, find_guess
 from planners.timing._free.choose import choice_for, choose, report_fixed
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
@@ -411,7 +411,7 @@ class _Planner:
                 made = replace(fixed, freedom=report_fixed(path, fixed)) if fixed.has_motion else fixed
                 return best or made, rounds
             choice, least = choice_for(path, fixed.joint_path, optimum, held=held), fixed.least_duration or 0.0
-            guess = guess_from(best, NOT_FAR * least, optimum.programme.s)
+            guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
             made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
             made, rounds = replace(made, freedom=result), rounds + spent
             best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best

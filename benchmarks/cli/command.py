@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 import optik
 from optik.arm.model import unit_factors, unit_names
-from optik.arm.tips import TAKES_ANOTHER
+from optik.arm.tips import TIP_ADVICE
 from optik.errors import InvalidInput
 from optik.registry import names, short_name
 
@@ -189,7 +189,7 @@ class RobotCommand(JsonCommand):
             name or self.robot, tip=self.tip, base=self.base, values=read_held(self.values), gravity=gravity,
             without_shape=links,
         )  # fmt: skip
-        if arm.source.endswith(TAKES_ANOTHER):
+        if arm.source.endswith(TIP_ADVICE):
             err_console.print(name_robot_options(arm.source), soft_wrap=True)
         return arm
 

@@ -21,7 +21,7 @@ NO_TOOL = re.compile(
     r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
 )
 """Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
-TAKES_ANOTHER = "; tip= selects another"
+TIP_ADVICE = "; tip= selects another"
 """End of the sentence on a tip that was chosen by a rule."""
 
 
@@ -44,7 +44,7 @@ def find_tip(tree: Tree, base: str) -> tuple[str, str]:
         return base, ""
     end = (usable or ends)[0]  # if it is not usable, a later check names its joint
     chosen = sum(link not in tree.below for link in tree.list_below(base)) > 1 or end.link in tree.below
-    return end.link, f", {end.reason}{TAKES_ANOTHER}" if chosen else ""
+    return end.link, f", {end.reason}{TIP_ADVICE}" if chosen else ""
 
 
 def _is_usable(tree: Tree, base: str, link: str) -> bool:

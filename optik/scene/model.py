@@ -22,7 +22,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.scene.mesh import check_mesh, find_hull, pack_solids
-from optik.tables import tell_assumed
+from optik.tables import warn_of_assumptions
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ class Scene:
         except InvalidInput as error:
             where = f"{Path(file).name}: {error.argument}"
             raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
-        tell_assumed(file, scene.notes)
+        warn_of_assumptions(file, scene.notes)
         return scene
 
     # ------------------------------------------------------------ attached objects

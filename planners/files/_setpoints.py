@@ -13,10 +13,10 @@ import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import error_in
+from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
-from optik.tables import Names, Table, read_names, read_table, tell_assumed
+from optik.tables import Names, Table, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, trajectory_through
 from planners.paths._goal import find_continuous
@@ -96,8 +96,8 @@ def load_trajectory(
         trajectory = _build(found, robot, interpolation, start, unwrap)
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
-        raise (error if own else error_in(file, error)) from None
-    trajectory.notes = tell_assumed(file, found.notes)
+        raise (error if own else locate_error(file, error)) from None
+    trajectory.notes = warn_of_assumptions(file, found.notes)
     return trajectory
 
 
@@ -125,7 +125,7 @@ def _build(
     t, values, first = found.t, found.values, 0
     for i in np.flatnonzero(~(np.diff(t) > 0.0))[:1]:
         got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
-        raise InvalidInput(found.place(i + 1), got, "times that increase")
+        raise InvalidInput(found.locate(i + 1), got, "times that increase")
     if start is not None:
         q = robot.configuration(start, "start")
         if not found.begin > 0.0:
@@ -136,10 +136,10 @@ def _build(
         found.notes.append("the arm is at rest at the start")
     elif found.begin and found.from_start:
         advice = "start=Q is the configuration at 0 s"
-        raise InvalidInput(found.place(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
+        raise InvalidInput(found.locate(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
     elif found.begin:
         found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
-    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.place(i - first))
+    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.locate(i - first))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
         return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))
@@ -180,12 +180,12 @@ def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
         chosen.append(next((columns for columns in sets if set(columns) <= set(table.columns)), []))
     expected = f"only times ({', '.join(CLOCKS)}) and a column for each of {', '.join(names)}; see load_trajectory"
     if len(clock) != 1 or not chosen[0] or (chosen[2] and not chosen[1]):
-        raise table.header_error(expected)
+        raise table.make_header_error(expected)
     table.refuse_others([*clock, *chosen[0], *chosen[1], *chosen[2]], expected)
     if len(table.lines) < 2:
         raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")
-    begin, size = table.numbers(clock)[0, 0], table.columns[clock[0]].size
-    times = [Decimal(table.cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
+    begin, size = table.read_numbers(clock)[0, 0], table.columns[clock[0]].size
+    times = [Decimal(table.read_cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
     t = np.array([float(time - times[0]) * size for time in times])  # exact for times since 1970, too
-    values = [table.numbers(columns) for columns in chosen if columns]
-    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.place(i, *clock), table.notes)
+    values = [table.read_numbers(columns) for columns in chosen if columns]
+    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.locate(i, *clock), table.notes)

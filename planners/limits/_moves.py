@@ -12,7 +12,7 @@ HALVINGS = 100
 """Halvings of the interval of a joint's peak speed: from 1e9 to the last bit of 1e-12."""
 
 
-def least_move_duration(away: Array, limits: MotionLimits) -> float:
+def compute_least_duration(away: Array, limits: MotionLimits) -> float:
     """Return the least duration [s] of a move by `away` (n,) [rad, m]: that of the slowest joint, by its limits alone.
 
     A joint reaches its peak speed v from rest in v / A + A / J, or in 2 (v / J)^½ if it does not reach A; the distance is

@@ -13,7 +13,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.tables import Names, read_table, tell_assumed
+from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
 from planners.paths._poses import make_poses, shortest_turn
@@ -175,7 +175,7 @@ class Polyline(Path):
         """
         table = read_table(file, columns, ignore)
         path = cls(read_waypoints(table, orientation, robot, unit), blend=blend, blend_rotation=blend_rotation)
-        path.notes = tell_assumed(file, table.notes)
+        path.notes = warn_of_assumptions(file, table.notes)
         return path
 
     @property

@@ -54,14 +54,14 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
 class Setpoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
-    `from_start` is True if the clock starts with the motion; `place` names a row for errors; `notes` lists assumptions.
+    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions.
     """
 
     t: Array
     begin: float
     values: list[Array]
     from_start: bool
-    place: Callable[[int], str]
+    locate: Callable[[int], str]
     notes: list[str]
 
 

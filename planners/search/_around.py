@@ -49,7 +49,7 @@ MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
 DENSITIES = (1.0, 2.0)
 """Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
-NO_WAY_AROUND = 1e-5
+STRAIGHT_DISTANCE = 1e-5
 """Distance of the goal from the start [rad, m] up to which the straight path is taken."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
 """Ratios of a duration to the least one of a joint move. Up to the first, the coarse grid suffices. Up to the second, an
@@ -126,7 +126,7 @@ def check_avoidable(
         return path
     start, goal = read_goal(robot, path, q_start, winding)
     away = goal - start if goal.ndim == 1 else robot.pose_errors(start, se3.check_pose(goal, "path"))
-    if not np.abs(away).max() > NO_WAY_AROUND:
+    if not np.abs(away).max() > STRAIGHT_DISTANCE:
         return path_to(robot, path, start, winding)
     try:
         return PointToPoint(robot, start, goal)

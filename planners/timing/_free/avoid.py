@@ -157,7 +157,7 @@ def _between(path: Array, s: Array) -> Array:
     return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
 
 
-def guess_from(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
+def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
     """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
 
     A slower plan may be on a detour, which the iteration cannot leave.
