@@ -62,8 +62,8 @@ def check_flag(value: Any, argument: str) -> bool:
     return bool(value)
 
 
-def error_in(where: object, error: InvalidInput) -> InvalidInput:
-    """Return an error with the place of its argument, such as a file, before it."""
+def locate_error(where: object, error: InvalidInput) -> InvalidInput:
+    """Return an error that names the location of its argument, such as a file, first."""
     return InvalidInput(f"{where}: {error.argument}", error.got, error.expected, advice=error.advice)
 
 

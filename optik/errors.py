@@ -51,7 +51,7 @@ class RobotModelError(OptikError, ValueError):
     Attributes
     ----------
     robot, problem, file : str
-        Name of the robot, what is wrong with it, and the file that was read, or empty.
+        Name of the robot, what is wrong with it, and the file that was read, or an empty string.
     """
 
     def __init__(self, robot: str, problem: str, file: str = "") -> None:
@@ -88,7 +88,7 @@ class DegreesWarning(RobotModelWarning):
 
 
 class UnreadShapeWarning(RobotModelWarning):
-    """Links whose collision shape cannot be read: a plan in a scene is refused.
+    """Links whose collision shape cannot be read: plans with a scene are refused.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class EnclosureWarning(RobotModelWarning):
 
 
 class AssumptionWarning(UserWarning):
-    """Assumptions with which a file of another program was read; the result has them as ``notes``."""
+    """Assumptions made while reading a file of another program; ``notes`` of the result lists them."""
 
 
 class UnknownName(OptikError, LookupError):

@@ -13,7 +13,7 @@ ORTHOGONAL = 1e-10
 """Cosine [1] below which two rows count as orthogonal; it is the relative error of singular values that are nearly equal, and
 its square that of others."""
 BOUND_ROUNDING = 1e-12
-"""Relative rounding error of a lower bound on a singular value, from above."""
+"""Upper bound on the relative rounding error of `_inverse_bound`."""
 MOST_SWEEPS = 30
 """Most sweeps of Jacobi rotations: two or three are enough for finite numbers."""
 
@@ -112,7 +112,7 @@ def qr_solve(A: Array, beta: Array, order: Indices, b: Array, x: Array) -> float
 
 @compiled
 def _inverse_bound(QR: Array) -> float:
-    """Return 1 / ‖R⁻¹‖ (Frobenius), which is at most the smallest singular value of R, by the factors of `qr_factor`."""
+    """Return 1 / ‖R⁻¹‖ (Frobenius), a lower bound on the smallest singular value of R, from `qr_factor`."""
     k, total = QR.shape[1], 0.0
     x = np.empty(k)
     for c in range(k):  # R x = e_c
@@ -129,7 +129,7 @@ def _inverse_bound(QR: Array) -> float:
 def smallest_singular_value(J: Array, floor: float = np.inf, below: float = np.inf) -> float:
     """Return the smallest singular value, to 1e-10 of itself or rounding of the largest: J (m, n) [as given].
 
-    If it is above `below`, the returned value may be a lower bound that is above it, too.
+    If it exceeds `below`, the returned value may be a lower bound on it that also exceeds `below`.
     """
     m, n = J.shape
     tall = m >= n

@@ -1,7 +1,7 @@
 """Tables of numbers as other programs write them: any separator, decimal commas, units in the header, or no header.
 
-A table is text in UTF-8. Empty lines and lines that begin with # are skipped. The separator of the first line holds for all.
-What is ambiguous is refused. What was assumed is in the notes and in an `AssumptionWarning`.
+A table is text in UTF-8. Empty lines and lines that begin with # are skipped. All lines have the separator of the first
+one. Ambiguous values are refused. Assumptions are listed in the notes and in an `AssumptionWarning`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ NO_HEADER = "columns='x,y,z,…' names the columns of a file without a header"
 
 
 class Column(NamedTuple):
-    """A column: its place in a row, its unit in the header or empty, and the size of its unit in SI units."""
+    """A column: its index, its unit in the header or an empty string, and the size of its unit in SI units."""
 
     at: int
     unit: str = ""
@@ -54,7 +54,7 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table: its file, the line of its header, its separator and columns, numbered lines, and what was assumed."""
+    """A table: its file, the line of its header, its separator and columns, numbered lines, and assumptions."""
 
     file: str
     header: int
@@ -63,31 +63,33 @@ class Table(NamedTuple):
     lines: list[tuple[int, str]]
     notes: list[str]
 
-    def place(self, row: int | None = None, *columns: str) -> str:
+    def locate(self, row: int | None = None, *columns: str) -> str:
         """Return the place of a row, or of the header, for errors."""
         line = f"{self.file}, line {self.header if row is None else self.lines[row][0]}"
         return f"{line}, column{'s' * (len(columns) > 1)} {','.join(columns)}" if columns else line
 
-    def cells(self, row: int, names: Iterable[str]) -> list[str]:
+    def read_cells(self, row: int, names: Iterable[str]) -> list[str]:
         """Return the cells of a row in some columns."""
         cells = _split(self.lines[row][1], self.separator)
         return [cells[self.columns[name].at] for name in names]
 
-    def numbers(self, names: Sequence[str]) -> Array:
+    def read_numbers(self, names: Sequence[str]) -> Array:
         """Return the finite numbers of some columns (k, m), in SI units."""
         bare = [name for name in names if not self.columns[name].unit]
         if 0 < len(bare) < len(names):
-            raise InvalidInput(self.place(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none")
+            raise InvalidInput(
+                self.locate(None, *bare), "no unit", f"a unit for each of {','.join(names)}, or for none"
+            )
         values = np.empty((len(self.lines), len(names)))
         for row in range(len(self.lines)):
-            cells = self.cells(row, names)
+            cells = self.read_cells(row, names)
             values[row] = [read_number(cell) for cell in cells]
             for j in np.flatnonzero(~np.isfinite(values[row]))[:1]:
-                raise InvalidInput(self.place(row, names[j]), repr(cells[j])[:60], "a finite number")
+                raise InvalidInput(self.locate(row, names[j]), repr(cells[j])[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
 
     def resolve(self, wanted: Mapping[str, str]) -> Table:
-        """Return the table with its wanted columns by their bare names, in units of the header, or else in the given units."""
+        """Return the table with wanted columns named without units; a unit in the header replaces the wanted unit."""
         columns: dict[str, Column] = {}
         for whole, column in self.columns.items():
             head, bracket, tail = whole.replace("(", "[").replace(")", "]").partition("[")
@@ -98,27 +100,27 @@ class Table(NamedTuple):
                     whole, column = each, Column(column.at, own, size)
                     break
             if columns.setdefault(whole, column) is not column:
-                raise InvalidInput(self.place(), f"the column {whole!r} twice", "each column once")
+                raise InvalidInput(self.locate(), f"the column {whole!r} twice", "each column once")
         return self._replace(columns=columns)
 
     def refuse_others(self, known: Iterable[str], expected: str) -> None:
         """Raise InvalidInput for columns that are not known."""
         if others := [name for name in self.columns if name not in known]:
-            raise self.header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
+            raise self.make_header_error(expected, f"ignore={','.join(others)!r} leaves columns out")
 
-    def header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
-        """Return the error for the columns."""
+    def make_header_error(self, expected: str, advice: str = "", names: Sequence[str] = ()) -> InvalidInput:
+        """Return an error about the columns."""
         names = names or list(self.columns)
         advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
-        return InvalidInput(self.place(), repr(",".join(names))[:160], expected, advice=advice)
+        return InvalidInput(self.locate(), repr(",".join(names))[:160], expected, advice=advice)
 
-    def part(self, rows: Iterable[int]) -> Table:
+    def select_rows(self, rows: Iterable[int]) -> Table:
         """Return some rows."""
         return self._replace(lines=[self.lines[i] for i in rows])
 
 
 def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> Table:
-    """Read a table; given columns name those of a file without a header, or rename them; ignored columns are left out."""
+    """Read a table; `columns` names the columns of a file without a header, or renames them; `ignore` leaves some out."""
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
     name, left, lines = str(file), read_names(ignore, "ignore"), list[tuple[int, str]]()
@@ -131,7 +133,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
             raise InvalidInput(f"{name}, line {number}", "more", expected)
         lines.append((number, line.rstrip("\n")))
     if not lines:
-        raise InvalidInput(name, "no line", "a header line that names the columns, and rows")
+        raise InvalidInput(name, "no lines", "a header line that names the columns, and rows")
     number = lines[0][0]
     try:
         table = _read_header(Table(name, number, ",", {}, lines, []), read_names(columns, "columns"))
@@ -143,7 +145,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
             cells = _split(line, table.separator)
             if len(cells) != width and (len(cells) != width + 1 or cells[-1]):  # a separator may end a line
                 expected = f"{width} values, one for each column, separated by {SEPARATORS[table.separator]}"
-                advice = "decimal commas need another separator" if table.separator == "," else ""
+                advice = "with decimal commas, use another separator" if table.separator == "," else ""
                 raise InvalidInput(f"{name}, line {number}", f"{len(cells)} values", expected, advice=advice)
             for cell in (cells[column.at] for column in table.columns.values()):
                 if ("," in cell or "." in cell) and DECIMAL.fullmatch(cell):
@@ -167,17 +169,17 @@ def _read_header(table: Table, given: tuple[str, ...]) -> Table:
     data = [isfinite(read_number(cell)) or cell.lower() in ("nan", "inf") for cell in cells]
     lines = table.lines if given and any(data) else table.lines[1:]
     if given and not any(data):
-        table.notes.append(f"the columns {','.join(cells)} are taken as {','.join(given)}"[:200])
+        table.notes.append(f"the columns {','.join(cells)} are read as {','.join(given)}"[:200])
     names = given or cells
     columns = {name: Column(at) for at, name in enumerate(names)}
     table = table._replace(separator=separator, columns=columns, lines=lines)
     if len(columns) < len(names) or len(names) > MOST_COLUMNS:
-        raise table.header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
+        raise table.make_header_error(f"different columns, at most {MOST_COLUMNS}", names=names)
     return table
 
 
 def _holds_numbers(cells: list[str], count: int) -> bool:
-    """Return whether cells are so many numbers, or text without digits; a separator may end the line."""
+    """Return whether there are `count` cells of numbers or of text without digits; a separator may end the line."""
     numbers = all(isfinite(read_number(cell)) or not re.search(r"\d", cell) for cell in cells)
     return len(cells) - (not cells[-1]) <= count <= len(cells) and numbers
 
@@ -195,7 +197,7 @@ def read_number(cell: str) -> float:
 
 
 def _find_size(unit: str, usual: str) -> float | None:
-    """Return the size of a unit like the usual one, or of this one; None for a unit of another kind."""
+    """Return the size of a unit, by default the usual one, in SI units; None for a unit of another quantity."""
     (own, _, over), (base, _, per) = (unit or usual).partition("/"), usual.partition("/")
     known = next((sizes for sizes in UNIT_SIZES if base in sizes), {"": 1.0})
     return known.get(own) if over.replace("^", "").replace("²", "2") in ("", per) else None
@@ -206,8 +208,8 @@ def read_names(value: Names, argument: str) -> tuple[str, ...]:
     return check_words([name.strip() for name in value.split(",")] if isinstance(value, str) else value or (), argument)
 
 
-def tell_assumed(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
-    """Warn of what was assumed when a file was read, and return it."""
+def warn_of_assumptions(file: str | os.PathLike[str], notes: Iterable[str]) -> tuple[str, ...]:
+    """Warn of assumptions made while reading a file, and return them."""
     if told := tuple(notes):
         warnings.warn(f"{file}: {'; '.join(told)}", AssumptionWarning, stacklevel=3)
     return told

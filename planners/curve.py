@@ -299,7 +299,7 @@ def piece_extrema(c: Array, h: Array, value: Array, when: Array) -> None:
 
 @compiled
 def whole_extrema(value: Array, when: Array, knots: Array, out: Array) -> None:
-    """Write the least and the greatest value of all pieces, the first of equal ones, and their times.
+    """Write the least and the greatest value of all pieces (the first of equal ones), and their times.
 
     Shapes and units: value (4, m, n, 2) [rad/s^i, m/s^i] and when (4, m, n, 2) [s] of `piece_extrema`, knots (m + 1,) [s], out
     (4, 4, n): least, greatest, and when.

@@ -59,7 +59,7 @@ from planners.search._around import (
 )
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._free.avoid import choose_around, guess_from
+from planners.timing._free.avoid import choose_around, find_guess
 from planners.timing._free.choose import choice_for, choose, report_fixed
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
@@ -94,7 +94,7 @@ def plan(
     q_start : (n,) array, optional
         Configuration at the path's start [rad, m]; by default the best one there.
     solver, timing : str, or IKSolver and TimeLaw
-        Method and law, each by name, by a file (``"./jt.py"``), or built: ``make_law("constant_speed", speed=0.1)``.
+        Method and law: a name, a file (``"./jt.py"``), or an object, such as ``make_law("constant_speed", speed=0.1)``.
     limits : MotionLimits, optional
         By default the robot's own. A plan that exceeds a limit given here is invalid, even if its law does not enforce it.
     samples : int
@@ -384,7 +384,7 @@ class _Planner:
         return replace(found, freedom=freedom, search=made, failure=advise_elbow(found.failure, path, request.robot))
 
     def _is_enough(self, plans: list[Plan]) -> bool:
-        """Return whether no other initial path need be tried: the last motion is as fast as it can be, or one is shortened."""
+        """Return whether no other initial path need be tried: the last motion is nearly the fastest, or one was shortened."""
         if not isinstance(self.request.law, Optimal):
             return True
         over = plans[-1].trajectory.duration / (plans[-1].least_duration or np.inf)
@@ -396,8 +396,8 @@ class _Planner:
     ) -> tuple[Plan, int]:
         """Return the fastest plan from one initial path, and the rounds.
 
-        A move of joints is planned on the coarse grid first. The fine one is left out for a motion as fast as it can be, or
-        slower than that from another initial path, `before` [s].
+        A move of joints is planned on the coarse grid first. The fine one is left out if the motion is nearly the fastest
+        possible, or clearly slower than that from another initial path, `before` [s].
         """
         rounds, best = 0, None
         for density in DENSITIES if isinstance(path, PointToPoint) else DENSITIES[1:]:
@@ -410,7 +410,7 @@ class _Planner:
                 made = replace(fixed, freedom=report_fixed(path, fixed)) if fixed.has_motion else fixed
                 return best or made, rounds
             choice, least = choice_for(path, fixed.joint_path, optimum, held=held), fixed.least_duration or 0.0
-            guess = guess_from(best, NOT_FAR * least, optimum.programme.s)
+            guess = find_guess(best, NOT_FAR * least, optimum.programme.s)
             made, result, spent = choose_around(choice, scene, fixed, plan_along, guess, FAST * least)
             made, rounds = replace(made, freedom=result), rounds + spent
             best = made if made and (best is None or made.trajectory.duration < best.trajectory.duration) else best

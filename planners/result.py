@@ -16,7 +16,7 @@ from planners.certificate.violation import Allow
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
-from planners.limits._moves import least_move_duration
+from planners.limits._moves import compute_least_duration
 from planners.motion import Motion, PlanStatus
 from planners.paths.base import Path
 from planners.search._around import SearchReport
@@ -141,10 +141,10 @@ class Plan:
 
     @property
     def least_duration(self) -> float | None:
-        """Duration [s] of a joint move by its slowest joint alone, which no path between the ends beats; None for others."""
+        """Least duration [s] of a joint move on any path: that of its slowest joint alone; None for other motions."""
         if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:
             return None
-        return least_move_duration(self.goal - self.trajectory(0.0), self.limits)
+        return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
 
     @property
     def goal(self) -> Array:

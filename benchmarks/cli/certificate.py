@@ -30,7 +30,7 @@ def format_ratio(ratio: float) -> str:
 def describe_effort(plan: Any) -> str:
     """Describe the mass model of a plan, its energy and its power."""
     proof, payload = plan.certificate, plan.robot.payload
-    net = round(proof.energy.net, 9) + 0.0  # rounding is no energy
+    net = round(proof.energy.net, 9) + 0.0  # neither rounding errors nor −0
     load = "without payload" if payload is None else f"with {payload}"
     words = (
         f"for this mass model, {load}: energy {net:.3g} J ({proof.energy.drawn:.3g} J without recovery while "
@@ -81,7 +81,7 @@ def print_certificate(plan: Any) -> None:
             table.add_row(name, "no limit", "", "", required)
     out_console.print(table)
     if plan.least_duration:
-        out_console.print(f"the slowest joint alone takes {plan.least_duration:.4f} s from rest to rest")
+        out_console.print(f"least duration {plan.least_duration:.4f} s: the slowest joint alone, from rest to rest")
     error = (
         f"path error at most {1e6 * off.distance:.3g} µm and {1e6 * off.angle:.3g} µrad (proved for every instant), "
     )

@@ -18,7 +18,7 @@ from typer.core import TyperCommand
 
 import optik
 from optik.arm.model import unit_factors, unit_names
-from optik.arm.tips import TAKES_ANOTHER
+from optik.arm.tips import TIP_ADVICE
 from optik.errors import InvalidInput
 from optik.registry import names, short_name
 
@@ -172,7 +172,7 @@ class RobotCommand(JsonCommand):
         "--hold", metavar="JOINT=VALUE",
     )  # fmt: skip
     without_shape: list[str] | None = option(
-        "Robot", "Link of a URDF whose collision shape is not read; comma separated or repeated.", metavar="LINK"
+        "Robot", "Links of a URDF whose collision shapes are not read; comma-separated, repeatable.", metavar="LINK"
     )
     gravity: str | None = numbers(
         "Robot",
@@ -189,7 +189,7 @@ class RobotCommand(JsonCommand):
             name or self.robot, tip=self.tip, base=self.base, values=read_held(self.values), gravity=gravity,
             without_shape=links,
         )  # fmt: skip
-        if arm.source.endswith(TAKES_ANOTHER):
+        if arm.source.endswith(TIP_ADVICE):
             err_console.print(name_robot_options(arm.source), soft_wrap=True)
         return arm
 
@@ -233,7 +233,7 @@ class StartCommand(RobotCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsCommand(RobotCommand):
-    """A command on motions under limits."""
+    """A command with limits of motions."""
 
     velocity: float | None = option(
         "Limits", "Velocity limit of every joint [rad/s, prismatic m/s]; by default the robot's."
@@ -253,7 +253,7 @@ class TableCommand(Command):
     """A command that reads a table of another program."""
 
     columns: str | None = option("Path", "Names of the columns of a file without a header, or new names: x,y,z.")
-    ignore: str | None = option("Path", "Columns of the file to leave out, or joints of a message, comma separated.")
+    ignore: str | None = option("Path", "Columns of the file, or joints of a message, to leave out; comma-separated.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -416,12 +416,12 @@ def name_options(words: str, names: str) -> str:
 
 
 def name_robot_options(words: str) -> str:
-    """Return a message on the file of a robot with options in place of Python arguments."""
+    """Return a message about the file of a robot with options in place of Python arguments."""
     held = re.compile(r"values=\{([^}]*)\}")
     words = held.sub(lambda match: re.sub(r"'([^']+)': ", r"--hold \1=", match[1]).replace(", --", " --"), words)
     for python, typed in (("package_dirs=, on the command line --package-dir", "--package-dir"),
                           ("srdf=, or shapes.with_apart", "#srdf=FILE behind the robot's file"),
-                          ("a file, or shapes.with_part", "STL or OBJ")):  # fmt: skip
+                          ("a file, or shapes.with_part", "files in STL or OBJ")):  # fmt: skip
         words = words.replace(python, typed)
     return name_options(words, "tip|base|gravity|without_shape")
 

@@ -61,11 +61,11 @@ class CertifyCommand(LimitsCommand, SceneCommand, TableCommand):
     """
 
     file: Path = argument("FILE", "A table .csv, or .json, .yaml or .yml with a table or a ROS message.")
-    start_deg: str = numbers(
-        "Path", "Configuration at 0 s [degrees, prismatic mm], where the first point is later.", ""
+    start_deg: str = numbers("Path", "Configuration at 0 s [degrees, prismatic mm], if the first point is later.", "")
+    unwrap: str | None = option(
+        "Path", "Joints whose jumps by whole turns are removed, comma-separated; none accepts them."
     )
-    unwrap: str | None = option("Path", "Joints whose jumps by whole turns are removed, comma separated; or none.")
-    interpolation: str | None = option("Path", "Between points: linear, cubic, quintic, or spline (through positions).")
+    interpolation: str | None = option("Path", "Interpolation: linear, cubic, quintic, or spline (through positions).")
 
     def run(self) -> None:
         """Read, certify and print."""
@@ -230,7 +230,7 @@ def _print_joints(done: Execution) -> None:
     out_console.print(table)
     if done.torque is not None:
         words = (
-            "between set-points, and where errors are corrected, the torque can exceed the bound of the planned motion"
+            "between setpoints, and while errors are corrected, the torque can exceed the bound of the planned motion"
         )
         out_console.print(words, soft_wrap=True)
 

@@ -40,7 +40,7 @@ EXACT_WINDING_HELP = (
     "collision-free motion."
 )
 """Help of ``--exact-winding``."""
-UNIT_HELP = "Unit of x,y,z that have none in the header: m (default), mm, cm or in."
+UNIT_HELP = "Unit of x,y,z without a unit in the header: m (default), mm, cm or in."
 """Help of ``--unit``."""
 POSE_SYNTAX = "x,y,z[,roll,pitch,yaw] in the base frame [m, degrees]; without angles the tool keeps its orientation."
 """Syntax of a pose, for the help of several options."""

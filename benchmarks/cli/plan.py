@@ -58,7 +58,7 @@ TORQUE_UNITS = {"torque": "[N·m, prismatic N]", "torque_rate": "[N·m/s, prisma
 
 @dataclass(frozen=True, kw_only=True)
 class SceneCommand(RobotCommand):
-    """A command on motions among obstacles."""
+    """A command with a scene of obstacles."""
 
     scene: str | None = option(
         "Scene",

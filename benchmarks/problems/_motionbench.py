@@ -44,7 +44,7 @@ READ_PARTS = "joint_state of start_state, and joint_constraints of goal_constrai
 
 
 class MotionProblem(NamedTuple):
-    """Obstacles, both ends of a motion, and whether one was moved onto a limit that the arm's file prints rounded."""
+    """Obstacles, start and goal of a motion, and whether one of them was moved onto a rounded joint limit."""
 
     scene: Scene
     start: Array
@@ -116,7 +116,7 @@ def _read_ends(request: Any, robot: Robot) -> Iterator[Array]:
 
 
 def _move_onto_limits(robot: Robot, q: Array) -> Array:
-    """Return configurations; a joint beyond a limit by less than half a unit of its last digit, such as π, is moved onto it."""
+    """Move joints onto a limit that they exceed by less than half a unit of its last digit; return the configurations."""
     for limit, nearer in ((robot.limits.lower, np.maximum), (robot.limits.upper, np.minimum)):
         printed = [Decimal(repr(float(x))) for x in limit]
         half = np.array([0.5 * 10.0 ** (x.adjusted() - len(x.as_tuple().digits) + 1) for x in printed])

@@ -15,7 +15,7 @@ from optik import se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, read_bytes
-from optik.tables import read_table, tell_assumed
+from optik.tables import read_table, warn_of_assumptions
 from optik.types import Array
 
 POSITION = ("x_m", "y_m", "z_m")
@@ -50,8 +50,8 @@ def read_poses(path: Path, robot: Robot | None = None) -> Poses:
 def _from_csv(path: Path, robot: Robot | None) -> Poses:
     """Return the poses of a CSV file."""
     table = read_table(path)
-    tell_assumed(path, table.notes)
-    columns, where = list(table.columns), [table.place(row) for row in range(len(table.lines))]
+    warn_of_assumptions(path, table.notes)
+    columns, where = list(table.columns), [table.locate(row) for row in range(len(table.lines))]
     if not where:
         raise InvalidInput(str(path), "no rows", f"a header such as {','.join((*POSITION, *QUATERNION))} and rows")
     joints = _joint_columns(robot) if robot is not None else []
@@ -59,14 +59,14 @@ def _from_csv(path: Path, robot: Robot | None) -> Poses:
     known = [*POSITION, *turned, *joints, "group"]
     _check_columns(path, columns, known, [*POSITION, *turned])
     targets = np.tile(np.eye(4), (len(where), 1, 1))
-    targets[:, :3, 3] = table.numbers(POSITION)
-    values = table.numbers(turned)
+    targets[:, :3, 3] = table.read_numbers(POSITION)
+    values = table.read_numbers(turned)
     targets[:, :3, :3] = _of_quaternions(values, where) if turned is QUATERNION else values.reshape(-1, 3, 3)
     starts = None
     if present := [name for name in joints if name in columns]:
         _check_columns(path, columns, known, joints)
-        starts = table.numbers(present)
-    group = [table.cells(row, ["group"])[0] if "group" in columns else path.stem for row in range(len(where))]
+        starts = table.read_numbers(present)
+    group = [table.read_cells(row, ["group"])[0] if "group" in columns else path.stem for row in range(len(where))]
     return _checked(where, targets, starts, np.array(group), robot)
 
 

@@ -132,7 +132,7 @@ def load(
         <collision> elements, with ``packages=FOLDER`` for a folder of packages, ``srdf=FILE`` and
         ``without_shape=LINK,LINK``.
     tip, base, values, without_shape : str, str, mapping of str to float, and sequence of str, optional
-        For a URDF, as of `Robot.from_urdf`; with the last, shapes are read.
+        For a URDF, as in `Robot.from_urdf`; ``without_shape`` implies that shapes are read.
     gravity : (3,) array, optional
         Direction of gravity in the base frame [1], in place of the file's.
 
@@ -202,7 +202,7 @@ def _parse_urdf_options(text: str) -> dict[str, str]:
 
 
 def _urdf_options(links: dict[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `Robot.from_urdf` for the options of a path; others of shapes imply shapes=yes."""
+    """Return the arguments of `Robot.from_urdf` for the options of a path; any option of shapes implies shapes=yes."""
     options: dict[str, Any] = {key: value for key, value in links.items() if key not in ("packages", "shapes")}
     if isinstance(text := links.get("gravity"), str):
         try:

@@ -16,7 +16,7 @@ REACH_ROUNDING = 1e-9
 """Slack for rounding errors of the bound and the distance [m]."""
 
 FARTHEST_REACH = 3.0
-"""Farthest plausible point, in reaches of the arm: larger numbers look like millimetres."""
+"""Largest plausible distance of a point, as a multiple of the reach: larger ones are probably in millimetres."""
 
 
 def reach_bound(robot: Robot, task: Task) -> Array:

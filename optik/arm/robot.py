@@ -154,7 +154,7 @@ class Robot(ArmDynamics):
             A file, or XML text (which begins with <). xacro must be expanded before.
         tip : str, optional
             Link of the tool; by default the end of the longest chain, before a hand: ``tool0``, else ``flange``, else its
-            only end, else the last link before the hand, as `print` states. If no rule decides, the error lists the links.
+            only end, else the last link before the hand; `print` shows it. If no rule decides, the error lists the links.
         base, name : str, optional
             Link of the base frame, by default the root; name of the arm, by default the file's.
         gravity : (3,) array, optional
@@ -169,7 +169,7 @@ class Robot(ArmDynamics):
             Values at which joints beside the chain are held [rad, m]; joints that follow them (<mimic>) and the masses behind
             them move along. By default, shapes enclose every value within the limits.
         without_shape : sequence of str, optional
-            Links whose <collision> is not read. Another that cannot be read gives a warning; plans in a scene are refused.
+            Links whose <collision> is not read. If another cannot be read, there is a warning; plans with a scene are refused.
 
         Returns
         -------
@@ -181,7 +181,7 @@ class Robot(ArmDynamics):
             No such file, no XML, no URDF, xacro, a DOCTYPE, an entity; a held joint that does not exist, belongs to the chain
             or follows another, or a value outside its limits.
         RobotModelError
-            No tree of links, no such link, several chains as tip, or a joint on the chain that is floating, planar, mimicking
+            No tree of links, no such link, several possible tips, or a joint on the chain that is floating, planar, mimicking
             another, without an axis, or has crossed, equal or missing limits.
         """
         from optik.arm.urdf import read_urdf

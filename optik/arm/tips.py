@@ -1,7 +1,7 @@
 """The tip of a URDF where none is named: the end of the longest chain of moving joints, before a hand.
 
-Links that fixed joints connect are one body. A hand begins at a body where the arm behind it has at least as many joints as
-each of several branches of similar length, or at a joint that is named like that of a finger.
+Links that fixed joints connect are one body. A hand begins at a body with several branches of similar length, none longer than
+the arm before it, or at a joint with the name of a finger.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from optik.arm.urdf_tree import Joint, Tree, join_names
 from optik.errors import RobotModelError
 
 TOOL_NAMES = ("tool0", "flange")
-"""Names of the end of an arm in ROS, with or without a prefix, the preferred first."""
+"""Names of the end of an arm in ROS, with or without a prefix, in order of preference."""
 FINGER = re.compile(r"finger|gripper|jaw|knuckle|thumb", re.IGNORECASE)
 """Names of the joints of a hand."""
 NO_TOOL = re.compile(
     r"camera|optical|(^|_)(imu|range)(_|$)|accelero|sensor|laser|lidar|inertia|finger|_sc$", re.IGNORECASE
 )
 """Names of links that are no tool: sensors, fingers, and shapes for self-collision."""
-TAKES_ANOTHER = "; tip= takes another"
+TIP_ADVICE = "; tip= selects another"
 """End of the sentence on a tip that was chosen by a rule."""
 
 
@@ -39,16 +39,16 @@ def find_tip(tree: Tree, base: str) -> tuple[str, str]:
     usable = [end for end in ends if _is_usable(tree, base, end.link)]
     if len(usable) > 1:
         words = join_names([f"{end.link} ({end.joints} joint{'s' * (end.joints > 1)})" for end in usable])
-        raise RobotModelError(tree.name, f"usable tips are {words}; for the first: tip={usable[0].link!r}")
+        raise RobotModelError(tree.name, f"possible tips are {words}; for the first: tip={usable[0].link!r}")
     if not ends:
         return base, ""
-    end = (usable or ends)[0]  # a chain that is not usable is refused by the name of its joint
+    end = (usable or ends)[0]  # if it is not usable, a later check names its joint
     chosen = sum(link not in tree.below for link in tree.list_below(base)) > 1 or end.link in tree.below
-    return end.link, f", {end.reason}{TAKES_ANOTHER}" if chosen else ""
+    return end.link, f", {end.reason}{TIP_ADVICE}" if chosen else ""
 
 
 def _is_usable(tree: Tree, base: str, link: str) -> bool:
-    """Return whether every joint between two links is fixed, or has one value of its own."""
+    """Return whether every joint between two links is fixed, or moves independently with one degree of freedom."""
     links = tree.path(link)
     joints = [tree.above[name] for name in links[: links.index(base)]]
     return all(j.kind == "fixed" or (j.kind in MOVING and "mimic" not in j.element) for j in joints)
@@ -79,7 +79,7 @@ def _find_ends(tree: Tree, base: str) -> list[Tip]:
 
 
 def _list_body(tree: Tree, link: str) -> list[str]:
-    """List a link and those that fixed joints connect to it, each behind its parent."""
+    """List a link and those that fixed joints connect to it, each after its parent."""
     body = [link]
     for name in body:  # grows while it is read
         body += [child for child in tree.below.get(name, ()) if tree.above[child].kind == "fixed"]
@@ -102,7 +102,7 @@ def _is_named(link: str, name: str) -> bool:
 
 
 def _choose_links(tree: Tree, body: list[str], branches: list[Joint], joints: int) -> list[Tip]:
-    """Return the link of a body to take as tip, or all among which no rule decides."""
+    """Return the link of a body that is the tip, or all candidates if no rule decides."""
     for name in TOOL_NAMES:
         if found := [link for link in body if _is_named(link, name)]:
             return [Tip(link, joints, "chosen by its name") for link in found]

@@ -87,10 +87,10 @@ def read_xml(source: str | os.PathLike[str]) -> Any:
 
 
 def read_disabled_pairs(source: str | os.PathLike[str], links: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Read the pairs of some links that an SRDF does not check, with the reasons.
+    """Read the pairs of given links that an SRDF excludes from collision checks, with the reasons.
 
-    As in MoveIt, <disable_default_collisions> means all pairs of a link but those in <enable_collisions>, and
-    <disable_collisions> has the last word.
+    As in MoveIt, <disable_default_collisions> excludes all pairs of a link except those in <enable_collisions>;
+    <disable_collisions> takes precedence.
     """
     try:
         root = read_xml(source)
@@ -124,7 +124,7 @@ def is_text(source: object) -> bool:
 
 @contextmanager
 def name_file(source: object) -> Iterator[None]:
-    """Name the file of a description in errors of the robot."""
+    """Add the file of a robot description to its errors."""
     try:
         yield
     except RobotModelError as error:
@@ -193,7 +193,7 @@ def _build_tree(root: Any, name: str | None) -> Tree:
         raise InvalidInput("source", f"the element <{tag[:60]}>", "a URDF, whose outermost element is <robot>")
     for element in root.iter():
         place, _, word = str(element.tag).rpartition("}")
-        if "xacro" in place and word != "property":  # a property is used by ${…}, which is refused where it is read
+        if "xacro" in place and word != "property":  # a property has no effect without ${…}, which is refused
             _refuse_xacro(f"<xacro:{word}>")
     robot = name or root.get("name") or "robot"
     elements = root.findall(f"{prefix}link")

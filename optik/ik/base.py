@@ -282,7 +282,7 @@ class IKSolver(ABC):
         """Return the result with the status UNREACHABLE and the bound that proves it in the message."""
         distance = outside_reach(self._reach, target, self.tolerance.position, self.tolerance.rotation)
         A, least, most = self._reach[:3] + 0.0, self._reach[6], self._reach[7]
-        unit = " (are the target's coordinates millimetres?)" if distance > FARTHEST_REACH * most else ""
+        unit = " (are its coordinates in millimetres?)" if distance > FARTHEST_REACH * most else ""
         side = f"at most {most:.6g}" if distance > most else f"at least {least:.6g}"
         message = (
             f"the target requires {distance:.6g} m between the point ({A[0]:.4g}, {A[1]:.4g}, {A[2]:.4g}) of the base and "

@@ -52,7 +52,7 @@ from optik.arm.plain import read_list, read_record, read_vector, read_word
 from optik.arm.shapes.meshes import find_mesh_folders
 from optik.arm.shapes.urdf import find_geometry, read_geometry, read_length, read_triangles
 from optik.arm.urdf_tree import joint_origin, name_file, origin_pose, read_tree, read_triple
-from optik.check import check_number, error_in
+from optik.check import check_number, locate_error
 from optik.errors import InvalidInput, RobotModelError
 from optik.file_io import check_suffix, decode_text, parse_json, parse_toml, read_bytes
 from optik.scene.mesh import is_convex
@@ -102,7 +102,7 @@ def load_scene(
             return scene_from_dict(parse_json(text, "scene"))
         return scene_from_toml(text) if suffix == ".toml" else scene_from_moveit(text, suffix)
     except InvalidInput as error:
-        raise error_in(path.name, error) from None
+        raise locate_error(path.name, error) from None
 
 
 def scene_from_toml(text: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from optik.errors import InvalidInput, UnknownName
 from optik.scene.cloud import check_points, pack_cloud
 from optik.scene.files import OBJECT_KINDS, SCENE_KEYS, load_scene, scene_from_dict, scene_to_dict
 from optik.scene.mesh import check_mesh, find_hull, pack_solids
-from optik.tables import tell_assumed
+from optik.tables import warn_of_assumptions
 from optik.types import Array, Flags
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Scene:
     margin : float
         Distance [m] to the objects at or below which the arm counts as in contact; it does not apply between its own links.
     notes : sequence of str
-        What was assumed when the scene was read from a file; not part of equality and of files.
+        Assumptions made while reading the scene from a file; not compared, and not saved.
 
     Raises
     ------
@@ -173,7 +173,7 @@ class Scene:
         except InvalidInput as error:
             where = f"{Path(file).name}: {error.argument}"
             raise InvalidInput(where, error.got, error.expected, advice=error.advice) from None
-        tell_assumed(file, scene.notes)
+        warn_of_assumptions(file, scene.notes)
         return scene
 
     # ------------------------------------------------------------ attached objects
@@ -337,7 +337,7 @@ class Scene:
             raise InvalidInput("robot", f"{robot.name!r} without shapes", "an arm with shapes: robot.with_shapes(...)")
         if robot.shapes.unread:
             got = f"{robot.name!r} with {robot.shapes.describe_unread()}"
-            raise InvalidInput("robot", got, "an arm whose links all have their shape in a scene")
+            raise InvalidInput("robot", got, "an arm whose links all have a shape")
         flags = np.ones((robot.shapes.m, len(self.names)), dtype=np.bool_)
         numbers = {name: i for i, name in enumerate(robot.link_names)}
         for link, other in self.allow:

@@ -68,7 +68,7 @@ def scene_from_moveit(text: str, suffix: str = ".yaml") -> dict[str, Any]:
         where = f"collision_objects[{i}]"
         name = read_word(read_record(one, ("id",), where, optional=OBJECT_KEYS)["id"], f"{where}.id")
         if known.setdefault(name, where) != where:
-            raise InvalidInput(f"{where}.id", repr(name)[:60], f"another one than {known[name]} has")
+            raise InvalidInput(f"{where}.id", repr(name)[:60], f"an id that differs from that of {known[name]}")
         operation = one.get("operation")
         if (operation.lower() if isinstance(operation, str) else operation) not in OPERATIONS:
             raise InvalidInput(f"{where}.operation", format_value(operation), "ADD (0): a file is the whole scene")

@@ -1,7 +1,7 @@
 """Reader of MoveIt's text format of scenes (``.scene``), both versions, as `moveit_msgs/PlanningScene`.
 
-A line with a name; for each object `* ID`, its pose (newer version), the number of its shapes, each shape with its pose and
-colour, and its subframes (newer version); at the end a point. A shape is a line with its type, and a line of numbers.
+The first line is a name. An object is `* ID`, its pose (newer version), the number of its shapes, each shape with its pose and
+colour, and its subframes (newer version). A shape is a line with its type and a line of numbers. The last line is a point.
 """
 
 from __future__ import annotations

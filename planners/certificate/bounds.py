@@ -91,7 +91,7 @@ def instants(c: Array, piece: Indices, u: Array, out: Array) -> None:
 
 @compiled
 def _move(chain: Chain, joints: Array, poses: Array, motion: Array) -> None:
-    """Write the tool's poses (k, 4, 4), and its twist with two derivatives (k, 3, 6), for the joints' (k, 6, n)."""
+    """Write the tool's poses (k, 4, 4), and its twist with two derivatives (k, 3, 6), from the joints' (k, 6, n)."""
     frame, T, _J = kinematics.workspace(joints.shape[2])
     for k in range(joints.shape[0]):
         kinematics.forward(chain, joints[k, 0], frame, T)

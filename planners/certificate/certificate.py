@@ -278,7 +278,7 @@ def summary_lines(proof: Certificate, least: float | None = None) -> list[str]:
     else:
         more = f" (and {len(proof.reasons) - 1} more violations)" if len(proof.reasons) > 1 else ""
         status = f"certificate NOT valid: {shorten(proof.reasons[0])}{more}"
-    joints = f", the slowest joint alone {least:.3g} s" if least else ""
+    joints = f" (slowest joint alone: {least:.3g} s)" if least else ""
     return [status, f"duration {proof.duration:.3g} s{joints}", *_limit_lines(proof), *_tool_lines(proof)]
 
 

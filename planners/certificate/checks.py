@@ -143,7 +143,7 @@ def jumps(trajectory: Trajectory, standing: tuple[bool, bool]) -> Flags:
 def _find_jumps(
     first: Array, last: Array, h: Array, standing: tuple[bool, bool], allowed: Array, size: Array, jumping: Flags
 ) -> None:
-    """Write where derivatives (4, m, n) step at knots by more than allowed (4, n), and rounding of positions of a size (n,)."""
+    """Write where derivatives (4, m, n) step at knots by more than `allowed` (4, n) plus rounding of positions `size` (n,)."""
     m = h.shape[0]
     for order in range(4):
         for k in range(m + 1):
@@ -214,8 +214,8 @@ COVERED = (1e-5, 1e-5)
 """Largest distance along the path [m, rad] of start and end from their required positions, and of backward stretches, without
 a tolerance: the default tolerance of `planners.plan`."""
 SIMPSON_INTERVALS, SHORT_STRETCH = 64, 1e-9
-"""Number of intervals of Simpson's rule for the length of a stretch, even: exact to 1e-6 on any arc of these paths; and the
-fraction of the path up to which two suffice."""
+"""Even number of intervals of Simpson's rule for a length along a path (exact to 1e-6 on arcs), and the fraction of the path up
+to which two suffice."""
 
 
 class Coverage(NamedTuple):

@@ -18,7 +18,7 @@ JOINT_ROUNDING = 2e-15
 Arm = tuple[Array, Flags]
 """Lengths (n + 1,) of the links [m], and which joints are prismatic (n,)."""
 Ends = tuple[Indices, Indices]
-"""The instants (k,) at which intervals begin, and those at which they end."""
+"""Indices (k,) of the instants at which intervals begin, and of those at which they end."""
 
 
 class ComparedInstants(NamedTuple):

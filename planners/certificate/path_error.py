@@ -121,8 +121,8 @@ def path_error(
 
 
 Intervals = tuple[Indices, ComparedInstants, Array, Flags]
-"""The pieces (k,) of intervals, the instants at which they begin and then those at which they end, one-sided, the distances and
-angles (2 k, 2) there, and which of the k + 1 instants between them are knots of the motion."""
+"""The pieces (k,) of intervals; the one-sided instants at which they begin, then those at which they end; the distances and
+angles (2 k, 2) there; and flags (k + 1,) of boundaries that are knots of the motion."""
 
 
 def _known_positions(nearest: Nearest, bounds: MotionBounds, trajectory: Trajectory) -> Intervals | None:

@@ -13,10 +13,10 @@ import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.check import error_in
+from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
-from optik.tables import Names, Table, read_names, read_table, tell_assumed
+from optik.tables import Names, Table, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.controller import INTERPOLATIONS, trajectory_through
 from planners.paths._goal import find_continuous
@@ -49,32 +49,32 @@ def load_trajectory(
     Parameters
     ----------
     file : str or path
-        ``.csv``: a table, with separators and units as for `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
-        joint by its name [rad, m], perhaps ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
-        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), perhaps ``velocities``, ``accelerations``. These clocks may
-        begin at any time. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message around one.
+        ``.csv``: a table, with separators and units as in `Polyline.from_csv`: a column ``t`` or ``time`` [s], one for each
+        joint by its name [rad, m], optionally ``dq_NAME`` and ``ddq_NAME`` (or ``velocity_``, ``acceleration_``). ``.json``:
+        ``joint_names``, ``times`` (k,) [s], ``positions`` (k, n), optionally ``velocities``, ``accelerations``. The first time
+        need not be 0. ``.json``, ``.yaml``, ``.yml``: a ``JointTrajectory`` of ROS 1 or 2, or a message that contains one.
     robot : Robot
         The arm; its joint names, or those of ``joint_names``, must be the file's, in any order.
     joint_names : mapping, optional
         From the robot's joint names to the file's.
     interpolation : {"linear", "cubic", "quintic", "spline"}, optional
-        Controller interpolation through positions, velocities and accelerations; by default the highest that there are data
-        for, like joint_trajectory_controller of ROS 2. ``"spline"`` is its ``positions_upsampling``: cubic splines through
+        Controller interpolation through positions, velocities and accelerations; by default the highest order of the data,
+        as in ROS 2's joint_trajectory_controller. ``"spline"`` is its ``positions_upsampling``: cubic splines through
         positions, at rest at both ends.
     start : (n,) array, optional
         Configuration at 0 s [rad, m], at rest, for a message whose first point is later.
     ignore : str or sequence of str, optional
         Joints of a message, or columns of a table, that are left out.
     unwrap : str or sequence of str, optional
-        The robot's joints whose positions jump by whole turns, which are removed. By default such a jump of a joint without
-        limits is refused; ``()`` takes positions as written.
+        The robot's joints from whose positions jumps by whole turns are removed. By default such a jump of a joint without
+        limits is refused; ``()`` accepts it.
     columns : str or sequence of str, optional
         Names of the columns of a table without a header, or new names of all columns.
 
     Returns
     -------
     Trajectory
-        In the robot's joint order, from t = 0. What was assumed is in its attribute ``notes`` and in an `AssumptionWarning`.
+        In the robot's joint order, from t = 0. Assumptions are listed in its attribute ``notes`` and in an `AssumptionWarning`.
 
     Raises
     ------
@@ -96,8 +96,8 @@ def load_trajectory(
         trajectory = _build(found, robot, interpolation, start, unwrap)
     except InvalidInput as error:
         own = error.argument in ("interpolation", "start", "ignore", "unwrap") or str(file) in error.argument
-        raise (error if own else error_in(file, error)) from None
-    trajectory.notes = tell_assumed(file, found.notes)
+        raise (error if own else locate_error(file, error)) from None
+    trajectory.notes = warn_of_assumptions(file, found.notes)
     return trajectory
 
 
@@ -125,7 +125,7 @@ def _build(
     t, values, first = found.t, found.values, 0
     for i in np.flatnonzero(~(np.diff(t) > 0.0))[:1]:
         got = f"{t[i + 1] + found.begin:.9g} s after {t[i] + found.begin:.9g} s"
-        raise InvalidInput(found.place(i + 1), got, "times that increase")
+        raise InvalidInput(found.locate(i + 1), got, "times that increase")
     if start is not None:
         q = robot.configuration(start, "start")
         if not found.begin > 0.0:
@@ -136,10 +136,10 @@ def _build(
         found.notes.append("the arm is at rest at the start")
     elif found.begin and found.from_start:
         advice = "start=Q is the configuration at 0 s"
-        raise InvalidInput(found.place(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
+        raise InvalidInput(found.locate(0), f"{found.begin:.9g} s", "a first point at 0 s", advice=advice)
     elif found.begin:
         found.notes.append(f"the motion starts at the first time, {found.begin:.15g} s")
-    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.place(i - first))
+    values[0] = _remove_turns(t, values[0], robot, unwrap, lambda i: found.locate(i - first))
     if interpolation == SPLINE:  # through the points; the controller reaches the first one from the start
         spline = scipy.interpolate.CubicSpline(t[first:], values[0][first:], bc_type="clamped")
         return trajectory_through(t, values[0], np.vstack([np.zeros((first, robot.n)), spline(t[first:], 1)]))
@@ -162,7 +162,7 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
     for i, j in np.argwhere(jumps)[:1] if unwrap is None else ():
         name = robot.joint_names[j]
         got = f"a jump of {name} by {q[i + 1, j] - q[i, j]:.6g} rad at {t[i + 1]:.9g} s, nearly a turn of 2π"
-        advice = f"unwrap={name!r} removes turns, unwrap=() takes positions as written"
+        advice = f"unwrap={name!r} removes whole turns, unwrap=() accepts the jump"
         raise InvalidInput(place(i + 1), got, "continuous positions of a joint without limits", advice=advice)
     return wrapped
 
@@ -180,12 +180,12 @@ def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
         chosen.append(next((columns for columns in sets if set(columns) <= set(table.columns)), []))
     expected = f"only times ({', '.join(CLOCKS)}) and a column for each of {', '.join(names)}; see load_trajectory"
     if len(clock) != 1 or not chosen[0] or (chosen[2] and not chosen[1]):
-        raise table.header_error(expected)
+        raise table.make_header_error(expected)
     table.refuse_others([*clock, *chosen[0], *chosen[1], *chosen[2]], expected)
     if len(table.lines) < 2:
         raise InvalidInput(table.file, f"{len(table.lines)} rows", "at least two")
-    begin, size = table.numbers(clock)[0, 0], table.columns[clock[0]].size
-    times = [Decimal(table.cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
-    t = np.array([float(time - times[0]) * size for time in times])  # exact also for a clock since 1970
-    values = [table.numbers(columns) for columns in chosen if columns]
-    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.place(i, *clock), table.notes)
+    begin, size = table.read_numbers(clock)[0, 0], table.columns[clock[0]].size
+    times = [Decimal(table.read_cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
+    t = np.array([float(time - times[0]) * size for time in times])  # exact for times since 1970, too
+    values = [table.read_numbers(columns) for columns in chosen if columns]
+    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.locate(i, *clock), table.notes)

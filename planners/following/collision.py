@@ -12,7 +12,7 @@ from optik.scene.contact import Contact, check_scene, find_contact, find_nearest
 from optik.types import Array
 from planners.certificate.clearance import Clearance, clearance
 from planners.curve import quintic_through
-from planners.following.failure import FollowStatus, PlanFailure, format_place
+from planners.following.failure import FollowStatus, PlanFailure, format_position
 from planners.following.joint_path import JointPath
 from planners.following.track import Track
 from planners.trajectory import Trajectory
@@ -59,7 +59,7 @@ class CollisionCheck:
         touching = self.find_rooms(joints(s)) <= 0.0
         k = int(np.argmax(touching)) if touching[:-1].any() else CONTACT_SAMPLES
         near = self._describe(find_contact(self.robot, self.scene, joints(s[k])))
-        reason = f"{near} at {format_place(joints.path, s[k])}"
+        reason = f"{near} at {format_position(joints.path, s[k])}"
         return PlanFailure(FollowStatus.CONTACT, float(s[k]), None, reason, "")
 
     def _clearance(self, polynomial: object) -> Clearance:

@@ -118,14 +118,14 @@ def find_rank_failure(robot: Robot) -> PlanFailure | None:
     return PlanFailure(FollowStatus.SINGULAR, 0.0, None, reason, "a path in the joints, such as JointLine", 0.0)
 
 
-def format_place(path: Path, s: float) -> str:
-    """Return a place on a path with its unit."""
+def format_position(path: Path, s: float) -> str:
+    """Return a path parameter with its unit, as text."""
     return f"s = {s:.6g} {path.unit}"
 
 
 def explain_end(robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array) -> PlanFailure:
     """Return the failure at the end of a branch, by its last valid configuration and the path just behind the end."""
-    sigma, s, at = smallest_singular_value(robot, q), ended.s, format_place(path, ended.s)
+    sigma, s, at = smallest_singular_value(robot, q), ended.s, format_position(path, ended.s)
     if ended.code == march.LIMIT:
         i, name = ended.joint, robot.joint_names[ended.joint]
         low, high = robot.limits.lower[i], robot.limits.upper[i]
@@ -139,7 +139,7 @@ def _explain_beyond(
     robot: Robot, path: Path, reach: Array, ended: TrackEnd, q: Array, sigma: float
 ) -> tuple[FollowStatus, str]:
     """Return status and reason of an end that is not at a limit, by solving the IK just behind it."""
-    s, at = ended.s, format_place(path, ended.s)
+    s, at = ended.s, format_position(path, ended.s)
     beyond = path.pose(min(s + BEYOND * path.end, path.end))
     distance = outside_reach(reach, beyond, 0.0, 0.0)
     if distance >= 0.0:
@@ -178,7 +178,7 @@ def _explain_beyond(
 
 def explain_ik_failure(solver: IKSolver, path: Path, s: float, result: IKResult, before: Array) -> PlanFailure:
     """Return the failure of the IK method where the branch continues."""
-    sigma, at = smallest_singular_value(solver.robot, before), format_place(path, s)
+    sigma, at = smallest_singular_value(solver.robot, before), format_position(path, s)
     reason = (
         f"{solver.name} found no configuration at {at} ({result.status}: {1e3 * result.position_error:.3g} mm and "
         f"{np.degrees(result.rotation_error):.3g}° away), where the branch continues; smallest singular value {sigma:.2g}"
@@ -191,7 +191,7 @@ def explain_ik_failure(solver: IKSolver, path: Path, s: float, result: IKResult,
 def explain_branch_jump(solver: IKSolver, path: Path, s: float, step: Array, before: Array) -> PlanFailure:
     """Return the failure of an IK method that converged to another branch."""
     robot, i = solver.robot, int(np.argmax(np.abs(step)))
-    name, at = robot.joint_names[i], format_place(path, s)
+    name, at = robot.joint_names[i], format_position(path, s)
     reason = (
         f"{solver.name} jumps to another configuration at {at}: {name} is {step[i]:.3g} {joint_unit(robot, i)} away "
         "from the tracked branch"

@@ -31,7 +31,7 @@ from planners.following.failure import (
     explain_end,
     explain_ik_failure,
     find_rank_failure,
-    format_place,
+    format_position,
     joint_unit,
 )
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
@@ -73,7 +73,7 @@ class FollowResult(NamedTuple):
 
     @property
     def status(self) -> FollowStatus:
-        """How following ended."""
+        """Outcome of following."""
         return FollowStatus.SOLVED if self.failure is None else FollowStatus(self.failure.status)
 
 
@@ -205,7 +205,7 @@ class Follower:
         """Return the advice for a joint path in collision: a collision-free branch, if there is one."""
         if self.branch == "best":
             what = "branch" if self.robot.n <= 6 else "null-space motion that was tried"
-            return f"another path, or the object elsewhere: no {what} follows the whole path without collision"
+            return f"another path, or another pose of the object: no {what} follows the whole path without collision"
         other = replace(self, branch="best").run()
         if not other or other.joint_path is None:
             return "another path: no other branch that was tried follows the whole path without collision"
@@ -230,7 +230,7 @@ class Follower:
             good, name = int(np.searchsorted(knots, s)), robot.joint_names[i]
             low, high = robot.limits.lower[i], robot.limits.upper[i]
             reason = (
-                f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {format_place(path, s)}"
+                f"{name} leaves its range [{low:.6g}, {high:.6g}] {joint_unit(robot, i)} at {format_position(path, s)}"
             )
             advice = "a path in joint space inside the limits"
             failure = PlanFailure(FollowStatus.OUTSIDE_LIMITS, s, name, reason, advice)
@@ -382,7 +382,7 @@ class Follower:
         """Return a remedy as advice; each one is tried before it is given."""
         robot, path = self.robot, self.path
         shorter = (
-            f"a path that ends before {format_place(path, failure.s)}"
+            f"a path that ends before {format_position(path, failure.s)}"
             if failure.s > 0.0
             else "another start configuration or path"
         )
@@ -399,7 +399,7 @@ class Follower:
                 f'branch="best", which reaches the end of the path from the start configuration {start}; or {shorter}'
             )
         farther = ways and ways[0].s > failure.s + 1e-3 * path.end
-        best = f'branch="best", which goes to {format_place(path, ways[0].s)}; or ' if farther else ""
+        best = f'branch="best", which goes to {format_position(path, ways[0].s)}; or ' if farther else ""
         return f"{best}{shorter}: no branch reaches the end of the path"
 
 

@@ -12,11 +12,11 @@ HALVINGS = 100
 """Halvings of the interval of a joint's peak speed: from 1e9 to the last bit of 1e-12."""
 
 
-def least_move_duration(away: Array, limits: MotionLimits) -> float:
+def compute_least_duration(away: Array, limits: MotionLimits) -> float:
     """Return the least duration [s] of a move by `away` (n,) [rad, m]: that of the slowest joint, by its limits alone.
 
-    A joint reaches its peak speed v from rest in v / A + A / J, or in 2 (v / J)^½ if it does not reach A; it covers half of v
-    times this. The peak speed is the limit V, or less if the distance is short.
+    A joint reaches its peak speed v from rest in v / A + A / J, or in 2 (v / J)^½ if it does not reach A; the distance is
+    half of v times this. The peak speed is the limit V, or less if the distance is short.
     """
     bounds, d = limits.bounds(away.size), np.abs(away)
     V, J, (lower, upper) = bounds["velocity"], bounds["jerk"], sides(bounds["acceleration"])

@@ -28,11 +28,11 @@ ORIENTATION_COLUMNS = (QUATERNION_COLUMNS, ANGLE_COLUMNS, *AXIS_COLUMNS, ROTATIO
 ORIENTATION_UNITS: dict[tuple[str, ...], str] = {ANGLE_COLUMNS: "rad", ROTATION_COLUMNS: "rad", KUKA_COLUMNS: "deg"}
 """Units of the columns of an orientation where the header has none."""
 ASSUMED = {ROTATION_COLUMNS: "rx,ry,rz are rotation vectors", KUKA_COLUMNS: "A,B,C are KUKA's angles about z, y and x"}
-"""What is assumed of columns that other programs use in another way."""
+"""Assumptions about columns whose meaning differs between programs."""
 LONGEST_ROTATION, SHORTEST_AXIS = 2.0 * np.pi + 1e-3, 1e-9
-"""Longest rotation vector [rad], more looks like degrees, and shortest axis [1]."""
+"""Longest rotation vector [rad], because longer ones are probably in degrees, and shortest axis [1]."""
 FARTHEST_POINT = 100.0
-"""Farthest point [m] where the arm is not known: larger numbers look like millimetres."""
+"""Farthest point [m] for an unknown arm: larger coordinates are probably in millimetres."""
 LEAST_VIA_TOLERANCE = 1e-6
 """Least tolerance of a via point [m, rad]: below it, rounding decides whether the point is met."""
 ACCEPTED_HEADER = (
@@ -61,7 +61,7 @@ def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | N
         free = f"{','.join(turned)}, which leave the rotation about the axis free,"
         what = f"the file has {free if turned else 'no columns of an orientation'}"
         raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because {what}")
-    return _poses(table, turned, _rotation(np.eye(3) if orientation is None else orientation), robot)
+    return _read_poses(table, turned, _check_rotation(np.eye(3) if orientation is None else orientation), robot)
 
 
 def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[JointWaypoint]:
@@ -76,47 +76,47 @@ def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[J
     names, parts = table.columns, (POSITION_COLUMNS, TOLERANCE_COLUMNS)
     table.refuse_others([*joints, *turned, *POSITION_COLUMNS, *TOLERANCE_COLUMNS], accepted)
     if not set(joints) <= set(names) or any(0 < len(set(part) & set(names)) < len(part) for part in parts):
-        raise table.header_error(accepted)
+        raise table.make_header_error(accepted)
     others = [name for name in names if name in POSITION_COLUMNS + turned]
     if len(table.lines) < 2:
         raise InvalidInput(table.file, "fewer than two rows", "a start and a goal")
     tolerances = TOLERANCE_COLUMNS if TOLERANCE_COLUMNS[0] in names else ()
-    at_joints, with_tolerance = _filled(table, joints), _filled(table, tolerances)
+    at_joints, with_tolerance = _find_filled(table, joints), _find_filled(table, tolerances)
     at_poses = ~at_joints
-    wrong = _filled(table, others) != at_poses
+    wrong = _find_filled(table, others) != at_poses
     ends = [i for i in (0, -1) if with_tolerance[i] or (i == 0 and at_poses[0])]
     if wrong.any() or ends:
         i = int(wrong.argmax()) if wrong.any() else ends[0]
         which = "start, a configuration without a tolerance" if i == 0 else "goal, without a tolerance"
         expected = "a configuration, or a pose and empty cells of the joints" if wrong.any() else f"the {which}"
-        raise InvalidInput(table.place(i), repr(table.lines[i][1])[:100], expected)
-    rows = table.part(np.flatnonzero(at_joints))
-    q, (lower, upper) = rows.numbers(list(joints)), (robot.limits.lower, robot.limits.upper)
+        raise InvalidInput(table.locate(i), repr(table.lines[i][1])[:100], expected)
+    rows = table.select_rows(np.flatnonzero(at_joints))
+    q, (lower, upper) = rows.read_numbers(list(joints)), (robot.limits.lower, robot.limits.upper)
     for row, i in np.argwhere((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE))[:1]:
         name, unit = list(joints)[i], list(joints.values())[i]
         advice = "" if names[name].unit or unit == "m" else f"{name} is in radians, {name}_deg in degrees"
         expected = f"a value in [{lower[i]:.6g}, {upper[i]:.6g}] {unit}, the range of {robot.joint_names[i]}"
-        raise InvalidInput(rows.place(row, name), f"{q[row, i]:.6g} {unit}", expected, advice=advice)
-    rows = table.part(np.flatnonzero(at_poses))
-    targets = iter(q), iter(_poses(rows, turned, robot.fk(q[0])[:3, :3], robot) if rows.lines else ())
-    chosen = table.part(np.flatnonzero(with_tolerance))
-    allowed = chosen.numbers(tolerances) * ([1e-3, np.pi / 180.0] if tolerances else 1.0)
+        raise InvalidInput(rows.locate(row, name), f"{q[row, i]:.6g} {unit}", expected, advice=advice)
+    rows = table.select_rows(np.flatnonzero(at_poses))
+    targets = iter(q), iter(_read_poses(rows, turned, robot.fk(q[0])[:3, :3], robot) if rows.lines else ())
+    chosen = table.select_rows(np.flatnonzero(with_tolerance))
+    allowed = chosen.read_numbers(tolerances) * ([1e-3, np.pi / 180.0] if tolerances else 1.0)
     for row, i in np.argwhere(allowed < LEAST_VIA_TOLERANCE)[:1]:
-        place, got = chosen.place(row, tolerances[i]), chosen.cells(row, [tolerances[i]])[0]
+        place, got = chosen.locate(row, tolerances[i]), chosen.read_cells(row, [tolerances[i]])[0]
         raise InvalidInput(place, got, f"a tolerance of at least {LEAST_VIA_TOLERANCE:g} m or rad, or an empty cell")
     tolerance, given = iter(allowed.tolist()), zip(at_poses.astype(int), with_tolerance, strict=True)
     return [JointWaypoint(next(targets[kind]), tuple(next(tolerance)) if has else None) for kind, has in given]
 
 
-def _filled(table: Table, names: Iterable[str]) -> Flags:
+def _find_filled(table: Table, names: Iterable[str]) -> Flags:
     """Return the rows whose cells in these columns are filled; all of a row or none must be."""
     names, filled = list(names), []
     for row in range(len(table.lines)):
-        cells = table.cells(row, names)
+        cells = table.read_cells(row, names)
         if any(cells) and not all(cells):
             empty = names[cells.index("")]
             expected = f"numbers in all of {','.join(names)}, or in none"
-            raise InvalidInput(table.place(row, empty), "an empty cell", expected)
+            raise InvalidInput(table.locate(row, empty), "an empty cell", expected)
         filled.append(any(cells))
     return np.array(filled, dtype=np.bool_)
 
@@ -124,7 +124,7 @@ def _filled(table: Table, names: Iterable[str]) -> Flags:
 def _resolve(
     table: Table, others: Mapping[str, str], unit: str | None, accepted: str = ACCEPTED_HEADER
 ) -> tuple[Table, tuple[str, ...]]:
-    """Return the table with the bare names of its columns, and the columns of its orientation; note what is assumed."""
+    """Return the table with the bare names of its columns, and the columns of its orientation; note assumptions."""
     if unit is not None and unit not in UNIT_SIZES[0]:
         raise InvalidInput("unit", repr(unit)[:60], f"the unit of x,y,z: {', '.join(UNIT_SIZES[0])}")
     units = {name: ORIENTATION_UNITS.get(names, "") for names in ORIENTATION_COLUMNS for name in names}
@@ -132,38 +132,38 @@ def _resolve(
     resolved = table.resolve({**others, **units, **dict.fromkeys(POSITION_COLUMNS, unit or ("mm" if kuka else "m"))})
     turned = [names for names in ORIENTATION_COLUMNS if set(names) <= set(resolved.columns)]
     if len(turned) > 1 or (not set(POSITION_COLUMNS) <= set(resolved.columns) and (turned or not others)):
-        raise table.header_error(accepted)
+        raise table.make_header_error(accepted)
     stated = {resolved.columns[name].unit for name in POSITION_COLUMNS if name in resolved.columns} - {""}
     if unit is not None and stated - {unit}:
-        raise InvalidInput("unit", repr(unit), f"{', '.join(stated)}, the unit in {table.place()}, or none")
+        raise InvalidInput("unit", repr(unit), f"{', '.join(stated)}, the unit in {table.locate()}, or none")
     table.notes.extend(ASSUMED[names] for names in turned if names in ASSUMED)
     if kuka and unit is None and not stated:
-        table.notes.append("X,Y,Z are millimetres, as A,B,C are KUKA's")
+        table.notes.append("X,Y,Z are in millimetres, because A,B,C are KUKA's")
     return resolved, turned[0] if turned else ()
 
 
-def _poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
+def _read_poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
     """Return the poses (k, 4, 4) of rows; a tool axis has the orientation nearest to the first one."""
-    p, values = table.numbers(POSITION_COLUMNS), table.numbers(turned)
+    p, values = table.read_numbers(POSITION_COLUMNS), table.read_numbers(turned)
     far, most = np.linalg.norm(p, axis=1), FARTHEST_POINT
     if robot is not None:
         reach = reach_bound(robot, POSE)
         most = min(most, FARTHEST_REACH * float(reach[7] + np.linalg.norm(reach[:3]) + np.linalg.norm(reach[3:6])))
     for row in np.flatnonzero(far > most)[:1]:
-        place, got = table.place(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
-        advice = "" if table.columns["x"].unit else "unit='mm' takes x,y,z as millimetres"
+        place, got = table.locate(row, *POSITION_COLUMNS), f"a coordinate of {np.abs(p[row]).max():.6g} m"
+        advice = "" if table.columns["x"].unit else "unit='mm' reads x,y,z in millimetres"
         raise InvalidInput(place, got, f"points within {most:.3g} m of the base", advice=advice)
-    return np.stack([se3.pose(R, x) for R, x in zip(_rotations(table, turned, values, first), p, strict=True)])
+    return np.stack([se3.pose(R, x) for R, x in zip(_read_rotations(table, turned, values, first), p, strict=True)])
 
 
-def _rotation(orientation: ArrayLike) -> Array:
+def _check_rotation(orientation: ArrayLike) -> Array:
     R = real_array(orientation, "orientation", "a rotation (3, 3)")
     if R.shape != (3, 3):
         raise InvalidInput("orientation", f"shape {R.shape}", "a rotation (3, 3)")
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 
-def _rotations(table: Table, turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
+def _read_rotations(table: Table, turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
     """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
         return [first] * len(values)
@@ -178,7 +178,7 @@ def _rotations(table: Table, turned: tuple[str, ...], values: Array, first: Arra
     if turned == QUATERNION_COLUMNS:
         good, expected = unit, "a vector of length 1"
     for row in np.flatnonzero(~good)[:1]:
-        raise InvalidInput(table.place(row, *turned), f"a vector of length {length[row]:.6g}", expected)
+        raise InvalidInput(table.locate(row, *turned), f"a vector of length {length[row]:.6g}", expected)
     if turned == ROTATION_COLUMNS:
         return list(se3.exp_so3(values))
     if turned == QUATERNION_COLUMNS:
@@ -192,7 +192,7 @@ def _rotations(table: Table, turned: tuple[str, ...], values: Array, first: Arra
         sine = float(np.linalg.norm(w))
         if cosine < 0.0 and sine < 1e-6:
             got = f"an axis opposite to {'the previous one' if row else 'orientation='}"
-            raise InvalidInput(table.place(row, *turned), got, "a turn of less than 180°")
+            raise InvalidInput(table.locate(row, *turned), got, "a turn of less than 180°")
         turn = w * (np.arctan2(sine, cosine) / sine) if sine > 0.0 else np.zeros(3)
         rotations.append(se3.exp_so3(turn) @ rotations[-1])
     return rotations[1:]

@@ -20,7 +20,7 @@ from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
 from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
-from optik.tables import Names, read_table, tell_assumed
+from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
 from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
@@ -163,7 +163,7 @@ class PointToPoint(Path):
         file : str or path
             The table. Its columns ``tolerance_mm`` and ``tolerance_deg`` are the tolerances of via points; empty: exactly.
         unit, columns, ignore
-            As of `Polyline.from_csv`.
+            As in `Polyline.from_csv`.
 
         Returns
         -------
@@ -183,7 +183,7 @@ class PointToPoint(Path):
         start, *points = read_joint_waypoints(robot, table, unit)
 
         def name(text: object) -> str:
-            return re.sub(r"\bpoint (\d+)", lambda i: table.place(int(i[1]) + 1), str(text))
+            return re.sub(r"\bpoint (\d+)", lambda i: table.locate(int(i[1]) + 1), str(text))
 
         try:
             path = cls(robot, start.target, *(ViaPoint(*point) for point in points))
@@ -191,7 +191,7 @@ class PointToPoint(Path):
             raise InvalidInput(name(error.argument), name(error.got), name(error.expected)) from None
         except NoSolution as error:
             raise NoSolution(name(error.reason), advice=error.advice) from None
-        path.notes = tell_assumed(file, table.notes)
+        path.notes = warn_of_assumptions(file, table.notes)
         return path
 
     def with_coefficients(self, coefficients: Array) -> PointToPoint:

@@ -14,7 +14,7 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.compiled import compiled
 from optik.errors import InvalidInput
-from optik.tables import Names, read_table, tell_assumed
+from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
 from planners.curve import bells
 from planners.paths._poses import shortest_turn
@@ -132,17 +132,17 @@ class Polyline(Path):
     ) -> Self:  # fmt: skip
         """Return the polyline through the waypoints of a table.
 
-        The first line is a header, whose separator holds for the file: semicolons, tabs, commas or spaces. Decimal commas are
-        read, too. The names identify the columns, in any order, in upper or lower case, with units as ``x_mm`` or ``x [mm]``:
+        The first line is a header. All lines have its separator: semicolons, tabs, commas or spaces. Decimal commas are read,
+        too. The names identify the columns, in any order, in upper or lower case, with units such as ``x_mm`` or ``x [mm]``:
 
         - the position ``x,y,z`` [m];
         - the orientation, if any: a quaternion ``qx,qy,qz,qw``; ``roll,pitch,yaw`` [rad] with R = Rz(yaw) Ry(pitch) Rx(roll); a
-          rotation vector ``rx,ry,rz`` [rad]; KUKA's ``A,B,C`` [deg], beside which x,y,z are millimetres; or a tool axis
+          rotation vector ``rx,ry,rz`` [rad]; KUKA's ``A,B,C`` [deg], with x,y,z in millimetres; or a tool axis
           ``i,j,k`` of CAM files or surface normal ``nx,ny,nz`` of any length. It points away from the workpiece: the tool's z
           axis is opposite. Of all orientations with that axis, a waypoint has the one nearest to the waypoint before.
 
         Positions and orientations are those of the tool in the base frame. Empty lines and lines that begin with ``#`` are
-        skipped. What is assumed is in the attribute ``notes`` of the result, and in an `AssumptionWarning`.
+        skipped. Assumptions are listed in the attribute ``notes`` of the result, and in an `AssumptionWarning`.
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class Polyline(Path):
         blend, blend_rotation : float
             As of `Polyline` [m, rad].
         robot : Robot, optional
-            The arm: points beyond three times its reach are refused, because they look like millimetres.
+            The arm: points beyond three times its reach are refused, because they are probably in millimetres.
         unit : {"m", "mm", "cm", "in"}, optional
             Unit of x,y,z, if the header has none.
         columns : str or sequence of str, optional
@@ -175,7 +175,7 @@ class Polyline(Path):
         """
         table = read_table(file, columns, ignore)
         path = cls(read_waypoints(table, orientation, robot, unit), blend=blend, blend_rotation=blend_rotation)
-        path.notes = tell_assumed(file, table.notes)
+        path.notes = warn_of_assumptions(file, table.notes)
         return path
 
     @property

@@ -22,7 +22,7 @@ LIMIT_FRACTIONS = (0.995, 0.8, 0.6)
 """Fractions of the limits for a sweep, tried in turn until one is smooth: a sweep exceeds its limits between its knots, and on
 a motion of many short pieces it is shorter with more room."""
 MORE_FRACTIONS = (0.99, 0.97, 0.9)
-"""Fractions that are tried, too, where the optimum is not found in time: a sweep is not shorter for every larger one."""
+"""Fractions that are also tried if the optimum is not found in time: a larger one does not always give a shorter stop."""
 DELAYS = (0.15, 0.35, 0.7, 1.2, 2.0, 3.5, 7.0)
 """Times for which the arm follows the motion if it cannot brake at once, as multiples of the time of a usual stop."""
 SHORTEST = 1e-6

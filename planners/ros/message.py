@@ -54,14 +54,14 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
 class Setpoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
-    `from_start` says whether the clock starts with the motion; `place` names a row for errors; `notes` are assumptions.
+    `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions.
     """
 
     t: Array
     begin: float
     values: list[Array]
     from_start: bool
-    place: Callable[[int], str]
+    locate: Callable[[int], str]
     notes: list[str]
 
 
@@ -111,7 +111,7 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
 
 
 def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[int]:
-    """Return the place of each joint among the joints of a message; others must be ignored."""
+    """Return the index of each joint among the joints of a message; others must be ignored."""
     listed = list(map(str, found)) if isinstance(found, list) else []
     others = [name for name in listed if name not in names and name not in ignore]
     if len(set(listed)) != len(listed) or not set(names) <= set(listed) or others:

@@ -48,14 +48,14 @@ path is tried: where little is gained, the obstacles hold the path on a long way
 MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
 DENSITIES = (1.0, 2.0)
-"""Intervals of the law around obstacles over its usual ones: between few grid points, such paths bend out of the limits."""
-NO_WAY_AROUND = 1e-5
+"""Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
+STRAIGHT_DISTANCE = 1e-5
 """Distance of the goal from the start [rad, m] up to which the straight path is taken."""
 ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
-"""Durations over the least one of a move of joints: up to the first, the coarse grid suffices; up to the second, an iteration
-ends, since the law then shortens the motion along its path; up to the third, the fine grid starts from the coarse result."""
+"""Ratios of a duration to the least one of a joint move. Up to the first, the coarse grid suffices. Up to the second, an
+iteration ends, and the law shortens the motion along its path. Up to the third, the fine grid starts from the coarse result."""
 MAY_GAIN = 1.05
-"""Duration on the coarse grid, over that of another initial path, up to which the fine grid is tried, too."""
+"""Ratio of the duration on the coarse grid to that from another initial path, up to which the fine grid is tried."""
 
 
 VIA_ADVICE = "another via point, or a smaller margin"
@@ -109,7 +109,7 @@ def check_avoid(value: Any) -> bool | str | os.PathLike[str] | Search:
 def check_avoidable(
     robot: Robot, path: Path | ArrayLike, q_start: ArrayLike | None, scene: Scene | None, winding: str
 ) -> Path:  # fmt: skip
-    """Return a path that can avoid obstacles: joints or a pose as goal become a `PointToPoint`, unless they are the start."""
+    """Return a path that can avoid obstacles: a goal (joints or a pose) becomes a `PointToPoint`, unless it is the start."""
     if scene is None:
         raise InvalidInput("scene", "None", "a Scene with the obstacles to avoid")
     check_scene(robot, scene)
@@ -126,7 +126,7 @@ def check_avoidable(
         return path
     start, goal = read_goal(robot, path, q_start, winding)
     away = goal - start if goal.ndim == 1 else robot.pose_errors(start, se3.check_pose(goal, "path"))
-    if not np.abs(away).max() > NO_WAY_AROUND:
+    if not np.abs(away).max() > STRAIGHT_DISTANCE:
         return path_to(robot, path, start, winding)
     try:
         return PointToPoint(robot, start, goal)
@@ -135,7 +135,7 @@ def check_avoidable(
 
 
 def advise_elbow(failure: PlanFailure | None, path: Path, robot: Robot) -> PlanFailure | None:
-    """Return the failure of a plan around obstacles, for a redundant arm without the freedom of its elbow with that advice."""
+    """Return the failure of a plan around obstacles; advise `elbow` if a redundant arm is in contact without this freedom."""
     may_move = robot.n > 6 and isinstance(path, FreePath) and all(kind.screws for kind in path.kinds)
     if failure is None or failure.status != FollowStatus.CONTACT or not may_move:
         return failure

@@ -60,7 +60,7 @@ def find_path(
     shortcuts : int
         Number of random shortcuts that are tried on each path; 0 returns the path as found.
     paths : int
-        Number of searches; one that finds no path is the last. The shortest of three paths is 6 % shorter than one (mean of
+        Number of searches; the first without a path ends them. The shortest of three paths is 6 % shorter than one (mean of
         MotionBenchMaker's problems). Equal paths are returned once. A free straight line to the nearest goal ends the searches.
     winding : {"nearest", "exact"}
         For a goal configuration: "nearest" lets joints without limits end whole turns away from it; "exact" does not.

@@ -45,7 +45,7 @@ def connect(
 
     This is RRT-Connect (Kuffner and LaValle 2000). Each sample extends the smaller tree by one step. Then the other tree grows
     towards the new configuration until an edge is not free. The first attempt grows from the nearest goal to the start. If
-    `local`, every second sample is moved near a configuration of the smaller tree: one in a narrow place can grow only there.
+    `local`, every second sample is moved near a configuration of the smaller tree: in a narrow passage it grows only there.
 
     Shapes and units: samples (k, n) within ranges (2, n) [rad, m], step [rad, m].
 

@@ -14,11 +14,11 @@ from planners.search.base import Attempt, JointSpace, Search
 NODES_OF_A_SAMPLE = 4
 """Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
 RESTART_GROWTH, MOST_RESTART = 4, 1_000_000
-"""Factor of the second number of samples before a restart over the first; and the largest: more trees would fill the memory."""
+"""Ratio of the second number of samples before a restart to the first, and the largest number, which memory limits."""
 
 
 class RRTConnect(Search):
-    """RRT-Connect (Kuffner and LaValle 2000) with proved edges; after the first restart every second sample is a local one.
+    """RRT-Connect (Kuffner and LaValle 2000) with proved edges; after the first restart every second sample is local.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ class RRTConnect(Search):
     step : float
         Longest edge in joint space [rad, m].
     restart : int
-        Number of samples after which both trees start anew, and again after four times as many more; then they grow. The time
-        of a search varies much, and long ones rarely end well; a narrow passage needs large trees.
+        Number of samples before the first restart of both trees; a second one follows after four times as many. Long searches
+        rarely succeed, so restarts save time. The last trees grow large, as narrow passages need.
     """
 
     name: ClassVar[str] = "rrt_connect"

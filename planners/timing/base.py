@@ -174,7 +174,9 @@ class TimeLaw(ABC):
             given = dict.fromkeys((*limits.given_names, *unknown))
             arguments = ", ".join(["robot", *(f"{f}=..." for f in given)])
             expected = f"limits on {named} for the law {self.name!r}: MotionLimits.of({arguments})"
-            raise InvalidInput("limits", f"none on {named}", f"{expected}, with the other limits of {robot.name}")
+            raise InvalidInput(
+                "limits", f"none on {named}", f"{expected}, which keeps the other limits of {robot.name}"
+            )
         return bound
 
     def _list_missing(self, limits: MotionLimits, robot: Robot) -> list[str]:

@@ -155,7 +155,7 @@ def test_certify_reads_a_table_of_another_program(tmp_path: Path, typed: Any) ->
         given += option
     status, out, said = typed(*given)
     assert status == 0 and "certificate valid" in out and "log.csv: 0.7500 s" in out and "path error" not in out
-    words = ["the columns time_from_start,a1,a2,effort are taken as", "decimal commas", "at rest at the start"]
+    words = ["the columns time_from_start,a1,a2,effort are read as", "decimal commas", "at rest at the start"]
     assert all(each in said for each in words), said
     status, out, _ = typed(*given, "--json")
     data = json.loads(out)

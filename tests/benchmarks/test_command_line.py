@@ -274,7 +274,7 @@ TWO_ENDS = """<robot name="two"><link name="base"/><link name="arm"/><link name=
 def test_one_line_says_which_tip_was_taken_or_how_to_take_one(typed: Any, tmp_path: Path) -> None:
     arm = write(tmp_path / "two.urdf", TWO_ENDS)
     for options, x, line in (
-        ((), 0.5, "URDF 'two', from base to tool0, chosen by its name; --tip takes another\n"),
+        ((), 0.5, "URDF 'two', from base to tool0, chosen by its name; --tip selects another\n"),
         (("--tip", "ee"), 0.7, ""),
     ):
         status, out, said = typed("fk", "0", "-r", str(arm), "--json", *options)
@@ -282,7 +282,7 @@ def test_one_line_says_which_tip_was_taken_or_how_to_take_one(typed: Any, tmp_pa
     write(arm, TWO_ENDS.replace("tool0", "tip"))
     status, _, said = typed("fk", "0", "-r", str(arm))
     assert (status, said) == (
-        2, f"error: robot 'two' in {arm}: usable tips are tip (1 joint), ee (1 joint); for the first: --tip tip\n"
+        2, f"error: robot 'two' in {arm}: possible tips are tip (1 joint), ee (1 joint); for the first: --tip tip\n"
     )  # fmt: skip
     assert "--tip hand names no link" in typed("fk", "0", "-r", str(arm), "--tip", "hand")[2]
     assert "tip=LINK, base=LINK" in typed("fk", "0", "-r", f"{arm}#end=tip")[2]  # these follow a path

@@ -246,7 +246,7 @@ BAD = [
     ("world: {collision_objects: null}\nis_dif: false", "is_dif unknown"),
     (
         SCENE.replace("id: can", "id: shelf"),
-        r"collision_objects\[1\].id: .*than collision_objects\[0\] has; got 'shelf'",
+        r"collision_objects\[1\].id: .*differs from that of collision_objects\[0\]; got 'shelf'",
     ),
     (SCENE.replace("{x: 0, y: 0, z: 2}", "{X: 0}"), "the field 'X'"),
     ("world: {collision_objects: [{id: a}]}", "'a' without parts"),

@@ -69,7 +69,7 @@ def test_a_rule_takes_the_tip_that_people_mean_and_says_which(text, tip, n, reas
     robot = Robot.from_urdf(text)
     assert robot.joint_names == tuple(f"j{i}" for i in range(n))
     assert robot == Robot.from_urdf(text, tip)
-    said = f"from link0 to {tip}" + (f", {reason}; tip= takes another" if reason else "")
+    said = f"from link0 to {tip}" + (f", {reason}; tip= selects another" if reason else "")
     assert str(robot).endswith(said) and robot.source.endswith(said) and "\n" not in str(robot)
     assert Robot.from_dict(robot.to_dict()).source == robot.source
 
@@ -100,7 +100,7 @@ def test_without_a_rule_one_line_lists_the_usable_tips_and_how_to_take_one(text,
     with pytest.raises(RobotModelError) as caught:
         Robot.from_urdf(text)
     first = words.split(" ")[0]
-    assert caught.value.problem == f"usable tips are {words}; for the first: tip={first!r}"
+    assert caught.value.problem == f"possible tips are {words}; for the first: tip={first!r}"
     for part in words.split("), "):
         link, count = part.split(" (")
         assert Robot.from_urdf(text, link).n == int(count.split(" ")[0])
@@ -127,7 +127,7 @@ def test_errors_of_a_file_name_it(tmp_path):
     file = tmp_path / "two.urdf"
     file.write_text(LISTS["two arms"][0])
     for load in (optik.load, Robot.from_urdf):
-        with pytest.raises(RobotModelError, match=r"^robot 'arm' in .*two\.urdf: usable tips") as caught:
+        with pytest.raises(RobotModelError, match=r"^robot 'arm' in .*two\.urdf: possible tips") as caught:
             load(file)
         assert caught.value.file == str(file)
     with pytest.raises(RobotModelError, match=r"^robot 'arm' in .*two\.urdf: no <collision>"):

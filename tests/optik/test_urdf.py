@@ -368,7 +368,7 @@ BAD_ARMS = {
     "two arms": (
         arm(joint(0), joint(1, parent="link0", child="link2"), links=3),
         {},
-        "usable tips are link1 (1 joint), link2 (1 joint); for the first: tip='link1'",
+        "possible tips are link1 (1 joint), link2 (1 joint); for the first: tip='link1'",
     ),
     "no such tip": (PLAIN, {"tip": "hand"}, "tip='hand' names no link; there are: base, upper"),
     "no such base": (PLAIN, {"tip": "tool0", "base": "world"}, "base='world' names no link"),

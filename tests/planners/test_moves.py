@@ -6,7 +6,7 @@ import pytest
 import optik
 from optik import Scene
 from planners import Arc, MotionLimits, plan, replan
-from planners.limits._moves import least_move_duration
+from planners.limits._moves import compute_least_duration
 from planners.paths.point_to_point import PointToPoint
 from tests.planners.cases import START, paper6r
 from tests.seeds import shift_seed
@@ -29,7 +29,7 @@ def test_it_is_that_of_ruckigs_slowest_joint(sided: bool) -> None:
         motion = ruckig.Trajectory(n)
         assert ruckig.Ruckig(n).calculate(given, motion) in (ruckig.Result.Working, ruckig.Result.Finished)
         limits = MotionLimits(V, (-below, A) if sided else A, J)
-        assert least_move_duration(away, limits) == pytest.approx(max(motion.independent_min_durations), rel=1e-12)
+        assert compute_least_duration(away, limits) == pytest.approx(max(motion.independent_min_durations), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_it_is_that_of_ruckigs_slowest_joint(sided: bool) -> None:
 )
 def test_limits_that_are_unknown_do_not_count(limits: MotionLimits, expected: float) -> None:
     """One radian: at V; in 2 (d / A)^½; in (32 d / J)^⅓; and the other joint by nothing."""
-    assert least_move_duration(np.array([-1.0, 0.0]), limits) == pytest.approx(expected, abs=2e-9)
+    assert compute_least_duration(np.array([-1.0, 0.0]), limits) == pytest.approx(expected, abs=2e-9)
 
 
 def test_plans_of_joint_moves_state_it_and_none_is_faster() -> None:
@@ -52,9 +52,9 @@ def test_plans_of_joint_moves_state_it_and_none_is_faster() -> None:
     for law in ("optimal", "ruckig", "smooth"):
         goal = START + rng.uniform(-0.6, 0.6, 6)
         move = plan(paper6r(), goal, START, limits=LIMITS, timing=law)
-        assert move.least_duration == least_move_duration(goal - START, LIMITS)
+        assert move.least_duration == compute_least_duration(goal - START, LIMITS)
         assert move.trajectory.duration >= move.least_duration * (1.0 - 1e-9)
-        assert f"the slowest joint alone {move.least_duration:.3g} s" in str(move)
+        assert f"(slowest joint alone: {move.least_duration:.3g} s)" in str(move)
         assert replan(move, 0.1, stop=True).least_duration is None
 
 

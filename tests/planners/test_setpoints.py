@@ -183,7 +183,7 @@ def test_columns_can_be_named_by_the_caller(read: Callable[..., Trajectory]) -> 
     check(read(rows, columns="t,j1,j2"), 0)
     with pytest.warns(AssumptionWarning, match="decimal commas"):
         check(read(rows.replace(".", ","), columns=["t", "j1", "j2"]), 0)
-    with pytest.warns(AssumptionWarning, match=r"the columns zeit,a1,a2 are taken as t,j1,j2"):
+    with pytest.warns(AssumptionWarning, match=r"the columns zeit,a1,a2 are read as t,j1,j2"):
         check(read("zeit a1 a2\n" + rows, columns="t,j1,j2"), 0)
     with pytest.raises(InvalidInput, match=r"line 1: .*columns='x,y,z,…' names the columns"):
         read(rows)

@@ -68,11 +68,11 @@ def test_every_header_gives_the_poses_that_were_written(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ["no line", "header"]),
+        ("", ["no lines", "header"]),
         ("0,0,0\n1,0,0\n", ["line 1", "'0,0,0'"]),
         ("x,y\n0,0\n", ["line 1", "x_mm,y_mm,z_mm"]),
         ("x;y;z\n0,0,0\n", ["line 2", "1 values", "separated by semicolons"]),
-        ("x,y,z\n0,4,0,5,0,3\n1,2,3\n", ["line 2", "6 values", "decimal commas need another separator"]),
+        ("x,y,z\n0,4,0,5,0,3\n1,2,3\n", ["line 2", "6 values", "with decimal commas, use another separator"]),
         ('x,y,z\n"1,234",0,0\n1,2,3\n', ["line 2", "'1,234'", "one decimal mark"]),
         ("x;y;z\n0,4;0;0\n0.5;0;0\n", ["line 3", "'0.5'", "one decimal mark"]),
         ("x;y;z\n1.234,5;0;0\n0,5;0;0\n", ["line 2, column x", "'1.234,5'", "a finite number"]),
@@ -134,7 +134,7 @@ TILT = Rotation.from_euler("ZYX", [30.0, 20.0, 10.0], degrees=True)
         (seam("x,y,z,nx,ny,nz", "0,0,1"), {}, Rotation.from_euler("x", np.pi), []),
         (seam("x,y,z,i,j,k", "0,0,2.5"), {}, Rotation.from_euler("x", np.pi), ["axes of lengths 2.5 to 2.5"]),
         (seam("x,y,z,feed", "20"), {"ignore": "feed"}, None, []), (seam("a,b,c,d", "20", 1e3), {"columns": "x,y,z,feed",
-         "ignore": ["feed"], "unit": "mm"}, None, ["the columns a,b,c,d are taken as x,y,z,feed"]),
+         "ignore": ["feed"], "unit": "mm"}, None, ["the columns a,b,c,d are read as x,y,z,feed"]),
         (seam("x\ty\tz\tremark", "far away", 1.0, "\t"), {"ignore": "remark"}, None, []),
         (seam("", "1"), {"columns": "x,y,z,n", "ignore": "n"}, None, []),
     ],
@@ -228,7 +228,7 @@ def test_joint_waypoints_are_configurations_and_poses_with_tolerances(tmp_path: 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "got no line"),
+        ("", "got no lines"),
         (f"{POSE}\n1,2,3\n", f"names {JOINTS} "),
         (f"{JOINTS},q7_deg\n{STARTS},1\n", "'q7_deg'"),
         (f"{JOINTS},tolerance_mm\n{STARTS},1\n", "tolerance_mm,tolerance_deg for tolerances"),

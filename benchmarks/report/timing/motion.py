@@ -81,7 +81,7 @@ def _table(b: BlockRows) -> Table:
     )
     moved = b.rows.filter(pl.col("method") == OURS)["moved"].sum() if "moved" in b.rows.columns else 0
     note += (
-        f" In {moved} an end exceeds a limit by less than the rounding of its print, and is moved onto it."
+        f" In {moved}, start or goal exceeds a rounded joint limit by less than its rounding error, and is moved onto it."
         if moved
         else ""
     )

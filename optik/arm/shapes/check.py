@@ -23,7 +23,7 @@ MOST_CAPSULES = 4096
 
 
 def check_capsules(value: Any, least: int = 1) -> Capsules:
-    """Check capsules, at least some number of them; return them as kernels take them."""
+    """Check capsules and their least number; return them in the form of the kernels."""
     if isinstance(value, tuple) and len(value) == 4 and all(isinstance(part, np.ndarray) for part in value):
         if len({part.shape[:1] for part in value}) != 1 or not value[0].ndim:
             raise InvalidInput(

@@ -23,7 +23,7 @@ NEIGHBOURS = "neighbours"
 PAYLOAD = "payload"
 """Name of the capsules of a payload, which move with the tool's frame."""
 MOST_DESCRIBED = 3
-"""Most links without a shape that a message describes."""
+"""Largest number of links without a shape that a message describes."""
 Apart: TypeAlias = tuple[str | int, str | int, str]
 """Two parts of an arm, each a name of capsules or a number of a link, and the reason why they are not checked."""
 
@@ -46,7 +46,7 @@ class Shapes:
     source : str
         Source of the numbers.
     unread : sequence of (str, str), optional
-        Links of a URDF whose shape could not be read, and why; a plan in a scene is then refused.
+        Links of a URDF whose shape could not be read, and why; plans with a scene are then refused.
 
     Raises
     ------
@@ -106,12 +106,12 @@ class Shapes:
         return len(self.capsules[3])
 
     def describe_unread(self) -> str:
-        """Return which links have no shape because it could not be read, and what to do."""
+        """Describe the links whose shapes could not be read, with advice."""
         words = "; ".join(f"link {link!r}: {reason}" for link, reason in self.unread[:MOST_DESCRIBED])
         more = f"; and {len(self.unread) - MOST_DESCRIBED} more" if len(self.unread) > MOST_DESCRIBED else ""
         links = tuple(dict.fromkeys(link for link, _ in self.unread))
         advice = f"give the shapes (a file, or shapes.with_part), or plan without them: without_shape={links}"
-        return f"collision shapes that cannot be read ({words}{more}); plans in a scene are refused: {advice}"
+        return f"collision shapes that cannot be read ({words}{more}); plans with a scene are refused: {advice}"
 
     # ------------------------------------------------------------ pairs
 

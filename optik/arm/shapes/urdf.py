@@ -50,7 +50,7 @@ def read_shapes(tree: Tree, base: str, placed: list[tuple[Joint, Array]], folder
 
 
 def _read_own(tree: Tree, link: str, folders: MeshFolders, unread: list[tuple[str, str]]) -> list[Capsule]:
-    """Read the capsules of a link's own <collision> elements, in the link's frame; add why one is not read to a list."""
+    """Read the capsules of a link's own <collision> elements, in its frame; append the reason to `unread` if one fails."""
     found = []
     for element in tree.parts(link, "collision"):
         where = f"<collision> of link {link!r}"

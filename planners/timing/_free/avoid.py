@@ -166,7 +166,7 @@ def _between(path: Array, s: Array) -> Array:
     return np.concatenate([inner.reshape(-1, q.shape[1]), q[-1:]])
 
 
-def guess_from(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
+def find_guess(found: Timed | None, near: float, s: Array) -> tuple[Array, Array] | None:
     """Return the coefficients of a coarse plan and its joints at grid points s, if there is one that takes at most `near` [s].
 
     A slower plan may be on a detour, which the iteration cannot leave.
@@ -183,7 +183,7 @@ def choose_around(
     """Return the fastest plan that is valid in a scene, or the one along the initial path; what was done; and the rounds.
 
     Every round starts from the initial path, because the iteration cannot leave an obstacle, or from a better guess if one is
-    given. An iteration ends at a duration [s] that is enough. If no valid plan is found and the number of coefficients was not
+    given. An iteration ends at a duration of `enough` [s]. If no valid plan is found and the number of coefficients was not
     given, more coefficients are tried.
     """
     best, path, tried, rounds, steps = fixed, choice.initial, 0, 0, 0

@@ -32,7 +32,7 @@ FREE_ROOM = 1e3
 SLOT_ROOM = 0.03
 """Room [m] below which a pair is limited."""
 BLOCK = 32
-"""Number of pairs of a capsule that are passed over together."""
+"""Number of pairs of a capsule that are skipped together."""
 NO_DIRECTION = 1e-12
 """Distance of axes [m] below which nothing tells where to move."""
 
@@ -42,7 +42,7 @@ class NearPairs:
 
     A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
     capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
-    block of pairs of one capsule is passed over if its least bound suffices.
+    block of pairs of one capsule is skipped if its least bound suffices.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:

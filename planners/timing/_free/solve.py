@@ -16,7 +16,7 @@ FIRST_WEIGHT, LAST_WEIGHT = 0.01, 3e-5
 MOST_FREE_STEPS, STEP_HALVINGS = 150, 12
 """Most Newton steps, and most halvings of each."""
 ROUGH_RESIDUAL = 0.05
-"""Residual at each grid point below which the iteration ends at a duration that is enough."""
+"""Residual per grid point below which a duration that is short enough ends the iteration."""
 LEAST_PROGRESS, SLOW_STEPS, SMALL_WEIGHT, SMALL_RESIDUAL = 1e-3, 10, 5e-3, 1e-2
 """The iteration ends if the duration changed by less than a fraction in so many steps, at a weight below the third, with a
 residual below the last at each grid point: the law solves the path found again."""
@@ -160,7 +160,7 @@ def solve(
     """Return the fastest motion over the coefficients near an initial guess p (C, D); None if the iteration finds none.
 
     near (4, K + 1, n) are configurations and their derivatives for p, or near them. A last weight below the default asks for
-    the optimum itself, not only for the path. The iteration ends at a duration [s] that is enough.
+    the optimum itself, not only for the path. The iteration ends at a duration of `enough` [s].
     """
     place = programme.place(p, near)
     if place is None:
@@ -232,7 +232,7 @@ class _Iteration:
         self.programme.fill(self.place, at.z, at.dual[:, 0] - at.dual[:, 1], border)
         while True:
             self.box.model(self.p, self.mu, border.own, border.pull, self.damping)
-            delta = self.delta / 3.0 if self.delta > LEAST_INERTIA else 0.0  # mostly enough, and one factorisation
+            delta = self.delta / 3.0 if self.delta > LEAST_INERTIA else 0.0  # usually enough, with one factorisation
             while not back(self.problem, at, self.mu, delta, self.models, self.law, self.cost, border):
                 delta = max(4.0 * delta, LEAST_INERTIA)
                 if delta > 1e8:
