@@ -58,6 +58,7 @@ def find_pairs(robot: Robot, scene: Scene) -> Pairs:
     assert robot.shapes is not None
     shapes, link = robot.shapes, robot.shapes.capsules[0]
     own = [(i, j, SELF) if link[i] > link[j] else (j, i, SELF) for i, j in shapes.pairs.tolist()]
+    own.sort(key=lambda pair: (link[pair[0]], link[pair[1]]))  # so that two links are one block
     kinds = [(i, BOX) for i in range(len(scene.boxes))]
     kinds += [(i, ROUND) for i in range(len(scene.spheres) + len(scene.capsules))]
     kinds += [(i, PLANE) for i in range(len(scene.planes))] + [(i, CYLINDER) for i in range(len(scene.cylinders))]

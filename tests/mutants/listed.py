@@ -331,7 +331,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/timing/_free/clearances.py", "base = link[i] if kind == SELF else 0", "base = 0"),
     ("planners/timing/_free/clearances.py", "(moved[k, i] if kind == SELF else 0.0)", "0.0"),
     ("planners/timing/_free/clearances.py", "known[k, p] = room + way", "known[k, p] = room + 2.0 * way"),
-    ("planners/timing/_free/clearances.py", "moved[k - 1, m] - step", "moved[k - 1, m] + step"),
+    ("planners/timing/_free/clearances.py", "- moved[max(k - 1, 0), m] - step", "- moved[max(k - 1, 0), m] + step"),
     ("planners/timing/_free/clearances.py", "(ahead[i] if kind == SELF else 0.0)", "0.0"),
     ("optik/scene/contact.py", "if bound > 0.0 and bound - DISTANCE", "if bound - DISTANCE"),
     (

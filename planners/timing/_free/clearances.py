@@ -42,23 +42,30 @@ class NearPairs:
 
     A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
     capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
-    block of pairs of one capsule is skipped if its least bound suffices.
+    block of pairs of one capsule with objects is skipped if its least bound suffices; the pairs of two links are skipped if
+    spheres around the links are far apart.
     """
 
     def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
         self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
         capsules, pairs, self.count = len(self._bodies[0][0]), len(self._bodies[2]), count
         self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs))
-        body, kind = self._bodies[2][:, 0], self._bodies[2][:, 2]
-        starts = np.arange(pairs) % BLOCK == 0
-        starts[1:] |= (body[1:] != body[:-1]) | (kind[1:] == SELF)
+        (link, a, b, radius), (body, other, kind) = self._bodies[0], self._bodies[2].T
+        own = kind == SELF
+        owner = np.where(own, -1 - (robot.n + 1) * link[body] - link[np.where(own, other, 0)], body)
+        starts = ((np.arange(pairs) % BLOCK == 0) & ~own) | (np.diff(owner, prepend=-1) != 0)
+        self._balls = np.zeros((robot.n + 1, 4))
+        for i in np.unique(link):
+            ends, thick = np.concatenate([a[link == i], b[link == i]]), np.tile(radius[link == i], 2)
+            centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+            self._balls[i] = *centre, (np.linalg.norm(ends - centre, axis=1) + thick).max()
         self._blocks = np.append(np.flatnonzero(starts), pairs)
         self._least, size = np.full((count, self._blocks.size - 1), -np.inf), count * pairs
         self._found = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
 
     def find(self, q: Array, within: float) -> tuple[Indices, Indices, Array]:
         """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms."""
-        blocks, q = (self._blocks, self._least), np.ascontiguousarray(q)
+        blocks, q = (self._blocks, self._least, self._balls), np.ascontiguousarray(q)
         count = find_near(self._chain, self._bodies, q, self._margin, within, self._memory, blocks, self._found)
         k, pair, room = self._found
         return k[:count].copy(), pair[:count].copy(), room[:count].copy()
@@ -185,18 +192,19 @@ def pair_rooms(
 @compiled
 def find_near(
     chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
-    memory: tuple[Array, Array, Array], blocks: tuple[Indices, Array], found: tuple[Indices, Indices, Array],
+    memory: tuple[Array, Array, Array], blocks: tuple[Indices, Array, Array], found: tuple[Indices, Indices, Array],
 ) -> int:  # fmt: skip
     """Find the pairs with less room than a bound, and return their number.
 
     memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
     each pair plus the way of its capsules until it was found (k, pairs) [m], or 0 if none is known. blocks: where the blocks of
-    pairs begin, and the least of these bounds in each (k, blocks) (updated). found (written): configurations, pairs, rooms.
+    pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of each link (n + 1, 4).
+    found (written): configurations, pairs, rooms.
 
     Shapes and units: q (k, n) [rad, m], margin, within [m].
     """
     (link, a, b, radius), scene, pairs = bodies
-    (places, moved, known), (begin, least) = memory, blocks
+    (places, moved, known), (begin, least, balls) = memory, blocks
     frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
     ahead = np.zeros(link.shape[0])  # a bound from the configuration before becomes one from this one by adding it
     for k in range(q.shape[0]):
@@ -209,16 +217,19 @@ def find_near(
             at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
             spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
             spheres[m, 3] = 0.5 * length_between(u, v)
-            if k > 0:
-                step = max(
-                    length_between(read_row(places[k - 1, m], 0), u), length_between(read_row(places[k - 1, m], 1), v)
-                )
-                ahead[m] = moved[k, m] - moved[k - 1, m] - step
+            before = places[max(k - 1, 0), m]
+            step = max(length_between(read_row(before, 0), u), length_between(read_row(before, 1), v))
+            ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - step
         for block in range(least.shape[1]):
-            first, lowest = begin[block], np.inf
-            if k > 0 and pairs[first, 2] != SELF:
-                least[k, block] = max(least[k, block], least[k - 1, block] + ahead[pairs[first, 0]])
-            if pairs[first, 2] != SELF and least[k, block] - moved[k, pairs[first, 0]] >= within:
+            first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
+            if pairs[first, 2] == SELF:
+                m, i = link[m], link[pairs[first, 1]]
+                u, v = transform_point(frame, m, read_row(balls, m)), transform_point(frame, i, read_row(balls, i))
+                free = length_between(u, v) - balls[m, 3] - balls[i, 3]
+            else:
+                least[k, block] = max(least[k, block], least[max(k - 1, 0), block] + ahead[m])
+                free = least[k, block] - moved[k, m]
+            if free >= within:
                 continue
             for p in range(first, begin[block + 1]):
                 m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
@@ -226,8 +237,9 @@ def find_near(
                 if known[k, p] == 0.0 and k > 0 and known[k - 1, p] != 0.0:
                     known[k, p] = known[k - 1, p] + ahead[m] + (ahead[i] if kind == SELF else 0.0)
                 if known[k, p] == 0.0 or known[k, p] - way < within:
-                    beside = radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
-                    thick = radius[m] + beside
+                    thick = radius[m] + (
+                        radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
+                    )
                     room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
                     if room < within:
                         room = find_nearest((m, i, kind), scene, at)[0] - thick
