@@ -58,7 +58,7 @@ def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | N
     if len(table.lines) < 2:
         raise InvalidInput(table.file, "fewer than two rows", "at least two waypoints")
     if (turned in AXIS_COLUMNS or not turned) and orientation is None:
-        free = f"{','.join(turned)}, which leave the rotation about the axis free,"
+        free = f"{','.join(turned)}, which leave the rotation about the axis free"
         what = f"the file has {free if turned else 'no columns of an orientation'}"
         raise InvalidInput("orientation", "None", f"a rotation (3, 3) of the tool, because {what}")
     return _read_poses(table, turned, _check_rotation(np.eye(3) if orientation is None else orientation), robot)
