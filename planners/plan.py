@@ -24,7 +24,6 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
-from planners.fit import check_statics, fit, stretch_factor
 from planners.following.collision import CollisionCheck
 from planners.following.follow import (
     DEFAULT_TOLERANCE,
@@ -37,6 +36,7 @@ from planners.following.follow import (
 )
 from planners.limits import SAME_SPEED, MotionLimits, check_path
 from planners.motion import PlanStatus
+from planners.motion.fit import check_statics, fit, stretch_factor
 from planners.paths._goal import check_winding, path_to
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath

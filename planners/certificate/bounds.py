@@ -18,8 +18,8 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.curve import BINOMIAL, bell
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import BINOMIAL, bell
 
 
 @compiled

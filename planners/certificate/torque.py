@@ -45,8 +45,8 @@ from optik.dynamics import torques_batch
 from optik.kinematics import Chain
 from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds
-from planners.curve import BINOMIAL, bell
 from planners.limits._motion import TorqueRatios
+from planners.trajectory.curve import BINOMIAL, bell
 
 VALUE_REMAINDER = 1.0 / 384.0
 """Largest distance of a function from its cubic Hermite interpolant, over h⁴ and its fourth derivative."""

@@ -18,11 +18,11 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.tables import Names, Table, read_names, read_table, warn_of_assumptions
 from optik.types import Array
-from planners.controller import INTERPOLATIONS, trajectory_through
 from planners.paths._goal import find_continuous
 from planners.ros.export import JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, Setpoints, from_text, read_points
 from planners.trajectory import Trajectory
+from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
 
 READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")
 """Suffixes of the files that can be read."""

@@ -11,11 +11,11 @@ from optik.scene import Scene
 from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import Clearance, clearance
-from planners.curve import quintic_through
 from planners.following.failure import FollowStatus, PlanFailure, format_position
 from planners.following.joint_path import JointPath
 from planners.following.track import Track
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 CONTACT_SAMPLES = 401
 """Samples of a path among which the first contact is searched, once a contact is known: one every 0.25 % of the path."""

@@ -20,7 +20,6 @@ from optik.ik.base import ToleranceLike
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
-from planners.curve import quintic_through
 from planners.following import march
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
@@ -41,6 +40,7 @@ from planners.following.track import Track, TrackEnd, track
 from planners.paths._poses import NO_LENGTH
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
+from planners.trajectory.curve import quintic_through
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 

@@ -16,11 +16,11 @@ from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
 from optik.types import Array, Flags
-from planners.curve import chain_rows
 from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
 from planners.paths.base import Path
 from planners.trajectory import Extrema
+from planners.trajectory.curve import chain_rows
 
 
 class DerivativeLimit(Limit):

@@ -15,7 +15,6 @@ from optik.arm.robot import Robot
 from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import monomials
 from planners.limits._kinds import (
     ALL_LIMITS,
     DERIVATIVES,
@@ -31,6 +30,7 @@ from planners.limits._kinds import (
 from planners.limits._motion import PathPoints, plain
 from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
 from planners.paths.base import Path
+from planners.trajectory.curve import monomials
 
 
 @dataclass(frozen=True, eq=False)

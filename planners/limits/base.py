@@ -219,7 +219,7 @@ class Limit(ABC):
         Returns
         -------
         (k, m, order) array, or of more columns
-            [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
+            [as 1 over the monomials] of `planners.trajectory.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
             s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
             respected where |rows · monomials| ≤ 1.
         """

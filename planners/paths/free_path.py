@@ -13,12 +13,12 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
-from planners.curve import BINOMIAL, bells
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
 from planners.paths._screws import move_along
 from planners.paths._spline import DEGREE, Spline
 from planners.paths.base import Path, fields
+from planners.trajectory.curve import BINOMIAL, bells
 
 FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3
 """Default number of coefficients of each coordinate: at least so many, and so many for each segment of the given path. More

@@ -22,12 +22,12 @@ from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
-from planners.curve import BINOMIAL, bells
 from planners.paths._configurations import MISSED, choose_configurations
 from planners.paths._poses import rotation_derivative_norms
 from planners.paths._spline import Spline
 from planners.paths._waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 from planners.paths.base import Path, check_arm, fields
+from planners.trajectory.curve import BINOMIAL, bells
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
 """Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control

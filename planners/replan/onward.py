@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from optik.errors import NoSolution
-from planners.fit import fit_to_limits, match_start, stretch_factor
 from planners.following.joint_path import JointPath
+from planners.motion.fit import fit_to_limits, match_start, stretch_factor
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, path_state, s_at

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from planners.fit import match_start
+from planners.motion.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at

@@ -12,10 +12,9 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, find_times, quintic_through
-from planners.fit import fit, stretch_factor
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
+from planners.motion.fit import fit, stretch_factor
 from planners.timing._optimal.programme import select_spaced, sweep
 from planners.timing._optimal.rows import derivatives
 from planners.timing._sectional.ramps import (
@@ -33,6 +32,7 @@ from planners.timing._sectional.ramps import (
 from planners.timing.base import AnalysingLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, find_times, quintic_through
 
 DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
 """Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over a cell (by end slopes)."""

@@ -12,10 +12,9 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, quintic_through
-from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
+from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.timing._optimal import iteration
 from planners.timing._optimal.newton import Iterate, Problem
 from planners.timing._optimal.programme import (
@@ -29,6 +28,7 @@ from planners.timing._optimal.programme import (
 from planners.timing._optimal.rows import derivatives, distances, dynamic_excess, torque_excess
 from planners.timing.base import AnalysingLaw, PathState
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, quintic_through
 
 GAP = 1e-5
 """Optimality gap of the programme, as a fraction of the duration: far below the gain of a finer grid."""

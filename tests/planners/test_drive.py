@@ -28,8 +28,8 @@ from planners.cell import (
 )
 from planners.cell.drives._checks import GREATEST_STEP
 from planners.cell.drives._run import EncoderMonitor
-from planners.controller import simulate_controller
 from planners.following.follow import PlanFailure
+from planners.trajectory.controller import simulate_controller
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.stops import stops

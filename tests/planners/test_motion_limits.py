@@ -12,7 +12,6 @@ from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fit_to_limits, stretch_factor
 from planners.limits import (
     ALL_LIMITS,
     FIELD_LIMITS,
@@ -27,6 +26,7 @@ from planners.limits import (
     scale_of,
 )
 from planners.limits._motion import LimitedMotion
+from planners.motion.fit import fit_to_limits, stretch_factor
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])

@@ -38,11 +38,11 @@ from planners.cell.drives.base import Execution
 from planners.cell.error_split import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
-from planners.fit import fit_to_limits
 from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
 from planners.motion import Motion
+from planners.motion.fit import fit_to_limits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, make_law, plan
 

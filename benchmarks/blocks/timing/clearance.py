@@ -24,8 +24,8 @@ from optik.scene import Scene
 from optik.scene.contact import BOX, CYLINDER, MESH, PLANE, SELF, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
-from planners.curve import quintic_through
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 
 def says(word: str) -> pl.Expr:

@@ -40,10 +40,10 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.certification import certify
-from planners.fit import fit_to_limits
 from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
+from planners.motion.fit import fit_to_limits
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine

@@ -34,9 +34,9 @@ from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.fit import fit
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
+from planners.motion.fit import fit
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, PlanRequest, judge_certificate, plan

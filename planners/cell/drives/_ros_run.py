@@ -16,12 +16,12 @@ from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
 from planners.cell.drives._setpoints import Setpoints
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
-from planners.controller import sample_states
 from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import Feedback, GoalState, write_time
 from planners.ros.transport import Goal, Transport
 from planners.trajectory import cut_after, join
+from planners.trajectory.controller import sample_states
 
 REST_SPEED = 0.02
 """Largest velocity of a joint at rest [rad/s, m/s]: measured velocities are noisy."""

@@ -12,11 +12,11 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.controller import SAME_INSTANT, sample_states
 from planners.following.follow import PlanFailure
 from planners.motion import Motion
 from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory
+from planners.trajectory.controller import SAME_INSTANT, sample_states
 
 PERIOD = 0.004
 """Default servo period [s]: 250 set-points per second, as for many controllers of arms."""

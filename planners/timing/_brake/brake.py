@@ -16,7 +16,6 @@ import numpy as np
 from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, quintic
 from planners.limits import MotionLimits
 from planners.limits._kinds import LoadedLimit
 from planners.limits.base import Limit
@@ -34,6 +33,7 @@ from planners.timing._brake.rows import (
     piece_at,
 )
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, quintic
 
 SWEEP_STEPS, FEWEST_STEPS, MOST_SWEEP_STEPS = 24, 16, 1000
 """Approximate number of steps of a stop, the number below which it is swept again in shorter steps, and the largest number."""

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from optik.errors import NoSolution
 from optik.types import Array
-from planners.curve import find_times
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes, sides
 from planners.timing import _sweep
@@ -19,6 +18,7 @@ from planners.timing._optimal.rows import Rows, build_rows, derivatives, swept_r
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, speed_bound
 from planners.timing.smooth import NO_JOINT_MOTION, QUINTIC, least_duration
+from planners.trajectory.curve import find_times
 
 UNITS = 64.0
 """The programme counts time and s in 64ths of the motion, so that its numbers are near 1."""

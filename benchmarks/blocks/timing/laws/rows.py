@@ -16,8 +16,8 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
-from planners.fit import stretch_factor
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.motion.fit import stretch_factor
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

@@ -13,12 +13,12 @@ from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
 from planners.certificate.torque import TorqueBounds
-from planners.curve import quintic
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names
 from planners.limits._motion import TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import State, Trajectory, shift_pieces
+from planners.trajectory.curve import quintic
 
 FIRST_MARGIN = 1e-12
 """Relative margin of a second slow-down, needed if rounding still exceeds a limit; ten times as much for each further one."""

@@ -12,7 +12,7 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import PiecewiseCurve, largest_term, piece_ends, piece_extrema, whole_extrema
+from planners.trajectory.curve import PiecewiseCurve, largest_term, piece_ends, piece_extrema, whole_extrema
 
 LARGEST_POSITION = 1e9
 """Largest term of a position [rad, m]: beyond it rounding is above any tolerance of a path, and derivatives overflow."""

@@ -8,8 +8,8 @@ import scipy
 from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import quintic_through
-from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
+from planners.trajectory.trajectory import Trajectory
 
 INTERPOLATIONS = ("linear", "cubic", "quintic")
 """Interpolation through positions; positions and velocities; positions, velocities and accelerations."""
