@@ -15,8 +15,8 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, get_solver
-from optik.ik._problem import check_start
 from optik.ik.base import Tolerance, ToleranceLike
+from optik.ik.problem import check_start
 from optik.registry import short_name
 from optik.scene import Scene
 from optik.types import Array
@@ -24,25 +24,9 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS, Allow, check_allow, required_limits, words_for
-from planners.following.collision import CollisionCheck
-from planners.following.follow import (
-    DEFAULT_TOLERANCE,
-    START_TOLERANCE,
-    FollowResult,
-    FollowStatus,
-    JointPath,
-    PlanFailure,
-    follow,
-)
-from planners.limits import SAME_SPEED, MotionLimits, check_path
-from planners.motion import PlanStatus
-from planners.motion.fit import check_statics, fit, stretch_factor
-from planners.paths._goal import check_winding, path_to
-from planners.paths.base import Path
-from planners.paths.free_path import FreePath
-from planners.paths.point_to_point import PointToPoint
-from planners.result import Plan, PlanSeconds
-from planners.search._around import (
+from planners.choice.avoid import choose_around, find_guess
+from planners.choice.choose import choice_for, choose, report_fixed
+from planners.choice.first_paths import (
     DEFAULT_SEARCH,
     DENSITIES,
     ENOUGH_GAIN,
@@ -57,10 +41,26 @@ from planners.search._around import (
     check_avoidable,
     find_first_paths,
 )
+from planners.following.collision import CollisionCheck
+from planners.following.follow import (
+    DEFAULT_TOLERANCE,
+    START_TOLERANCE,
+    FollowResult,
+    FollowStatus,
+    JointPath,
+    PlanFailure,
+    follow,
+)
+from planners.limits import SAME_SPEED, MotionLimits, check_path
+from planners.motion import PlanStatus
+from planners.motion.fit import check_statics, fit, stretch_factor
+from planners.paths.base import Path
+from planners.paths.free_path import FreePath
+from planners.paths.goal import check_winding, path_to
+from planners.paths.point_to_point import PointToPoint
+from planners.result import Plan, PlanSeconds
 from planners.search.base import Search
 from planners.timing import TimeLaw, law_for, make_law
-from planners.timing._free.avoid import choose_around, find_guess
-from planners.timing._free.choose import choice_for, choose, report_fixed
 from planners.timing.base import StopKind
 from planners.timing.optimal import Optimal, Optimum
 from planners.trajectory import Trajectory

@@ -13,14 +13,14 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.certificate.certificate import Certificate, plan_summary
 from planners.certificate.violation import Allow
+from planners.choice.choose import FreedomResult
+from planners.choice.first_paths import SearchReport
 from planners.files import save
 from planners.following.follow import JointPath, PlanFailure
 from planners.limits import MotionLimits
-from planners.limits._moves import compute_least_duration
+from planners.limits.least_duration import compute_least_duration
 from planners.motion import Motion, PlanStatus
 from planners.paths.base import Path
-from planners.search._around import SearchReport
-from planners.timing._free.choose import FreedomResult
 from planners.timing.base import StopKind
 from planners.trajectory import Trajectory
 

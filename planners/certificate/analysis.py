@@ -16,7 +16,7 @@ from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, pat
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
-from planners.limits._motion import LimitedMotion, TorqueRatios
+from planners.limits.inputs import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

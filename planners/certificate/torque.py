@@ -45,7 +45,7 @@ from optik.dynamics import torques_batch
 from optik.kinematics import Chain
 from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds
-from planners.limits._motion import TorqueRatios
+from planners.limits.inputs import TorqueRatios
 from planners.trajectory.curve import BINOMIAL, bell
 
 VALUE_REMAINDER = 1.0 / 384.0

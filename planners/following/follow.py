@@ -15,8 +15,8 @@ from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
-from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
+from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
@@ -37,9 +37,9 @@ from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, ma
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.singular import smallest_singular_value
 from planners.following.track import Track, TrackEnd, track
-from planners.paths._poses import NO_LENGTH
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
+from planners.paths.poses import NO_LENGTH
 from planners.trajectory.curve import quintic_through
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
 
 PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one for each joint"
 """Description of a valid pair in error messages; both sides may be infinite for a joint without a limit."""

@@ -15,7 +15,7 @@ from planners.certificate.bounds import MotionBounds
 from planners.certificate.torque import TorqueBounds
 from planners.following.joint_path import JointPath
 from planners.limits import MotionLimits, check_names
-from planners.limits._motion import TorqueRatios
+from planners.limits.inputs import TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import State, Trajectory, shift_pieces
 from planners.trajectory.curve import quintic

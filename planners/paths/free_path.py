@@ -15,9 +15,9 @@ from optik.errors import InvalidInput
 from optik.types import Array, Indices
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
-from planners.paths._screws import move_along
-from planners.paths._spline import DEGREE, Spline
 from planners.paths.base import Path, fields
+from planners.paths.screws import move_along
+from planners.paths.spline import DEGREE, Spline
 from planners.trajectory.curve import BINOMIAL, bells
 
 FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3

@@ -16,9 +16,9 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
-from planners.paths._poses import shortest_turn
 from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
+from planners.paths.poses import shortest_turn
 from planners.trajectory.curve import bells
 
 METRES_PER_RADIAN = 0.1

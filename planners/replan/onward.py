@@ -16,8 +16,8 @@ from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
-from planners.timing._brake import Brake, RunningMotion
 from planners.timing.base import PathState, refit
+from planners.timing.brake import Brake, RunningMotion
 from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory, cut_after, cut_before, join
 

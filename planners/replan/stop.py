@@ -13,8 +13,8 @@ from planners.motion.fit import match_start
 from planners.plan import Plan, PlanRequest
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at
-from planners.timing._brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.base import StopKind
+from planners.timing.brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
 

@@ -15,8 +15,6 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.motion.fit import fit, stretch_factor
-from planners.timing._optimal.programme import select_spaced, sweep
-from planners.timing._optimal.rows import derivatives
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST_PHASE,
@@ -30,6 +28,8 @@ from planners.timing._sectional.ramps import (
     ratio_of,
 )
 from planners.timing.base import AnalysingLaw, refit, speed_bound
+from planners.timing.interior_point.programme import select_spaced, sweep
+from planners.timing.interior_point.rows import derivatives
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, find_times, quintic_through

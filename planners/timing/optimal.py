@@ -15,9 +15,10 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
-from planners.timing._optimal import iteration
-from planners.timing._optimal.newton import Iterate, Problem
-from planners.timing._optimal.programme import (
+from planners.timing.base import AnalysingLaw, PathState
+from planners.timing.interior_point import iteration
+from planners.timing.interior_point.newton import Iterate, Problem
+from planners.timing.interior_point.programme import (
     Programme,
     briefest,
     halve_intervals,
@@ -25,8 +26,7 @@ from planners.timing._optimal.programme import (
     quintic_programme,
     start,
 )
-from planners.timing._optimal.rows import derivatives, distances, dynamic_excess, torque_excess
-from planners.timing.base import AnalysingLaw, PathState
+from planners.timing.interior_point.rows import derivatives, distances, dynamic_excess, torque_excess
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, quintic_through
 
@@ -69,10 +69,10 @@ BETWEEN_SAMPLES = 1.00005
 class Optimal(AnalysingLaw):
     """Time-optimal with jerk limits: s⃛ is constant on intervals between fixed path parameters, whose durations are free.
 
-    The initial guess is a motion that nearly respects all limits, from two sweeps (`planners.timing._optimal.programme`). An
-    interior-point iteration solves the programme (`planners.timing._optimal.iteration`). Then the motion is refitted. Where its
-    exact extrema exceed a limit, the limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a
-    uniform stretch, so that every limit is respected exactly. The computing time grows linearly with the length of the path.
+    The initial guess is a motion that nearly respects all limits, from two sweeps. An interior-point iteration solves the
+    programme (`planners.timing.interior_point`). Then the motion is refitted. Where its exact extrema exceed a limit, the
+    limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a uniform stretch, so that
+    every limit is respected exactly. The computing time grows linearly with the length of the path.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from planners.limits import (
     register,
     scale_of,
 )
-from planners.limits._motion import LimitedMotion
+from planners.limits.inputs import LimitedMotion
 from planners.motion.fit import fit_to_limits, stretch_factor
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 

@@ -13,7 +13,7 @@ from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, Polyline, plan, replan
 from planners.cell import Execution, ExecutionStatus, FaultKind, IdealDrive, LostEncoder, WrongSetpoint
 from planners.limits import Limit, PathPoints, ToolExtreme, _kinds, register
-from planners.limits._motion import LimitedMotion
+from planners.limits.inputs import LimitedMotion
 from planners.timing.base import StopKind
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r

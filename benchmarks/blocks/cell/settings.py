@@ -33,7 +33,7 @@ from benchmarks.statistics import percentage
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._setpoints import PERIOD
+from planners.cell.drives.setpoints import PERIOD
 from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES, PathFigures, PoseFigures, path_figures, pose_figures
 
 POSE_TEST, PATH_TEST = "pose", "path"

@@ -34,15 +34,15 @@ from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
+from planners.choice.first_paths import round_corners
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
 from planners.motion.fit import fit
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
 from planners.plan import Plan, PlanRequest, judge_certificate, plan
-from planners.search._around import round_corners
-from planners.search._find import find_path
 from planners.search.base import SearchResult, SearchStatus, measure_length
+from planners.search.find import find_path
 from planners.timing import make_law
 
 OURS = "path and time"

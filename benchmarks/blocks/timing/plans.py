@@ -27,7 +27,7 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.checks import steps
 from planners.limits import MotionLimits
-from planners.limits._motion import plain
+from planners.limits.inputs import plain
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 

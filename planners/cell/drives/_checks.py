@@ -11,9 +11,9 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
-from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongSetpoint
 from planners.cell.drives._run import Run
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
+from planners.cell.drives.options import LateHost, LostEncoder, Options, WrongSetpoint
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit

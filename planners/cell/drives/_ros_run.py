@@ -14,8 +14,8 @@ from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
 from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
-from planners.cell.drives._setpoints import Setpoints
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
+from planners.cell.drives.setpoints import Setpoints
 from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import Feedback, GoalState, write_time

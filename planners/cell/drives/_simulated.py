@@ -17,11 +17,11 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._options import Stall, make_options
 from planners.cell.drives._run import Commands, Run, Steps, interpolate
-from planners.cell.drives._setpoints import fit_periods, make_setpoints
 from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
+from planners.cell.drives.options import Stall, make_options
+from planners.cell.drives.setpoints import fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 
@@ -46,7 +46,7 @@ class SimulatedDrive(Drive):
     seed : int
         Seed of the encoder noise.
     **others
-        Options of `planners.cell.drives._options.make_options`.
+        Options of `planners.cell.drives.options.make_options`.
 
     Raises
     ------

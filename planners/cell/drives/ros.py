@@ -13,9 +13,9 @@ from optik.errors import InvalidInput, NoSolution
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
 from planners.cell.drives._ros_run import RosArm, Run, Timing
-from planners.cell.drives._setpoints import PERIOD
 from planners.cell.drives._stop import check_stopped, refuse, relax
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives.setpoints import PERIOD
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.joint_path import find_nearest_s

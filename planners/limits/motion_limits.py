@@ -15,7 +15,9 @@ from optik.arm.robot import Robot
 from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits._kinds import (
+from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
+from planners.limits.inputs import PathPoints, plain
+from planners.limits.kinds import (
     ALL_LIMITS,
     DERIVATIVES,
     FIELD_LIMITS,
@@ -27,8 +29,6 @@ from planners.limits._kinds import (
     is_known,
     kind_of,
 )
-from planners.limits._motion import PathPoints, plain
-from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
 

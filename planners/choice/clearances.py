@@ -22,8 +22,8 @@ from optik.scene.contact import (
     transform_point,
 )
 from optik.types import Array, Flags, Indices
-from planners.paths._spline import DEGREE, Basis
-from planners.timing._free.programme import Place, Statics
+from planners.choice.programme import Place, Statics
+from planners.paths.spline import DEGREE, Basis
 
 ROOM_BEND = 0.05
 """Room x [m] at which the limited value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 with no room left."""

@@ -13,7 +13,7 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._setpoints import PERIOD
+from planners.cell.drives.setpoints import PERIOD
 
 
 @dataclass(frozen=True)

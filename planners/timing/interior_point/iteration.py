@@ -6,7 +6,7 @@ The grid points s_k are fixed. Unknown are ṡ = v and s̈ = a there, and the du
     |q' v| ≤ V,   |q' a + q'' v²| ≤ A,   |q' j + 3 q'' v a + q''' v³| ≤ J at both ends of every interval.
 
 Torques and their rates are rows with more coefficients: p a + c v² + f v + g and p j + d v a + c' v³ + g' v + f' a + f'' v²
-(`planners.limits._kinds`). All terms are polynomial, and none is singular at standstill. A Newton step of the
+(`planners.limits.kinds`). All terms are polynomial, and none is singular at standstill. A Newton step of the
 barrier problem (Nocedal and Wright, Numerical Optimization, ch. 19) is a linear-quadratic problem over the stages, solved by
 one sweep back and one forth (Riccati), in which the sign of every pivot shows whether the step goes down.
 """
@@ -20,8 +20,8 @@ import numpy as np
 from optik.compiled import compiled, inlined
 from optik.linear import copy_matrix
 from optik.types import Array
-from planners.timing._optimal.border import Border, product
-from planners.timing._optimal.newton import Iterate, Problem, back, edge_slope, forth, rows_of
+from planners.timing.interior_point.border import Border, product
+from planners.timing.interior_point.newton import Iterate, Problem, back, edge_slope, forth, rows_of
 
 MET = 1e-5
 """Accepted residual of the dynamics of an interval, over its length."""

@@ -9,18 +9,18 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.types import Array, Flags, Indices
+from planners.choice.columns import Local, Scales, Window, fill, joint_changes, tool_changes, trace
+from planners.choice.torques import torque_changes
 from planners.limits import PathPoints
-from planners.limits._kinds import torque_rate_rows, torque_rows
-from planners.limits._motion_limits import tool_limits_at
 from planners.limits.base import middle_and_half, sides
-from planners.paths._screws import move_along
-from planners.paths._spline import DEGREE, Basis
+from planners.limits.kinds import torque_rate_rows, torque_rows
+from planners.limits.motion_limits import tool_limits_at
 from planners.paths.base import Path
-from planners.timing._free.columns import Local, Scales, Window, fill, joint_changes, tool_changes, trace
-from planners.timing._free.torques import torque_changes
-from planners.timing._optimal.border import Border, make_border
-from planners.timing._optimal.newton import Problem
-from planners.timing._optimal.programme import SHORTEST_INTERVAL, Programme
+from planners.paths.screws import move_along
+from planners.paths.spline import DEGREE, Basis
+from planners.timing.interior_point.border import Border, make_border
+from planners.timing.interior_point.newton import Problem
+from planners.timing.interior_point.programme import SHORTEST_INTERVAL, Programme
 
 SPEED_PEAK = 1.0 / 3.0
 """Fraction of an interval after which the speed of a motion peaks whose acceleration reverses inside it."""

@@ -18,7 +18,7 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.tables import Names, Table, read_names, read_table, warn_of_assumptions
 from optik.types import Array
-from planners.paths._goal import find_continuous
+from planners.paths.goal import find_continuous
 from planners.ros.export import JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, Setpoints, from_text, read_points
 from planners.trajectory import Trajectory

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._problem import check_start
+from optik.ik.problem import check_start
 from optik.types import Array, Flags
 from planners.paths.base import Path
 from planners.paths.joint_line import JointLine

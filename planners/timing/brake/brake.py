@@ -17,9 +17,9 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.limits import MotionLimits
-from planners.limits._kinds import LoadedLimit
 from planners.limits.base import Limit
-from planners.timing._brake.rows import (
+from planners.limits.kinds import LoadedLimit
+from planners.timing.brake.rows import (
     CLOCK_RATES,
     NO_BOUND,
     Cells,

@@ -19,14 +19,14 @@ from optik.registry import names
 from optik.scene import Scene
 from optik.scene.contact import check_scene, find_nearest_pairs, find_pairs
 from optik.types import Array, Flags
+from planners.choice.vias import pass_through
 from planners.following.failure import FollowStatus, PlanFailure
-from planners.paths._goal import path_to, read_goal
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
+from planners.paths.goal import path_to, read_goal
 from planners.paths.point_to_point import PointToPoint
-from planners.search._find import find_path
 from planners.search.base import Search, SearchResult, SearchStatus
-from planners.timing._free.vias import pass_through
+from planners.search.find import find_path
 
 SPANS_PER_EDGE, FEWEST_SPANS = 2, 4
 """Spans of the spline on each edge of the polyline at first, and in all."""

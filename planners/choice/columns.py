@@ -11,8 +11,8 @@ from optik.compiled import compiled, inlined
 from optik.kinematics import Chain, tool_pose
 from optik.linear import qr_factor, qr_solve
 from optik.types import Array, Flags, Indices
-from planners.paths._screws import CHOOSE, cross
-from planners.timing._free.torques import move
+from planners.choice.torques import move
+from planners.paths.screws import CHOOSE, cross
 
 TRACE_STEPS = 8
 """Most Newton steps from the configurations of the last coefficients to those of a trial step."""

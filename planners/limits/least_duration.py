@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from optik.types import Array
-from planners.limits._motion_limits import MotionLimits
 from planners.limits.base import sides
+from planners.limits.motion_limits import MotionLimits
 
 HALVINGS = 100
 """Halvings of the interval of a joint's peak speed: from 1e9 to the last bit of 1e-12."""

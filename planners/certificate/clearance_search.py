@@ -72,7 +72,7 @@ def _locate_end(
 
 
 @inlined
-def _locate_capsule(
+def locate_capsule(
     k: int,
     chain: Chain,
     frame: Array,
@@ -218,10 +218,10 @@ def _judge_level(
                     h, smooth = _bound_joints(motion, first, last, nodes[0][node], D, joint)
                     kinematics.frames(chain, D[0, 0], frame)
                     spheres[:, 3], placed = -1.0, True
-                _locate_capsule(k, chain, frame, axes, joint, moved, spheres)
+                locate_capsule(k, chain, frame, axes, joint, moved, spheres)
                 base, thick = 0, radius[k] + DISTANCE_ROUNDING
                 if kind == SELF:
-                    _locate_capsule(i, chain, frame, axes, joint, moved, spheres)
+                    locate_capsule(i, chain, frame, axes, joint, moved, spheres)
                     base, thick = link[i], thick + radius[i]
                 elif kind == ROUND:
                     thick += scene[4][i]

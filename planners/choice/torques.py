@@ -17,7 +17,7 @@ from optik.compiled import compiled, inlined
 from optik.dynamics import Bodies
 from optik.kinematics import Chain, frames
 from optik.types import Array
-from planners.paths._screws import CHOOSE, cross
+from planners.paths.screws import CHOOSE, cross
 
 
 class Bundle(NamedTuple):

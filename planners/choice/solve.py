@@ -1,4 +1,4 @@
-"""Interior-point iteration over the motion and the coefficients of its path together: the bordered `_optimal.iteration`."""
+"""Interior-point iteration over the motion and the coefficients of its path together: the bordered `interior_point.iteration`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array, Flags
-from planners.timing._free.programme import FreeProgramme, Place
-from planners.timing._optimal import iteration
-from planners.timing._optimal.newton import Problem, back, forth
+from planners.choice.programme import FreeProgramme, Place
+from planners.timing.interior_point import iteration
+from planners.timing.interior_point.newton import Problem, back, forth
 
 FIRST_WEIGHT, LAST_WEIGHT = 0.01, 3e-5
 """First and last weight of the barrier, relative to the mean duration of an interval; the law solves the path found again."""

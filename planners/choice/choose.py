@@ -13,15 +13,15 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate.certificate import Certificate
+from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates
+from planners.choice.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
+from planners.choice.vias import ViaLimits, pass_through
 from planners.following.joint_path import JointPath
-from planners.paths._spline import Basis
 from planners.paths.base import Path
 from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
 from planners.paths.point_to_point import PointToPoint
-from planners.timing._free.programme import FreeProgramme, Statics, ToolCoordinates
-from planners.timing._free.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
-from planners.timing._free.vias import ViaLimits, pass_through
-from planners.timing._optimal.newton import Iterate
+from planners.paths.spline import Basis
+from planners.timing.interior_point.newton import Iterate
 from planners.timing.optimal import Optimum
 from planners.trajectory import Trajectory
 
@@ -260,12 +260,15 @@ class JointChoice(Choice):
         self.damping = SHAPE_DAMPING
 
     def guesses(self) -> Iterator[tuple[Array, Array]]:
+        """Yield the given control points and joints."""
         yield self.p, self.near
 
     def swings(self) -> Iterator[tuple[Array, Array]]:
+        """Yield nothing: there is no elbow."""
         return iter(())
 
     def refine(self) -> Iterator[Choice]:
+        """Yield nothing: the path around obstacles has its own number of control points."""
         return iter(())
 
     def path_of(self, p: Array) -> PointToPoint:

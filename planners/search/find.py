@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
-from optik.ik._problem import check_start
+from optik.ik.problem import check_start
 from optik.registry import build_method
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
-from planners.paths._goal import check_winding, find_continuous
+from planners.paths.goal import check_winding, find_continuous
 from planners.search._goals import list_goals
 from planners.search.base import JointSpace, Search, SearchResult, SearchStatus, measure_length
 

@@ -12,11 +12,11 @@ from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes, sides
 from planners.timing import _sweep
-from planners.timing._optimal import reach
-from planners.timing._optimal.newton import Problem
-from planners.timing._optimal.rows import Rows, build_rows, derivatives, swept_rows
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import PathState, speed_bound
+from planners.timing.interior_point import reach
+from planners.timing.interior_point.newton import Problem
+from planners.timing.interior_point.rows import Rows, build_rows, derivatives, swept_rows
 from planners.timing.smooth import NO_JOINT_MOTION, QUINTIC, least_duration
 from planners.trajectory.curve import find_times
 

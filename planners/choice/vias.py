@@ -7,10 +7,10 @@ import numpy as np
 from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
-from planners.paths._poses import skew_vector
-from planners.paths._spline import DEGREE, PASSED
+from planners.choice.programme import Place, Statics
 from planners.paths.point_to_point import PointToPoint, Via
-from planners.timing._free.programme import Place, Statics
+from planners.paths.poses import skew_vector
+from planners.paths.spline import DEGREE, PASSED
 
 EXACT_WITHIN = 1e-6
 """Half width of the limits on each joint at a via configuration that is passed exactly [rad, m]; the rest is projected away."""

@@ -15,7 +15,8 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled
-from optik.ik._closed_form.roots import (
+from optik.ik._null_space import FRACTION_OF_TOLERANCE, descend
+from optik.ik.analytic.roots import (
     CLAMPED_STEPS,
     LIMIT_BAND,
     POLISHING_STEPS,
@@ -25,7 +26,6 @@ from optik.ik._closed_form.roots import (
     refine,
     refine_within,
 )
-from optik.ik._null_space import FRACTION_OF_TOLERANCE, descend
 from optik.kinematics import Range
 from optik.task import POSE
 from optik.types import Array, Flags

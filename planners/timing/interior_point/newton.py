@@ -2,7 +2,7 @@
 
 The backward sweep computes the cost to go (Riccati); the sign of every pivot shows whether the step is a descent direction. The
 forward sweep computes the step, and the multipliers of the dynamics. The coefficients of a free path border the stages
-(`planners.timing._optimal.border`); without them the argument is None, and Numba leaves these branches out.
+(`planners.timing.interior_point.border`); without them the argument is None, and Numba leaves these branches out.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 
 from optik.compiled import compiled, inlined
 from optik.types import Array
-from planners.timing._optimal import border as borders
-from planners.timing._optimal.border import Border
+from planners.timing.interior_point import border as borders
+from planners.timing.interior_point.border import Border
 
 TERMINAL = 1e4
 """Weight of the state at the end in the sweep, in the units of the last interval; its multiplier removes the remaining error.

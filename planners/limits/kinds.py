@@ -16,8 +16,8 @@ from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput, UnknownName
 from optik.registry import build_method, names
 from optik.types import Array, Flags
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
 from planners.paths.base import Path
 from planners.trajectory import Extrema
 from planners.trajectory.curve import chain_rows
@@ -30,6 +30,7 @@ class DerivativeLimit(Limit):
     """
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
+        """Return the rows at points of a joint path."""
         rows = chain_rows([at.q(order) for order in range(1, self.order + 1)])
         if bound.ndim == 1:
             return rows / bound[:, None]
@@ -39,6 +40,7 @@ class DerivativeLimit(Limit):
         return center_rows(np.concatenate([rows, np.zeros_like(rows)], axis=2), bound)
 
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
+        """Return the peak value of a motion, its ratio to the bound, and its time."""
         extrema = motion.trajectory.extrema(self.order)
         if bound.ndim == 1:
             ratio = np.where(np.isfinite(bound), extrema.worst / bound, np.nan)
@@ -51,11 +53,13 @@ class DerivativeLimit(Limit):
         return extreme
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+        """Return the ratios on each piece of a motion."""
         if bound.ndim == 1:
             return motion.trajectory.piece_worst(self.order) / bound
         return np.maximum(*(ratio_to_limit(value, bound) for value in motion.trajectory.piece_range(self.order)))
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+        """Return the least factor by which a motion is stretched in time to respect the bound."""
         return scale_of(float(self.piece_ratios(motion, bound).max()), self.order)
 
 
@@ -130,6 +134,7 @@ class LoadedLimit(Limit):
     """Number of columns of the rows: the full set of monomials of the limit's order."""
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
+        """Return the rows at points of a joint path."""
         if not np.isfinite(bound).any():
             return np.zeros((at.s.size, 1, self.columns))
         found = [self._rows_of(at, bound, load) for load in at.joint_path.robot.loads]
@@ -140,6 +145,7 @@ class LoadedLimit(Limit):
         """Return the rows (k, n, columns) of one load."""
 
     def judge(self, motion: LimitedMotion, bound: Array) -> Extreme:
+        """Return the peak value of a motion, its ratio to the bound, and its time."""
         if not np.isfinite(bound).any():
             return Extreme(*np.full((3, motion.robot.n), np.nan))
         lower, upper = sides(bound)
@@ -155,11 +161,13 @@ class LoadedLimit(Limit):
         return Extreme(infinite, np.where(limited, infinite, np.nan), when)
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+        """Return the ratios on each piece of a motion."""
         if not np.isfinite(bound).any():
             return np.zeros((motion.trajectory.knots.size - 1, motion.robot.n))
         return motion.torque_piece_ratios(np.stack(sides(bound)), rate=self.rate)
 
     def stretch_factor(self, motion: LimitedMotion, bound: Array) -> float:
+        """Return the least factor by which a motion is stretched in time to respect the bound."""
         if not np.isfinite(bound).any():
             return 0.0
         return motion.torque_stretch(np.stack(sides(bound)), rate=self.rate)
@@ -275,6 +283,7 @@ class ToolSpeedLimit(Limit):
     subject: ClassVar[str | None] = "tool"
 
     def check(self, value: Any) -> Any:
+        """Return a valid value of the limit; raise InvalidInput for another one."""
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
             return super().check(value)
         each = check_positive(value, len(value), self.name) if len(value) else np.zeros(0)
@@ -283,15 +292,18 @@ class ToolSpeedLimit(Limit):
         return float(each[0]) if each.size == 1 else each
 
     def array(self, value: ArrayLike | None, n: int) -> Array:
+        """Return a valid value as an array."""
         bound = np.inf if value is None else value
         return check_positive(bound, np.size(bound), self.name)
 
     def from_plain(self, data: Any, n: int) -> Array | float | None:
+        """Return a value from plain data."""
         if isinstance(data, list):
             return read_numbers(data, (len(data),), f"limits.{self.name}")
         return super().from_plain(data, n)
 
     def rows(self, at: PathPoints, bound: Array) -> Array:
+        """Return the rows at points of a joint path."""
         norm = (
             np.linalg.norm(at.twist[:, 3 * self.part : 3 * self.part + 3], axis=1)
             if np.isfinite(bound).any()
@@ -301,6 +313,7 @@ class ToolSpeedLimit(Limit):
         return np.asarray((norm / here)[:, None, None])
 
     def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
+        """Return the peak value of a motion, its ratio to the bound, and its time."""
         value, time = motion.tool_speed_bound(self.part)
         if not np.isfinite(bound).any():
             return ToolExtreme(value, float("nan"), time)
@@ -310,6 +323,7 @@ class ToolSpeedLimit(Limit):
         return ToolExtreme(value, ratio, time)
 
     def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
+        """Return the ratios on each piece of a motion."""
         speeds = motion.tool_speed_ends(self.part)
         if bound.size == 1:
             return np.asarray(np.maximum(*speeds)[:, None] / bound)

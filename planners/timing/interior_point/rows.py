@@ -15,8 +15,8 @@ from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits, PathPoints
-from planners.limits._kinds import torque_rate_rows, torque_rows
 from planners.limits.base import middle_and_half, sides
+from planners.limits.kinds import torque_rate_rows, torque_rows
 from planners.trajectory import Trajectory
 
 

@@ -11,14 +11,14 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import find_pairs
 from optik.types import Array, Indices
-from planners.paths._spline import DEGREE
+from planners.choice.choose import Choice, FreedomResult, P, Timed, report
+from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
+from planners.choice.columns import joint_changes
+from planners.choice.programme import FreeProgramme
+from planners.choice.solve import solve
 from planners.paths.free_path import FreePath
 from planners.paths.point_to_point import PointToPoint
-from planners.timing._free.choose import Choice, FreedomResult, P, Timed, report
-from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
-from planners.timing._free.columns import joint_changes
-from planners.timing._free.programme import FreeProgramme
-from planners.timing._free.solve import solve
+from planners.paths.spline import DEGREE
 
 NEAR_ROOM, NEAREST_PAIRS = 0.12, 4
 """Room [m] within which the first round limits pairs on the initial path, and how many at each grid point."""

@@ -12,9 +12,9 @@ from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.ik import get_solver
-from optik.ik._closed_form.branches import null_space_basis, select_inside, slide
-from optik.ik._closed_form.roots import LIMIT_BAND, POLISHING_STEPS, enumerate_roots
-from optik.ik._problem import check_start
+from optik.ik.analytic.branches import null_space_basis, select_inside, slide
+from optik.ik.analytic.roots import LIMIT_BAND, POLISHING_STEPS, enumerate_roots
+from optik.ik.problem import check_start
 from optik.types import Array, Flags
 
 ROOT_GUESSES, IDLE_GUESSES = 2000, 250
