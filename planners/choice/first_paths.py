@@ -42,22 +42,10 @@ DEFAULT_SEARCH = "rrt_connect"
 """Name of the search of a plan that avoids obstacles."""
 MOST_WAYS = 3
 """Most initial paths around the obstacles that a plan tries."""
-ENOUGH_GAIN = 0.01
-"""Fraction by which the motion chosen around obstacles is shorter than that along its initial path, below which another initial
-path is tried: where little is gained, the obstacles hold the path on a long way around."""
 MOST_AVOIDED_PAIRS = 200_000
 """Most pairs of shapes of a plan around obstacles, each with a room at every grid point: half a gigabyte."""
-DENSITIES = (1.0, 2.0)
-"""Grid intervals around obstacles, as multiples of the law's default: between few grid points, bent paths exceed limits."""
 STRAIGHT_DISTANCE = 1e-5
 """Distance of the goal from the start [rad, m] up to which the straight path is taken."""
-ENOUGH_NEAR, FAST, NOT_FAR = 1.005, 1.01, 1.1
-"""Ratios of a duration to the least one of a joint move. Up to the first, the coarse grid suffices. Up to the second, an
-iteration ends, and the law shortens the motion along its path. Up to the third, the fine grid starts from the coarse result."""
-MAY_GAIN = 1.05
-"""Ratio of the duration on the coarse grid to that from another initial path, up to which the fine grid is tried."""
-
-
 VIA_ADVICE = "another via point, or a smaller margin"
 """What to try if a via point is in collision."""
 

@@ -1,4 +1,4 @@
-"""Interior-point iteration over the motion and the coefficients of its path together: the bordered `interior_point.iteration`."""
+"""Interior-point iteration over the motion and the coefficients of its path together, with a bordered Newton step."""
 
 from __future__ import annotations
 

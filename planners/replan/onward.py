@@ -12,7 +12,8 @@ import scipy
 from optik.errors import NoSolution
 from planners.following.joint_path import JointPath
 from planners.motion.fit import fit_to_limits, match_start, stretch_factor
-from planners.plan import Plan, PlanRequest
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.request import certify_motion, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales

@@ -15,7 +15,8 @@ from planners.certificate.violation import word_of_limit
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, check_path, ratio_to_limit, tool_limits_at
 from planners.motion.fit import check_statics, match_start
-from planners.plan import Plan, PlanRequest
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.state import MovingState
 from planners.timing import TimeLaw, law_for, laws
 from planners.timing.base import PathState, StopKind, check_motion

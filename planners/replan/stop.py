@@ -10,7 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from planners.motion.fit import match_start
-from planners.plan import Plan, PlanRequest
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at
 from planners.timing.base import StopKind

@@ -28,8 +28,7 @@ from planners import (
     replan,
 )
 from planners.following.joint_path import JointPath
-from planners.plan import StopKind
-from planners.timing.base import PathState
+from planners.timing.base import PathState, StopKind
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
 from planners.trajectory.curve import quintic

@@ -281,7 +281,7 @@ def test_another_initial_path_is_tried_where_the_motion_stays_far_from_its_least
 ) -> None:
     first = around()
     assert first.search is not None and first.search.paths == 1 and first.freedom.gain > 0.01
-    module = sys.modules["planners.plan"]
+    module = sys.modules["planners.choice.ways"]
     monkeypatch.setattr(module, "NOT_FAR", 0.5)  # every motion is far
     monkeypatch.setattr(module, "ENOUGH_NEAR", 0.5)
     second = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)

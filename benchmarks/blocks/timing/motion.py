@@ -40,7 +40,8 @@ from planners.limits import MotionLimits
 from planners.motion.fit import fit
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
-from planners.plan import Plan, PlanRequest, judge_certificate, plan
+from planners.plan import Plan, plan
+from planners.planning.request import PlanRequest, judge_certificate
 from planners.search.base import SearchResult, SearchStatus, measure_length
 from planners.search.find import find_path
 from planners.timing import make_law
