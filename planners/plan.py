@@ -88,15 +88,16 @@ def plan(
     """
     options = tolerance, rate, scene, allow, avoid, winding
     built = _build_request(robot, path, q_start, solver, timing, limits, options)
-    _check_options(duration, strict)
-    return MotionPlanner(*built, samples, strict).run(q_start, branch, duration)
+    return MotionPlanner(*built, samples, _check_options(duration, strict)).run(q_start, branch, duration)
 
 
-def _check_options(duration: float | None, strict: bool) -> None:
+def _check_options(duration: float | None, strict: bool) -> bool:
+    """Return `strict`; raise InvalidInput for a wrong duration or a wrong `strict`."""
     if duration is not None:
         check_number(duration, "duration", "seconds above 0", above=0.0)
     if not isinstance(strict, bool):
         raise InvalidInput("strict", repr(strict)[:60], "True or False")
+    return strict
 
 
 def _build_request(
