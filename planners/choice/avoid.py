@@ -119,7 +119,7 @@ class Cuts:
         slots = np.full((len(chosen), int(chosen.sum(axis=1).max()) + SPARE_SLOTS), -1)
         k, at = np.nonzero(chosen)
         slots[k, np.arange(k.size) - np.searchsorted(k, k)] = self.pairs[at]
-        column = np.full(self._count, self.pairs.size)
+        column = np.full(self._count + 1, self.pairs.size)  # the last one is that of no pair
         column[self.pairs] = np.arange(self.pairs.size)
         return ClearanceLimits(self._robot, self._scene, *choice.parts[:2], slots, required, column, self._near)
 

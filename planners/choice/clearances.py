@@ -121,7 +121,7 @@ class ClearanceLimits(Statics):
         """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
         self._at = place
         pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
-        required = np.take_along_axis(self._required, self._column[np.maximum(self._slots, 0)], axis=1)
+        required = np.take_along_axis(self._required, self._column[self._slots], axis=1)
         x = np.minimum(self._room - np.where(self._slots >= 0, required, 0.0), FREE_ROOM)
         self._slope *= (
             -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]

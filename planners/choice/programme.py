@@ -20,7 +20,7 @@ from planners.paths.screws import move_along
 from planners.paths.spline import DEGREE, Basis
 from planners.timing.interior_point.border import Border, make_border
 from planners.timing.interior_point.newton import Problem
-from planners.timing.interior_point.programme import SHORTEST_INTERVAL, Programme
+from planners.timing.interior_point.programme import SHORTEST_INTERVAL, TimingProblem
 
 SPEED_PEAK = 1.0 / 3.0
 """Fraction of an interval after which the speed of a motion peaks whose acceleration reverses inside it."""
@@ -95,7 +95,7 @@ class FreeProgramme:
 
     Parameters
     ----------
-    given : Programme
+    given : TimingProblem
         Programme on the initial path: its grid, initial guess and units.
     basis : Basis
         Basis functions at its grid points.
@@ -108,7 +108,7 @@ class FreeProgramme:
     """
 
     def __init__(
-        self, given: Programme, basis: Basis, free: Flags, D: int, tool: ToolCoordinates | None, *statics: Statics
+        self, given: TimingProblem, basis: Basis, free: Flags, D: int, tool: ToolCoordinates | None, *statics: Statics
     ) -> None:  # fmt: skip
         robot, self.limits, self.s = given.joint_path.robot, given.limits, given.s
         self.given, self.basis, self.D, self.tool, self.statics = given, basis, D, tool, statics
@@ -152,7 +152,7 @@ class FreeProgramme:
 
     # ------------------------------------------------------------ limited values
 
-    def _make_scales(self, given: Programme) -> tuple[Scales, Array, Array]:
+    def _make_scales(self, given: TimingProblem) -> tuple[Scales, Array, Array]:
         """Return the factors of the limits; the offsets of accelerations (n,), and those of torques (L, K + 1, n)."""
         robot, n, K, bounds = self.robot, self.n, self.K, self.bounds
         middle, half = middle_and_half(*sides(bounds["acceleration"]))

@@ -60,7 +60,7 @@ class Basis(NamedTuple):
         return out
 
 
-class Spline:
+class ControlCurve:
     """Clamped knots on [0, end], by default equally spaced.
 
     Attributes

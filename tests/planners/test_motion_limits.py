@@ -20,7 +20,7 @@ from planners.limits import (
     Limit,
     PathPoints,
     ToolExtreme,
-    _kinds,
+    kinds,
     kind_of,
     register,
     scale_of,
@@ -72,7 +72,7 @@ class Loaded(DerivativeLimit):
 
 @pytest.fixture(autouse=True)
 def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(_kinds, "_ADDED", {})
+    monkeypatch.setattr(kinds, "_ADDED", {})
     for kind in (Weighted(), Loaded()):
         register(kind)
     yield
@@ -136,7 +136,7 @@ def test_files_hold_it_under_its_name(tmp_path: Path, suffix: str, monkeypatch: 
     assert again.limits == limits
     assert again.enforced == motion.enforced == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
     assert again.certify().worst("weighted_speed") == motion.certify().worst("weighted_speed")
-    monkeypatch.setattr(_kinds, "_ADDED", {})
+    monkeypatch.setattr(kinds, "_ADDED", {})
     with pytest.raises(InvalidInput, match="weighted_speed, loaded_acceleration unknown"):
         load_motion(file)
 

@@ -42,7 +42,7 @@ class Answer(NamedTuple):
     visited: list[Array]
 
 
-class Programme:
+class IkProblem:
     """CasADi solver called through its buffers: the arrays are set once, and a call converts nothing."""
 
     def __init__(
@@ -245,13 +245,13 @@ class ProgrammeSolver(IKSolver):
             self._programme(choice, self.time_limit is not None)
         self._pose = self._programme(False, self.time_limit is not None)
 
-    def _new_programme(self, choice: bool, watched: bool) -> Programme:
+    def _new_programme(self, choice: bool, watched: bool) -> IkProblem:
         plugin, problem, options = self._problem(build_model(self.robot), choice)
         watch = Watch({k: problem[k].numel() for k in problem}) if watched else None
         if watch is not None:
             options = options | {"iteration_callback": watch}
         box = np.array(self.task.box)[task_rows(self.task)] if "g" in problem else np.zeros(0)
-        return Programme(ca.nlpsol("ik", plugin, problem, options), self.robot.limits, self.bounds, box, watch)
+        return IkProblem(ca.nlpsol("ik", plugin, problem, options), self.robot.limits, self.bounds, box, watch)
 
     def _second_problem(self, m: Model) -> dict[str, Any]:
         """Build the second programme: minimise the preference with the task's components inside their box."""

@@ -43,7 +43,7 @@ TORQUE_SPARE = 0.998
 """Fraction of the limits on torque and its rate for such a motion: their proved bounds exceed the peaks by more."""
 
 
-class Programme(NamedTuple):
+class TimingProblem(NamedTuple):
     """A nonlinear programme: its joint path, limits and data, path parameters s (K + 1,), and initial guess (K + 1, 4).
 
     ``units`` are those of length and time, ``moving`` is the state at the start, None for rest.
@@ -62,7 +62,7 @@ class Programme(NamedTuple):
 def moving_programme(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, state: PathState, end: float,
     guessed: MotionLimits | None = None,
-) -> Programme | None:  # fmt: skip
+) -> TimingProblem | None:  # fmt: skip
     """Return the programme from a moving state to rest at a path parameter; its guess has other limits if they are given."""
     bound = limits.arrays(joint_path.robot.n)
     lower, upper = sides((guessed or limits).bounds(joint_path.robot.n)["acceleration"])
@@ -101,7 +101,7 @@ def moving_programme(
     return build_programme(joint_path, limits, at, v, a, np.diff(when), units, state)
 
 
-def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> Programme:
+def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: int | None) -> TimingProblem:
     """Return the programme from rest to rest whose initial guess is one quintic in s, slow enough for all limits."""
     duration, count = least_duration(joint_path, limits), _count(joint_path, intervals)
     u, motion = np.linspace(0.0, 1.0, count + 1), np.empty((3, count + 1))
@@ -113,7 +113,7 @@ def quintic_programme(joint_path: JointPath, limits: MotionLimits, intervals: in
     return build_programme(joint_path, limits, s, v, a, np.full(count, duration / count), units, None)
 
 
-def interpolate(given: Programme, z: Array, u: float) -> Array:
+def interpolate(given: TimingProblem, z: Array, u: float) -> Array:
     """Return s, speeds and accelerations at a fraction of the durations of the intervals of a motion.
 
     On the quintics through the motion's own states, so that a start tells as much as a solution does.
@@ -129,7 +129,7 @@ def interpolate(given: Programme, z: Array, u: float) -> Array:
     return np.stack([given.s[:-1] + given.units[0] * s, v, a])
 
 
-def halve_intervals(given: Programme, z: Array, which: NDArray[np.bool_]) -> Programme:
+def halve_intervals(given: TimingProblem, z: Array, which: NDArray[np.bool_]) -> TimingProblem:
     """Return the programme with some intervals halved in time; its initial guess is a motion of the given programme."""
     length, time = given.units
     i = np.flatnonzero(which)
@@ -204,7 +204,7 @@ def _find_time(t: Array, s: Array, v: Array, width: float, place: float) -> floa
 def build_programme(
     joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, tau: Array, units: tuple[float, float],
     moving: PathState | None,
-) -> Programme:  # fmt: skip
+) -> TimingProblem:  # fmt: skip
     """Return the programme at nodes s, with a motion as its initial guess."""
     (length, time), given_limits = units, limits
     K = len(tau)
@@ -226,7 +226,7 @@ def build_programme(
         node = np.concatenate([node, _peaks(tau, top)], axis=1)
     least = np.maximum(SHORTEST_INTERVAL * tau, BRIEFEST_AT_TOP * ds / np.maximum(top[:-1], top[1:]))
     problem = Problem(ds, tau, least, top, node, edge, np.zeros(2))
-    return Programme(joint_path, given_limits, problem, s, start, units, moving, given)
+    return TimingProblem(joint_path, given_limits, problem, s, start, units, moving, given)
 
 
 Indices = NDArray[np.int64]
@@ -257,7 +257,7 @@ SAME_NODE = 1e-9
 """Fraction of the path within which a node and a change of a limit coincide."""
 
 
-def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> Programme:
+def start(joint_path: JointPath, limits: MotionLimits, intervals: int | None, more: float = 1.0) -> TimingProblem:
     """Return the programme from rest to rest."""
     along, motion = sweep(joint_path, limits)
     t, share = motion[0], np.empty(along.s.size)
