@@ -8,7 +8,7 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import Answer, IkProblem, ProgrammeSolver, first_line
+from optik.ik._casadi.programme import IkAnswer, IkProblem, ProgrammeSolver, first_line
 from optik.ik._casadi.symbolic import Model, cost, cost_derivatives, error_components
 from optik.ik.base import IKStatus
 
@@ -109,7 +109,7 @@ class IPOPT(ProgrammeSolver):
             expected = f"options of IPOPT ({first_line(error)})"
             raise InvalidInput("solver_options", self.solver_options, expected) from None
 
-    def _status(self, answer: Answer, constrained: bool) -> IKStatus:
+    def _status(self, answer: IkAnswer, constrained: bool) -> IKStatus:
         status = _RETURN_CODES.get(answer.code, IKStatus.STALLED)
         if status is IKStatus.SOLVED and not constrained:
             # a local minimum, at which the pose is not necessarily met

@@ -87,7 +87,7 @@ class StepFailed(Exception):
         self.status = status
 
 
-class Task:
+class CellTask:
     """A running task with its steps so far and their results."""
 
     def __init__(self, cell: CellParts, settings: TaskSettings) -> None:

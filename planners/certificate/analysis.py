@@ -10,7 +10,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate import checks
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeed, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
@@ -88,7 +88,7 @@ class MotionAnalysis(LimitedMotion):
         return MotionBounds(self.robot, self.trajectory)
 
     @cached_property
-    def tool_speed(self) -> ToolSpeed:
+    def tool_speed(self) -> ToolSpeedBounds:
         """Proved bounds on the tool's speeds."""
         return tool_speed(self.robot, self.trajectory, self.bounds)
 

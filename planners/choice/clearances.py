@@ -22,7 +22,7 @@ from optik.scene.contact import (
     transform_point,
 )
 from optik.types import Array, Flags, Indices
-from planners.choice.programme import Place, Statics
+from planners.choice.programme import ChoicePlace, Statics
 from planners.paths.spline import DEGREE, Basis
 
 ROOM_BEND = 0.05
@@ -90,10 +90,12 @@ class ClearanceLimits(Statics):
         self._required, self._column = required, column
         self._pairs = pairs or NearPairs(robot, scene, len(required))
         self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
-        self._at: Place | None = None  # the joints that the rooms of the slots and their derivatives belong to
-        self._near: tuple[Place, Indices, Indices, Array] | None = None  # pairs without a slot that are near there
+        self._at: ChoicePlace | None = None  # the joints that the rooms of the slots and their derivatives belong to
+        self._near: tuple[ChoicePlace, Indices, Indices, Array] | None = (
+            None  # pairs without a slot that are near there
+        )
 
-    def allows(self, place: Place) -> bool:
+    def allows(self, place: ChoicePlace) -> bool:
         """Return whether every pair keeps its room."""
         k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM)
         other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
@@ -101,7 +103,7 @@ class ClearanceLimits(Statics):
         self._near = place, k, pair, room
         return not bool((room < self._required[k, self._column[pair]]).any())
 
-    def renew(self, place: Place) -> tuple[Indices, Indices]:
+    def renew(self, place: ChoicePlace) -> tuple[Indices, Indices]:
         """Give slots to the pairs that came near."""
         if self._near is None or self._near[0] is not place:
             self.allows(place)
@@ -117,7 +119,7 @@ class ClearanceLimits(Statics):
         found = np.unique(np.array(changed, np.int64).reshape(-1, 2), axis=0)
         return found[:, 0], found[:, 1]
 
-    def values(self, place: Place) -> Array:
+    def values(self, place: ChoicePlace) -> Array:
         """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
         self._at = place
         pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
@@ -128,7 +130,7 @@ class ClearanceLimits(Statics):
         )
         return np.asarray(1.0 - 2.0 * x / (np.maximum(x, 0.0) + ROOM_BEND))
 
-    def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+    def write(self, place: ChoicePlace, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the coefficients."""
         if self._at is not place:
             self.values(place)

@@ -149,7 +149,7 @@ class Window(NamedTuple):
     free: Flags
 
 
-class Target(NamedTuple):
+class ColumnTarget(NamedTuple):
     """Where columns go: grid point k, D coordinates, first coefficient of the window, and workspace (D, 4)."""
 
     k: int
@@ -159,7 +159,7 @@ class Target(NamedTuple):
 
 
 @inlined
-def _spread(G: Array, low: int, high: int, to: Target, local: Local, window: Window, out: Array) -> None:
+def _spread(G: Array, low: int, high: int, to: ColumnTarget, local: Local, window: Window, out: Array) -> None:
     """Write a gradient in q, …, q''' of joints low to high (n, 4) as one in the coefficients of a window (W,)."""
     h, w, k, g = local.joints, window.basis.shape[2], to.k, to.work
     for i in range(out.shape[0]):
@@ -198,7 +198,7 @@ def _add(total: Array, G: Array, y: float) -> None:
 
 @compiled
 def _node(
-    z: Array, y: Array, scales: Scales, local: Local, window: Window, to: Target, sums: Array, out: Array
+    z: Array, y: Array, scales: Scales, local: Local, window: Window, to: ColumnTarget, sums: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the columns of the limits at a grid point, and add their cross derivatives with v and a to sums (3, n, 4)."""
     n, time, counts, k = scales.jerk.shape[0], scales.time, scales.counts, to.k
@@ -235,7 +235,7 @@ def _node(
 # More than 8 parameters: a part of `_node`, whose workspace it shares.
 @compiled
 def _torque(
-    v: float, a: float, y: Array, scales: Scales, local: Local, window: Window, to: Target, sums: Array, out: Array
+    v: float, a: float, y: Array, scales: Scales, local: Local, window: Window, to: ColumnTarget, sums: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the columns of the torques of all loads at a grid point."""
     n, time = scales.jerk.shape[0], scales.time
@@ -258,7 +258,7 @@ def _torque(
 # More than 8 parameters: a part of `_node`, whose workspace it shares.
 @compiled
 def _tool(
-    v: float, part: int, y: float, scales: Scales, local: Local, window: Window, to: Target, sums: Array, out: Array
+    v: float, part: int, y: float, scales: Scales, local: Local, window: Window, to: ColumnTarget, sums: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the columns of the square of the tool's speed, or of its rotation speed, at a grid point."""
     n, f, k = scales.jerk.shape[0], scales.tool[to.k, part], to.k
@@ -276,7 +276,7 @@ def _tool(
 # More than 8 parameters: interval and grid point differ at its end, and the caller passes parts of its arrays.
 @compiled
 def _edge(
-    k: int, z: Array, y: Array, scales: Scales, local: Local, window: Window, to: Target, sums: Array, out: Array
+    k: int, z: Array, y: Array, scales: Scales, local: Local, window: Window, to: ColumnTarget, sums: Array, out: Array
 ) -> None:  # fmt: skip
     """Write the columns of the limits on jerk and torque rate of interval k at one of its ends, and add cross derivatives."""
     n, time, at = scales.jerk.shape[0], scales.time, to.k
@@ -323,12 +323,12 @@ def fill(
     m, W = columns.shape[1] - 2 * e, columns.shape[2]
     here, there, work, part = np.zeros((3, n, 4)), np.zeros((3, n, 4)), np.empty((D, 4)), np.empty(W)
     for k in range(K + 1):
-        to = Target(k, D, window.first[k] * D, work)
+        to = ColumnTarget(k, D, window.first[k] * D, work)
         here[:], there[:] = 0.0, 0.0
         _node(z, y, scales, local, window, to, here, columns[k])
         if k == K:
             break
-        end = Target(k + 1, D, to.start, work)
+        end = ColumnTarget(k + 1, D, to.start, work)
         _edge(k, z, y[k, m : m + e], scales, local, window, to, here, columns[k, m : m + e])
         _edge(k, z, y[k, m + e :], scales, local, window, end, there, columns[k, m + e :])
         for i in range(3):

@@ -42,7 +42,7 @@ class ToolCoordinates(NamedTuple):
     rows: Array
 
 
-class Place(NamedTuple):
+class ChoicePlace(NamedTuple):
     """Joints at the grid points for coefficients p: path (4, K + 1, n), points for limits, fields of the coordinates."""
 
     p: Array
@@ -58,22 +58,22 @@ class Statics(ABC):
     bends: int
 
     @abstractmethod
-    def values(self, place: Place) -> Array:
+    def values(self, place: ChoicePlace) -> Array:
         """Return the values (K + 1, count); 0 or less where there is no limit."""
 
     @abstractmethod
-    def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+    def write(self, place: ChoicePlace, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the coefficients from the first one of each window on.
 
         joints (K + 1, 4, D, n) are those of the joints in the coordinates, empty if these are the joints. The sum of the
         squares of bends (K + 1, bends, W) is the curvature, with multipliers y (K + 1, count).
         """
 
-    def allows(self, place: Place) -> bool:
+    def allows(self, place: ChoicePlace) -> bool:
         """Return whether a step may end here."""
         return True
 
-    def renew(self, place: Place) -> tuple[Indices, Indices]:
+    def renew(self, place: ChoicePlace) -> tuple[Indices, Indices]:
         """Choose what the rows limit from here on; return the grid points and rows that changed."""
         return np.empty(0, np.int64), np.empty(0, np.int64)
 
@@ -131,7 +131,7 @@ class FreeProgramme:
 
     # ------------------------------------------------------------ configurations
 
-    def place(self, p: Array, near: Array) -> Place | None:
+    def place(self, p: Array, near: Array) -> ChoicePlace | None:
         """Return the joints for coefficients p (C, D), by Newton's method from others (4, K + 1, n); None if it fails."""
         f = self.basis.combine(p)
         fields = np.empty((0, 0, 4, 6))
@@ -148,7 +148,7 @@ class FreeProgramme:
                 return None
             path = np.ascontiguousarray(np.swapaxes(q, 0, 1))
         points = PathPoints(self.line, self.s, (path[0], path[1], path[2], path[3]))
-        return Place(p, path, points, fields)
+        return ChoicePlace(p, path, points, fields)
 
     # ------------------------------------------------------------ limited values
 
@@ -188,7 +188,7 @@ class FreeProgramme:
         )  # fmt: skip
         return scales, middle / half, offset
 
-    def problem(self, place: Place) -> Problem:
+    def problem(self, place: ChoicePlace) -> Problem:
         """Return the problem whose rows are those of the joints' path."""
         given, (q, q1, q2, q3), scales = self.given.problem, place.path, self.scales
         n, counts, (v, a, j) = self.n, scales.counts, self.time
@@ -244,7 +244,7 @@ class FreeProgramme:
         bends = np.zeros((self.K + 1, sum(one.bends for one in self.statics), self.width))
         return make_border(columns, cross, bends, self.begin, self.stay, np.zeros((self.window.free.size, self.D)))
 
-    def fill(self, place: Place, z: Array, y: Array, border: Border) -> None:
+    def fill(self, place: ChoicePlace, z: Array, y: Array, border: Border) -> None:
         """Write the derivatives of the limited values in the coefficients, with multipliers y (K + 1, m + 2 e)."""
         K, n, scales, chain = self.K, self.n, self.scales, self.robot.chain
         joints = np.empty((0, 4, self.D, n))
@@ -265,11 +265,11 @@ class FreeProgramme:
             one.write(place, joints, y[:, rows], border.columns[:, rows], bends, self.begin)
             row, bend = row + one.count, bend + one.bends
 
-    def allows(self, place: Place) -> bool:
+    def allows(self, place: ChoicePlace) -> bool:
         """Return whether a step may end at a place."""
         return all(one.allows(place) for one in self.statics)
 
-    def renew(self, place: Place) -> tuple[Indices, Indices]:
+    def renew(self, place: ChoicePlace) -> tuple[Indices, Indices]:
         """Choose anew what further limits limit; return the grid points and rows that changed."""
         row, none = self.rows - sum(one.count for one in self.statics), np.empty(0, np.int64)
         points, rows = [none], [none]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array, Flags
-from planners.choice.programme import FreeProgramme, Place
+from planners.choice.programme import ChoicePlace, FreeProgramme
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Problem, back, forth
 
@@ -176,7 +176,7 @@ class _Iteration:
     """State of the iteration: coefficients p, the joints for them, and the motion with its slacks and multipliers."""
 
     def __init__(
-        self, programme: FreeProgramme, p: Array, bounds: Bounds, place: Place, longest: float, damping: float
+        self, programme: FreeProgramme, p: Array, bounds: Bounds, place: ChoicePlace, longest: float, damping: float
     ) -> None:  # fmt: skip
         self.programme, self.p, self.place, self.longest = programme, p, place, longest
         self.problem, K = programme.problem(place), programme.K

@@ -7,7 +7,7 @@ import numpy as np
 from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array, Indices
-from planners.choice.programme import Place, Statics
+from planners.choice.programme import ChoicePlace, Statics
 from planners.paths.point_to_point import PointToPoint, Via
 from planners.paths.poses import skew_vector
 from planners.paths.spline import DEGREE, PASSED
@@ -35,7 +35,7 @@ class ViaLimits(Statics):
         self.bends = 6 if any(via.tolerance is not None for via in path.vias) else 0
         self.count = max((2 if via.tolerance is not None else robot.n for via in path.vias), default=0)
 
-    def values(self, place: Place) -> Array:
+    def values(self, place: ChoicePlace) -> Array:
         """Return the values (K + 1, count); 0 where there is no limit."""
         out, q = np.zeros((self._size, self.count)), self._basis.combine(place.p)[:, 0]
         for via, row, x in zip(self._vias, self._rows, q, strict=True):
@@ -43,7 +43,7 @@ class ViaLimits(Statics):
             out[row, : found.size] = found
         return out
 
-    def write(self, place: Place, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+    def write(self, place: ChoicePlace, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
         """Write the derivatives (K + 1, count, W) in the control points, and the factors of curvature (K + 1, 6, W)."""
         p = place.p
         columns[:], bends[:], n, q = 0.0, 0.0, p.shape[1], self._basis.combine(p)[:, 0]

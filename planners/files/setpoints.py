@@ -20,7 +20,7 @@ from optik.tables import Names, Table, read_names, read_table, warn_of_assumptio
 from optik.types import Array
 from planners.paths.goal import find_continuous
 from planners.ros.export import JointNames, find_columns
-from planners.ros.message import POINT_FIELDS, Form, Setpoints, from_text, read_points
+from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
 from planners.trajectory import Trajectory
 from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
 
@@ -119,7 +119,7 @@ def _unwrap(data: Any) -> Any:
 
 
 def _build(
-    found: Setpoints, robot: Robot, interpolation: str | None, start: ArrayLike | None, unwrap: Names
+    found: MessagePoints, robot: Robot, interpolation: str | None, start: ArrayLike | None, unwrap: Names
 ) -> Trajectory:
     """Return the trajectory through setpoints."""
     t, values, first = found.t, found.values, 0
@@ -167,7 +167,7 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
     return wrapped
 
 
-def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
+def _read_columns(table: Table, robot: Robot, names: list[str]) -> MessagePoints:
     """Return the setpoints of a table."""
     wanted = dict.fromkeys(CLOCKS, "s")
     for prefixes, per in zip(COLUMN_KINDS, ("", "/s", "/s2"), strict=True):
@@ -188,4 +188,4 @@ def _read_columns(table: Table, robot: Robot, names: list[str]) -> Setpoints:
     times = [Decimal(table.read_cells(row, clock)[0].replace(",", ".")) for row in range(len(table.lines))]
     t = np.array([float(time - times[0]) * size for time in times])  # exact for times since 1970, too
     values = [table.read_numbers(columns) for columns in chosen if columns]
-    return Setpoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.locate(i, *clock), table.notes)
+    return MessagePoints(t, begin, values, clock[0] == SINCE_START, lambda i: table.locate(i, *clock), table.notes)

@@ -102,7 +102,7 @@ def _search(
         attempt = method.search(space, start, goals, (seed, k))
         if not isinstance(attempt, tuple) or len(attempt) != 2:
             raise InvalidInput(
-                f"result of {type(method).__name__}", repr(attempt)[:60], "an Attempt(vertices, samples)"
+                f"result of {type(method).__name__}", repr(attempt)[:60], "a SearchAttempt(vertices, samples)"
             )
         path, used = attempt
         samples += used

@@ -20,8 +20,8 @@ from planners.limits import (
     Limit,
     PathPoints,
     ToolExtreme,
-    kinds,
     kind_of,
+    kinds,
     register,
     scale_of,
 )

@@ -123,7 +123,7 @@ class RosArm(Drive):
 
 
 @dataclass
-class Run:
+class RosRun:
     """The state of a running execution."""
 
     drive: RosArm

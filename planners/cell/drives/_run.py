@@ -74,7 +74,7 @@ def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
 
 
 @dataclass
-class Run:
+class DriveRun:
     """The state of a running execution."""
 
     plan: Plan
