@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from numba.core.caching import _CacheLocator
 from numba.core.registry import cpu_target
 
-from benchmarks.blocks._contest import ROOT
+from benchmarks.blocks.contest import ROOT
 from benchmarks.kernels.parts import SHIPPED, Progress, run_parts
 from optik.compiled import archive
 from optik.compiled.cache import read_code

@@ -9,9 +9,9 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks._entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.blocks.base import Block, Entry
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
+from benchmarks.blocks.entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.settings import (
     LISTED,
     Budgets,

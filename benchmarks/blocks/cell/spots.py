@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.blocks._entries import store_problems
 from benchmarks.blocks.base import Entry, chunks
 from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
 from benchmarks.blocks.cell.trials import (
@@ -24,6 +23,7 @@ from benchmarks.blocks.cell.trials import (
     lasers,
     trial_of,
 )
+from benchmarks.blocks.entries import store_problems
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder
 from benchmarks.settings import naming

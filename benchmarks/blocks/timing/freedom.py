@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks._arms import Payload, arm_label
+from benchmarks.blocks.arms import Payload, arm_label
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Target, Tell
 from benchmarks.blocks.columns import Column, largest, mean, quantile
 from benchmarks.blocks.timing.laws.motions import draw_motion_of

@@ -20,7 +20,7 @@ from benchmarks.blocks.timing.laws.settings import LimitSet
 from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.peers.vamp_search import find_by_vamp
-from benchmarks.problems._motionbench import MotionProblem, read_archive, read_problem, write_problems
+from benchmarks.problems.motionbench import MotionProblem, read_archive, read_problem, write_problems
 from benchmarks.records import UNKEPT, Journal, RunFolder
 from benchmarks.settings import LISTED, Count, RobotName, key, one_of
 from optik.arm.library import load

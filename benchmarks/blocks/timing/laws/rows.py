@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import JOINT_LIMITS
+from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE

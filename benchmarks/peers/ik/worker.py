@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.peers._models import urdf
 from benchmarks.peers.ik.base import Answer, Failed, NotInstalled, Peer, none, one
+from benchmarks.peers.models import urdf
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
