@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic_core import PydanticUndefined
 
-from benchmarks.blocks._entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.base import KINDS, Target, load_kind
 from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
+from benchmarks.blocks.entries import IKPeer, Law, LawPeer, Method
 from benchmarks.blocks.timing.freedom import FreeSet
 from benchmarks.blocks.timing.laws.settings import Example, LimitSet, LineSet
 from benchmarks.settings import Settings

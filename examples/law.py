@@ -10,8 +10,8 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 from optik.errors import NoSolution
 from planners import TimeLaw
-from planners.fit import fit_to_limits
 from planners.limits import DERIVATIVES
+from planners.motion.fit import fit_to_limits
 from planners.timing.base import refit
 
 

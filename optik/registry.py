@@ -37,6 +37,8 @@ GROUPS = (
     "benchmarks.suites",
 )
 """All groups: names of packages and of groups of entry points. For listings only."""
+METHOD_LINE = re.compile(r"^METHOD\b", re.MULTILINE)
+"""What a module with a method contains; other files of a folder are shared between its methods."""
 _DATA_GROUPS = ("optik.robots", "benchmarks.suites")
 """Groups of data files; importing them would hide `optik.robots()` behind a module."""
 _OURS = ("optik", "planners", "benchmarks")
@@ -180,12 +182,18 @@ def _folder(package: str) -> Path:
 
 def own_names(group: str) -> set[str]:
     """Return the names of the built-in methods or data of a group."""
-    found = set()
-    for entry in os.scandir(_folder(group)):
-        stem, suffix = os.path.splitext(entry.name)
-        if suffix in (".py", ".toml") or (not suffix and os.path.isfile(os.path.join(entry.path, "__init__.py"))):
-            found.add(stem)
-    return {stem for stem in found if stem != "base" and not stem.startswith("_")}
+    return set(_find_own(_folder(group)))
+
+
+@cache
+def _find_own(folder: Path) -> frozenset[str]:
+    """Return the stems of the data files in a folder, and of the modules and packages that define a ``METHOD``."""
+    found = {file.stem for file in folder.glob("*.toml")}
+    for file in [*folder.glob("*.py"), *folder.glob("*/__init__.py")]:
+        name = file.stem if file.parent == folder else file.parent.name
+        if name != "base" and not name.startswith("_") and METHOD_LINE.search(file.read_text("utf-8")):
+            found.add(name)
+    return frozenset(found)
 
 
 # ---------------------------------------------------------------- from outside

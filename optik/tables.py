@@ -45,7 +45,7 @@ NO_HEADER = "columns='x,y,z,…' names the columns of a file without a header"
 """Advice for a header of numbers."""
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """A column: its index, its unit in the header or an empty string, and the size of its unit in SI units."""
 
     at: int
@@ -59,7 +59,7 @@ class Table(NamedTuple):
     file: str
     header: int
     separator: str
-    columns: dict[str, Column]
+    columns: dict[str, TableColumn]
     lines: list[tuple[int, str]]
     notes: list[str]
 
@@ -90,14 +90,14 @@ class Table(NamedTuple):
 
     def resolve(self, wanted: Mapping[str, str]) -> Table:
         """Return the table with wanted columns named without units; a unit in the header replaces the wanted unit."""
-        columns: dict[str, Column] = {}
+        columns: dict[str, TableColumn] = {}
         for whole, column in self.columns.items():
             head, bracket, tail = whole.replace("(", "[").replace(")", "]").partition("[")
             name, unit = (head.strip(), tail.rstrip("] ")) if bracket else whole.rpartition("_")[::2]
             for each, own in ((whole, ""), (whole.lower(), ""), (name, unit.lower()), (name.lower(), unit.lower())):
                 size = _find_size(own, wanted[each]) if each in wanted else None
                 if size is not None:
-                    whole, column = each, Column(column.at, own, size)
+                    whole, column = each, TableColumn(column.at, own, size)
                     break
             if columns.setdefault(whole, column) is not column:
                 raise InvalidInput(self.locate(), f"the column {whole!r} twice", "each column once")
@@ -171,7 +171,7 @@ def _read_header(table: Table, given: tuple[str, ...]) -> Table:
     if given and not any(data):
         table.notes.append(f"the columns {','.join(cells)} are read as {','.join(given)}"[:200])
     names = given or cells
-    columns = {name: Column(at) for at, name in enumerate(names)}
+    columns = {name: TableColumn(at) for at, name in enumerate(names)}
     table = table._replace(separator=separator, columns=columns, lines=lines)
     if len(columns) < len(names) or len(names) > MOST_COLUMNS:
         raise table.make_header_error(f"different columns, at most {MOST_COLUMNS}", names=names)

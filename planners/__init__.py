@@ -3,7 +3,7 @@
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
 from planners.files import load_motion, save
-from planners.files._setpoints import load_trajectory
+from planners.files.setpoints import load_trajectory
 from planners.following.follow import follow
 from planners.limits import MotionLimits
 from planners.motion import Motion

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from pydantic_core import PydanticUndefined
 
-from benchmarks.blocks._entries import IKPeer, LawPeer, ProblemBlock, check_set
 from benchmarks.blocks.base import Block
+from benchmarks.blocks.entries import IKPeer, LawPeer, ProblemBlock, check_set
 from benchmarks.blocks.timing.laws.motions import path_in_file
 from benchmarks.blocks.timing.laws.settings import LawBlock
 from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming

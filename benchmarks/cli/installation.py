@@ -236,7 +236,7 @@ def describe_shipped() -> str:
     shipped = archive.open_archive()
     if isinstance(shipped, str):
         return f"none: {shipped}"
-    refusal = shipped.refusal(VERSIONS, archive.Target(*cpu_target.target_context.codegen().magic_tuple()))
+    refusal = shipped.refusal(VERSIONS, archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple()))
     size = shipped.file.stat().st_size / 1e6
     return f"{len(shipped.names)} kernels for {shipped.cpu}, {size:.1f} MB, {f'not used: {refusal}' if refusal else 'used'}"
 

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from numba.core.caching import _CacheLocator
 from numba.core.registry import cpu_target
 
-from benchmarks.blocks._contest import ROOT
+from benchmarks.blocks.contest import ROOT
 from benchmarks.kernels.parts import SHIPPED, Progress, run_parts
 from optik.compiled import archive
 from optik.compiled.cache import read_code
@@ -37,7 +37,7 @@ def main() -> None:
         kernels = dict(_kernels(Path(cache)))
     triple, _, _ = cpu_target.target_context.codegen().magic_tuple()
     file = archive.ARCHIVES / archive.file_name()
-    archive.pack(file, VERSIONS, archive.Target(triple, cpu, ""), kernels)
+    archive.pack(file, VERSIONS, archive.CompileTarget(triple, cpu, ""), kernels)
     print(f"{len(kernels)} kernels in {file}, {file.stat().st_size / 1e6:.2f} MB")
 
 

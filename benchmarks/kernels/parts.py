@@ -20,7 +20,7 @@ from numba.core import event
 
 import optik
 import planners
-from benchmarks.blocks._contest import ROOT
+from benchmarks.blocks.contest import ROOT
 from optik.compiled.kernel import Helper, Kernel
 
 REST = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])

@@ -9,9 +9,9 @@ from math import factorial
 import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
-from benchmarks.peers.ik._worker import WORKERS, Worker
 from benchmarks.peers.ik.base import Failed
 from benchmarks.peers.ik.drake import METHOD as DRAKE
+from benchmarks.peers.ik.worker import WORKERS, Worker
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.types import Array

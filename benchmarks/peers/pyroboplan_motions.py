@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import PPoly
 
-from benchmarks.peers._models import list_solids, make_solid
-from benchmarks.peers.ik._worker import WORKERS, Worker
 from benchmarks.peers.ik.base import Failed, NotInstalled
 from benchmarks.peers.ik.drake import METHOD as DRAKE
+from benchmarks.peers.ik.worker import WORKERS, Worker
+from benchmarks.peers.models import list_solids, make_solid
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.scene import Scene

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers._models import Solid, list_solids, roll_pitch_yaw
 from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.models import Solid, list_solids, roll_pitch_yaw
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.scene import Scene

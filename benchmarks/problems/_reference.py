@@ -15,7 +15,7 @@ from benchmarks.problems.base import ProblemSet
 from optik.arm.robot import Robot
 from optik.content import content
 from optik.ik import make_solver
-from optik.ik._problem import UNREACHABLE
+from optik.ik.problem import UNREACHABLE
 from optik.types import Array, Flags
 
 REFERENCE_RESTARTS = 100

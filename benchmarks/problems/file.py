@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.problems._reference import REFERENCE_RESTARTS, searched
-from benchmarks.problems._tables import Poses, read_poses
 from benchmarks.problems.base import ProblemSet, check_starts, named, start_configurations, start_of, stream
+from benchmarks.problems.tables import Poses, read_poses
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -32,7 +32,7 @@ PARALLEL = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ArmComparison:
     """Result of a comparison of two models of an arm; true if they agree without an explanation.
 
     Attributes
@@ -126,23 +126,23 @@ class _Pair:
         return not self.is_within(float(np.linalg.norm(e[:3])), float(np.linalg.norm(e[3:])))
 
 
-def compare_arms(first: ArmModel, other: ArmModel, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+def compare_arms(first: ArmModel, other: ArmModel, *, position: float = 1e-6, rotation: float = 1e-6) -> ArmComparison:
     """Compare two models of an arm, and explain the difference; see `Robot.compare`."""
     position = check_number(position, "position", "a tolerance above 0 [m]", above=0.0)
     rotation = check_number(rotation, "rotation", "a tolerance above 0 [rad]", above=0.0)
     nothing, names = (np.eye(4), np.eye(4), np.ones(first.n), np.zeros(first.n)), (first.name, other.name)
     if mismatch := _find_joint_differences(first, other):
-        return Comparison(False, False, np.inf, np.inf, np.inf, np.inf, *nothing, mismatch, names)
+        return ArmComparison(False, False, np.inf, np.inf, np.inf, np.inf, *nothing, mismatch, names)
     pair = _Pair(first, other, position, rotation)
     plain = pair.differences(_frames(first, pair.q)[:, -1])
     if pair.is_within(*plain):
-        return Comparison(True, True, *plain, *plain, *nothing, (), names, _gravity_angle(pair, other, np.eye(4)))
+        return ArmComparison(True, True, *plain, *plain, *nothing, (), names, _gravity_angle(pair, other, np.eye(4)))
     against = tuple(_find_axis_differences(pair))
     best = None if against else _find_simplest(pair)
     gravity = _gravity_angle(pair, other, np.eye(4) if best is None else best.values[0])
     if best is None:
-        return Comparison(False, False, *plain, *plain, *nothing, against or (UNEXPLAINED,), names, gravity)
-    return Comparison(False, True, *plain, *best.left, *best.values, tuple(_reasons(pair, best)), names, gravity)
+        return ArmComparison(False, False, *plain, *plain, *nothing, against or (UNEXPLAINED,), names, gravity)
+    return ArmComparison(False, True, *plain, *best.left, *best.values, tuple(_reasons(pair, best)), names, gravity)
 
 
 def _gravity_angle(pair: _Pair, other: ArmModel, base: Array) -> float:

@@ -21,7 +21,7 @@ from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
 
 if TYPE_CHECKING:
-    from optik.arm.compare import Comparison
+    from optik.arm.compare import ArmComparison
     from optik.arm.shapes.meshes import Folders
 
 
@@ -356,7 +356,7 @@ class Robot(ArmDynamics):
         kinematics.errors_batch(self.chain, q.reshape(-1, self.n), goal, out.reshape(-1, 6))
         return out
 
-    def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> Comparison:
+    def compare(self, other: Robot, *, position: float = 1e-6, rotation: float = 1e-6) -> ArmComparison:
         """Compare with another model of the same arm, and explain the difference.
 
         The tool poses are compared at 40 fixed configurations inside the limits of both. If they differ, the simplest base,

@@ -30,7 +30,7 @@ NEEDED = {
 """Features to check for each target processor, by LLVM's name; the platform implies the other features."""
 
 
-class Target(NamedTuple):
+class CompileTarget(NamedTuple):
     """Target of machine code: LLVM's triple, the name of the processor, and its features with the signs + and -."""
 
     triple: str
@@ -48,7 +48,7 @@ class Archive(NamedTuple):
     names: Mapping[str, str]
     places: Mapping[str, tuple[int, int, str]]
 
-    def refusal(self, versions: Sequence[str], target: Target) -> str:
+    def refusal(self, versions: Sequence[str], target: CompileTarget) -> str:
         """Return why this process cannot run the kernels, or an empty string."""
         differ = [
             f"{there}, here {here}" for there, here in zip(self.versions, versions, strict=False) if here != there
@@ -112,7 +112,7 @@ def load(file: Path) -> Archive | str:
         return f"{file} is damaged: {type(error).__name__}"
 
 
-def pack(file: Path, versions: Sequence[str], target: Target, kernels: Mapping[str, tuple[str, bytes]]) -> None:
+def pack(file: Path, versions: Sequence[str], target: CompileTarget, kernels: Mapping[str, tuple[str, bytes]]) -> None:
     """Write an archive of kernels, given their names and codes by fingerprint."""
     codes, index = [], {}
     for fingerprint, (name, code) in sorted(kernels.items()):

@@ -129,7 +129,9 @@ class KernelCache(_Cache):  # type: ignore[misc]
         shipped = archive.open_archive()
         if isinstance(shipped, str) or os.environ.get("OPTIK_COMPILES") == "native":
             return None
-        return None if shipped.refusal(VERSIONS, archive.Target(*codegen.magic_tuple())) else shipped.read(depends)
+        return (
+            None if shipped.refusal(VERSIONS, archive.CompileTarget(*codegen.magic_tuple())) else shipped.read(depends)
+        )
 
 
 def read_code(file: Path) -> dict[str, bytes]:

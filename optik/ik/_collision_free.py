@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from optik.ik._problem import IKResult, IKStatus, check_problem, sample_restart
+from optik.ik.problem import IKResult, IKStatus, check_problem, sample_restart
 from optik.scene import Scene
 from optik.scene.contact import Contact, check_scene, find_contact
 

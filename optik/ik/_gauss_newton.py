@@ -6,7 +6,7 @@ import numpy as np
 
 from optik.arm.robot import Robot
 from optik.compiled import compiled, inlined
-from optik.ik._problem import MAX_ITERATIONS, SOLVED, STALLED
+from optik.ik.problem import MAX_ITERATIONS, SOLVED, STALLED
 from optik.kinematics import Chain, Range, workspace
 from optik.linear import cholesky_solve, copy_vector
 from optik.newton import GAIN, LEAST_DAMPING

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag, check_number
 from optik.errors import InvalidInput, Unsupported
 from optik.ik._gauss_newton import find_nearest_pose
-from optik.ik._problem import (
+from optik.ik.problem import (
     IK_TOLERANCE,
     STATUS_OF_CODE,
     Ends,
@@ -24,11 +24,11 @@ from optik.ik._problem import (
     describe_missing_joints,
     sample_restart,
 )
-from optik.ik._problem import IKBatch as IKBatch
-from optik.ik._problem import IKResult as IKResult
-from optik.ik._problem import IKStatus as IKStatus
-from optik.ik._problem import Tolerance as Tolerance
-from optik.ik._problem import ToleranceLike as ToleranceLike
+from optik.ik.problem import IKBatch as IKBatch
+from optik.ik.problem import IKResult as IKResult
+from optik.ik.problem import IKStatus as IKStatus
+from optik.ik.problem import Tolerance as Tolerance
+from optik.ik.problem import ToleranceLike as ToleranceLike
 from optik.plugins.options import defaults
 from optik.task import Task, as_task, judge
 from optik.types import Array

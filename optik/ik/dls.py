@@ -9,8 +9,8 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.compiled import compiled
-from optik.ik._problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE
 from optik.ik.base import Attempt, IKSolver
+from optik.ik.problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE
 from optik.kinematics import Chain, Range, forward, jacobian_from, squares, workspace
 from optik.linear import copy_vector, damped_step
 from optik.se3 import pose_error

@@ -8,7 +8,7 @@ import casadi as ca
 
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._casadi.programme import Answer, Programme, ProgrammeSolver, first_line
+from optik.ik._casadi.programme import IkAnswer, IkProblem, ProgrammeSolver, first_line
 from optik.ik._casadi.symbolic import Model, cost, cost_derivatives, error_components
 from optik.ik.base import IKStatus
 
@@ -102,14 +102,14 @@ class IPOPT(ProgrammeSolver):
             options |= {"hess_lag": _gauss_newton_hessian(m, problem, cost_derivatives(m, self.task)[2])}
         return "ipopt", problem, {**options, "ipopt": ipopt | self.solver_options}
 
-    def _new_programme(self, choice: bool, watched: bool) -> Programme:
+    def _new_programme(self, choice: bool, watched: bool) -> IkProblem:
         try:
             return super()._new_programme(choice, watched)
         except RuntimeError as error:
             expected = f"options of IPOPT ({first_line(error)})"
             raise InvalidInput("solver_options", self.solver_options, expected) from None
 
-    def _status(self, answer: Answer, constrained: bool) -> IKStatus:
+    def _status(self, answer: IkAnswer, constrained: bool) -> IKStatus:
         status = _RETURN_CODES.get(answer.code, IKStatus.STALLED)
         if status is IKStatus.SOLVED and not constrained:
             # a local minimum, at which the pose is not necessarily met

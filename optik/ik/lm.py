@@ -19,8 +19,8 @@ from optik.ik._lm import kernels
 from optik.ik._lm.packing import AT_ATTEMPTS, AT_BEST, AT_BEST_E, AT_FIRST, AT_ITERATIONS, MOST_JOINTS, pack
 from optik.ik._lm.partial_pose import attempt_task
 from optik.ik._null_space import Preference
-from optik.ik._problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE, TOO_FEW_JOINTS, check_start
 from optik.ik.base import Attempt, IKBatch, IKResult, IKSolver, IKStatus
+from optik.ik.problem import MAX_ITERATIONS, SOLVED, STALLED, STATUS_OF_CODE, TOO_FEW_JOINTS, check_start
 from optik.newton import GAIN, LEAST_DAMPING
 from optik.se3 import check_pose
 from optik.types import Array

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from optik.arm.robot import Robot
-from optik.ik._casadi.programme import Answer, ProgrammeSolver
+from optik.ik._casadi.programme import IkAnswer, ProgrammeSolver
 from optik.ik._casadi.symbolic import Model, cost_derivatives
 from optik.ik.base import IKStatus
 
@@ -71,7 +71,7 @@ class SQP(ProgrammeSolver):
         }
         return "sqpmethod", {"x": m.q, "p": m.target, "f": f}, options
 
-    def _status(self, answer: Answer, constrained: bool) -> IKStatus:
+    def _status(self, answer: IkAnswer, constrained: bool) -> IKStatus:
         if answer.f <= 0.5 * (self.tolerance.position**2 + self.tolerance.rotation**2):
             return IKStatus.SOLVED
         if answer.code == "User_Requested_Stop":

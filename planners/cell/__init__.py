@@ -4,12 +4,12 @@ from optik.arm.mjcf_writer import mujoco_model, to_mjcf
 from planners.cell.calibration import Calibration, CalibrationStatus, calibrate
 from planners.cell.cell import Cell
 from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
-from planners.cell.drives._options import LateHost, LostEncoder, Stall, WrongSetpoint
-from planners.cell.drives._setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
+from planners.cell.drives.options import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives.ros import RosDrive
+from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures

@@ -18,8 +18,8 @@ from optik.ik import IKSolver, get_solver
 from optik.task import POSE
 from optik.types import Array
 from planners.cell._parts import CellParts
-from planners.cell.drives._setpoints import MOST_PERIODS
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives.setpoints import MOST_PERIODS
 from planners.cell.error_split import PathSplit, split_along
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot
@@ -87,7 +87,7 @@ class StepFailed(Exception):
         self.status = status
 
 
-class Task:
+class CellTask:
     """A running task with its steps so far and their results."""
 
     def __init__(self, cell: CellParts, settings: TaskSettings) -> None:

@@ -19,7 +19,7 @@ from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.cell._parts import MOST_READINGS, CellParts
-from planners.cell._task import Task, make_settings
+from planners.cell._task import CellTask, make_settings
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, HeldObject, check_width
@@ -183,7 +183,7 @@ class Cell(CellParts):
             true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
-        return Task(self, settings).run(spot)
+        return CellTask(self, settings).run(spot)
 
     def resume(
         self, outcome: Outcome, *, solver: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
@@ -219,7 +219,7 @@ class Cell(CellParts):
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
         plan = outcome.executions[-1].plan
         settings = make_settings("optimal", solver=plan.solver if solver is None else solver, stop=stop, watch=watch)
-        return Task(self, settings).resume(outcome)
+        return CellTask(self, settings).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
         """Check the counts and the functions of a request; corrections on a real arm need a `look` function."""

@@ -11,7 +11,9 @@ from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.follow import DEFAULT_TOLERANCE, JointPath, follow
 from planners.motion import Motion
-from planners.plan import PATH_FRACTION, Plan, judge_certificate
+from planners.planning.planner import PATH_FRACTION
+from planners.planning.request import judge_certificate
+from planners.planning.result import Plan
 
 SAME_WAY = 1e-4
 """Largest distance of the motion from the joint path that is found for it [rad, m]: both follow the tool's path to 1e-5, and

@@ -10,13 +10,13 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.certificate import checks
-from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeed, tool_speed
+from planners.certificate.bounds import FEW_INTERVALS, MotionBounds, ToolSpeedBounds, tool_speed
 from planners.certificate.effort import stretch_factor
 from planners.certificate.path_error import ERROR_FLOOR, Passage, PathError, path_error
 from planners.certificate.projection import NEAREST_TURN
 from planners.certificate.segment_speed import segment_speed
 from planners.certificate.torque import TORQUE_INTERVALS, TorqueBounds
-from planners.limits._motion import LimitedMotion, TorqueRatios
+from planners.limits.inputs import LimitedMotion, TorqueRatios
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 
@@ -88,7 +88,7 @@ class MotionAnalysis(LimitedMotion):
         return MotionBounds(self.robot, self.trajectory)
 
     @cached_property
-    def tool_speed(self) -> ToolSpeed:
+    def tool_speed(self) -> ToolSpeedBounds:
         """Proved bounds on the tool's speeds."""
         return tool_speed(self.robot, self.trajectory, self.bounds)
 

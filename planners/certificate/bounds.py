@@ -18,8 +18,8 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.kinematics import Chain
 from optik.types import Array, Flags, Indices
-from planners.curve import BINOMIAL, bell
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import BINOMIAL, bell
 
 
 @compiled
@@ -202,7 +202,7 @@ SPEED_INTERVALS = 200_000
 """Largest number of intervals: minutes of computing; a motion that needs more has a looser bound."""
 
 
-class ToolSpeed(NamedTuple):
+class ToolSpeedBounds(NamedTuple):
     """Proved bounds on |v| [m/s] and |ω| [rad/s] of the tool over a motion, and the times of the peaks [s]."""
 
     speed: float
@@ -211,7 +211,7 @@ class ToolSpeed(NamedTuple):
     t_rotation: float
 
 
-def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeed:
+def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None = None) -> ToolSpeedBounds:
     """Return proved bounds on the tool's speeds over a motion.
 
     Between instants v and ω are bounded by their cubic interpolants and fourth derivatives (`planners.certificate.bounds`).
@@ -220,7 +220,7 @@ def tool_speed(robot: Robot, trajectory: Trajectory, bounds: MotionBounds | None
     bounds = bounds or MotionBounds(robot, trajectory)
     pieces = trajectory.knots.size - 1
     proved, _, when = bounds.bound_speeds(np.arange(pieces), bounds.ends, np.ones((pieces, 2)))
-    return ToolSpeed(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
+    return ToolSpeedBounds(float(proved[0]), float(proved[1]), float(when[0]), float(when[1]))
 
 
 SPEED_HALVINGS = 32

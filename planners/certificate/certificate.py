@@ -27,7 +27,7 @@ from planners.certificate.effort import Energy, FrictionStep
 from planners.certificate.path_error import PathError
 from planners.certificate.violation import Allow, Violation, check_allow, word_of_limit, words_for
 from planners.limits import ALL_LIMITS, LOADED, Extreme, MotionLimits, ToolExtreme, kind_of
-from planners.limits._motion import plain
+from planners.limits.inputs import plain
 from planners.paths.base import Path
 
 RATIO_ROUNDING = 1e-12

@@ -11,8 +11,8 @@ from optik.arm.robot import Robot
 from optik.scene import Scene
 from optik.scene.contact import check_scene, find_pairs
 from optik.types import Flags
-from planners.certificate._clearance import search
 from planners.certificate.bounds import NARROWEST_SHARE
+from planners.certificate.clearance_search import search
 from planners.certificate.violation import Violation
 from planners.trajectory import Trajectory
 

@@ -13,7 +13,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.types import Array
-from planners.certificate.torque import MOTION, Ends, Model, TorqueBounds, at_middle, rest_velocity, torques_at
+from planners.certificate.torque import MOTION, Model, TorqueBounds, TorqueEnds, at_middle, rest_velocity, torques_at
 from planners.trajectory import Trajectory
 
 
@@ -52,7 +52,7 @@ def energy(torques: TorqueBounds) -> Energy:
     return max(each, key=lambda of: of.drawn)
 
 
-def _energy(model: Model, ends: Ends) -> Energy:
+def _energy(model: Model, ends: TorqueEnds) -> Energy:
     """Return the energy of one load, by quadrature from powers and their rates at the ends and in the middle of every piece."""
     h, coulomb = (ends.t1 - ends.t0)[:, None], model[1].coulomb
     half = at_middle(model, ends)
@@ -135,7 +135,7 @@ def stretch_factor(torques: TorqueBounds, bound: Array, *, rate: bool) -> float:
     return _least(kept)
 
 
-def _parts(model: Model, ends: Ends, rate: bool) -> _Parts:
+def _parts(model: Model, ends: TorqueEnds, rate: bool) -> _Parts:
     """Return the parts of the torques, or of their rates, at both ends of all pieces."""
     joints, values = np.concatenate([ends.first, ends.last]), np.concatenate([ends.left, ends.right])
     load = model[1]

@@ -12,8 +12,8 @@ from optik.compiled import compiled
 from optik.types import Array
 from planners.certificate.bounds import Instants
 from planners.certificate.chord_search import find_positions
-from planners.paths._poses import MOST_CELLS, chords, divide, embed_poses
 from planners.paths.base import Path
+from planners.paths.poses import MOST_CELLS, chords, divide, embed_poses
 
 CHORD_TURN = 0.1
 """Metres per radian: positions along a path are distinct also where only the rotation differs."""

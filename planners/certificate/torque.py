@@ -45,8 +45,8 @@ from optik.dynamics import torques_batch
 from optik.kinematics import Chain
 from optik.types import Array, Flags
 from planners.certificate.bounds import joint_bounds
-from planners.curve import BINOMIAL, bell
-from planners.limits._motion import TorqueRatios
+from planners.limits.inputs import TorqueRatios
+from planners.trajectory.curve import BINOMIAL, bell
 
 VALUE_REMAINDER = 1.0 / 384.0
 """Largest distance of a function from its cubic Hermite interpolant, over h⁴ and its fourth derivative."""
@@ -180,7 +180,7 @@ STANDSTILL = 1e-9
 """Fraction of the largest velocity of all joints below which a joint is at rest: it is rounding error of the polynomials."""
 
 
-class Ends(NamedTuple):
+class TorqueEnds(NamedTuple):
     """A motion at the first and at the last instant of every piece.
 
     Attributes
@@ -217,14 +217,14 @@ class TorqueBounds:
         self.models: tuple[Model, ...] = tuple(
             (robot.chain, load, sizes(robot, load), GRAVITY if still else ALL) for load in robot.loads
         )
-        self.ends: list[Ends] = []
+        self.ends: list[TorqueEnds] = []
         for model in self.models:
             left, right = (np.empty((len(first), 2, robot.n)) for _ in range(2))
             torques_at(model, first, left)
             torques_at(model, last, right)
             fourths = np.empty(first[:, 0].shape)
             _fourths(model[2], model[3] == GRAVITY, np.diff(knots), first, fourths)
-            self.ends.append(Ends(knots[:-1], knots[1:], first, last, left, right, fourths))
+            self.ends.append(TorqueEnds(knots[:-1], knots[1:], first, last, left, right, fourths))
         self._kept: dict[tuple[bool, bytes], TorqueRatios] = {}
 
     def bound_ratios(
@@ -257,7 +257,7 @@ def _select_worse(a: TorqueRatios, b: TorqueRatios) -> TorqueRatios:
     return TorqueRatios(*(np.where(first, x, y) for x, y in zip(a, b, strict=True)))
 
 
-def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
+def _bound_load(model: Model, ends: TorqueEnds, bound: Array, how: tuple[bool, float, int]) -> TorqueRatios:
     """Return bounds on the torque ratios of one load; `how` is (for the rates, relative excess, greatest interval count)."""
     rate, excess, most = how
     lower, upper = bound
@@ -275,7 +275,7 @@ def _bound_load(model: Model, ends: Ends, bound: Array, how: tuple[bool, float, 
     return TorqueRatios(ratio, largest, time, above)
 
 
-def rest_velocity(ends: Ends) -> float:
+def rest_velocity(ends: TorqueEnds) -> float:
     """Return the velocity below which a joint is at rest."""
     return STANDSTILL * max(float(np.abs(ends.first[:, 1]).max()), float(np.abs(ends.last[:, 1]).max()))
 
@@ -299,7 +299,7 @@ def _nothing(like: Array) -> Array:
     return zeros
 
 
-def at_middle(model: Model, ends: Ends) -> tuple[Array, Array]:
+def at_middle(model: Model, ends: TorqueEnds) -> tuple[Array, Array]:
     """Return the joints' derivatives and the torques in the middle of every piece."""
     joints, values = np.empty_like(ends.first), np.empty_like(ends.left)
     _advance(ends.first, 0.5 * (ends.t1 - ends.t0), joints)
@@ -325,7 +325,7 @@ limits, whether for the rates, and the velocity of a joint at rest."""
 
 
 def _divide(
-    model: Model, ends: Ends, what: RatioTerms, most: int, close: tuple[float, float, float],
+    model: Model, ends: TorqueEnds, what: RatioTerms, most: int, close: tuple[float, float, float],
     results: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
     """Bound the ratios of torques to limits over all pieces, into results: proved, found and their times (2, n).

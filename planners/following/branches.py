@@ -14,7 +14,7 @@ from optik.types import Array
 from planners.following import march
 from planners.following.joint_path import Course, make_empty_guide, smallest_singular_values
 from planners.following.singular import find_departures, find_regular_roots
-from planners.following.track import Track, TrackEnd, track
+from planners.following.track import FollowedTrack, TrackEnd, track
 from planners.paths.base import Path
 
 Rooms = Callable[[Array], Array]
@@ -107,7 +107,7 @@ def _find_starts(robot: Robot, course: Course, pose: Array, near: Array | None) 
     return np.array(kept).reshape(-1, robot.n)
 
 
-def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) -> Branch:
+def _choose_winding(robot: Robot, path: Path, way: FollowedTrack, near: Array | None) -> Branch:
     """Return the branch with the winding of every joint that goes farthest, and of those the cheapest."""
     turns, ends, joint, posture = np.zeros(robot.n), np.inf, -1, 0.0
     for i in range(robot.n):
@@ -131,7 +131,9 @@ def _choose_winding(robot: Robot, path: Path, way: Track, near: Array | None) ->
     return Branch(q, cost, path.end if ended is None else end, ended)
 
 
-def _list_windings(robot: Robot, way: Track, i: int, near: Array | None) -> list[tuple[float, float, float, int]]:
+def _list_windings(
+    robot: Robot, way: FollowedTrack, i: int, near: Array | None
+) -> list[tuple[float, float, float, int]]:
     """Return the windings of joint i that start inside its limits: path parameter where each leaves them, two costs, turns."""
     # s is infinite if it stays inside. The first cost includes the distance from a given start.
     low, high = robot.limits.lower[i], robot.limits.upper[i]

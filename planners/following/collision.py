@@ -11,11 +11,11 @@ from optik.scene import Scene
 from optik.scene.contact import Contact, check_scene, find_contact, find_nearest_pairs
 from optik.types import Array
 from planners.certificate.clearance import Clearance, clearance
-from planners.curve import quintic_through
 from planners.following.failure import FollowStatus, PlanFailure, format_position
 from planners.following.joint_path import JointPath
-from planners.following.track import Track
+from planners.following.track import FollowedTrack
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 CONTACT_SAMPLES = 401
 """Samples of a path among which the first contact is searched, once a contact is known: one every 0.25 % of the path."""
@@ -35,7 +35,7 @@ class CollisionCheck:
         """Return the rooms of configurations (k, n) [m]: a configuration whose room is above 0 is collision-free."""
         return find_nearest_pairs(self.robot, self.scene, q)[0]
 
-    def proves_free(self, way: Track) -> bool:
+    def proves_free(self, way: FollowedTrack) -> bool:
         """Return whether the quintics through a tracked branch are proved to be collision-free."""
         if len(way.s) < 2 or self.find_rooms(way.q).min() <= 0.0:
             return False

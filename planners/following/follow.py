@@ -15,12 +15,11 @@ from optik.arm.robot import Robot
 from optik.check import check_count
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, IKStatus, Tolerance, solve_ik
-from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
+from optik.ik.problem import check_start
 from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array, Flags
-from planners.curve import quintic_through
 from planners.following import march
 from planners.following.branches import find_branches
 from planners.following.collision import CollisionCheck
@@ -37,10 +36,11 @@ from planners.following.failure import (
 from planners.following.joint_path import Course, IKRecord, JointPath, Nodes, make_empty_guide, thin_knots
 from planners.following.redundancy import MOST_REFINEMENTS, find_null_space_motions
 from planners.following.singular import smallest_singular_value
-from planners.following.track import Track, TrackEnd, track
-from planners.paths._poses import NO_LENGTH
+from planners.following.track import FollowedTrack, TrackEnd, track
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath
+from planners.paths.poses import NO_LENGTH
+from planners.trajectory.curve import quintic_through
 
 __all__ = ["FollowResult", "FollowStatus", "IKRecord", "JointPath", "PlanFailure", "follow"]
 
@@ -264,7 +264,7 @@ class Follower:
 
     def _choose_branch(self, course: Course, nodes: Nodes) -> FollowResult:
         """Return the best collision-free branch that reaches the path's end; if none does, the one that goes farthest."""
-        best: Track | None = None
+        best: FollowedTrack | None = None
         rooms = None if self.collision is None else self.collision.find_rooms
         for candidate in find_branches(self.robot, self.path, self.q, rooms):
             if candidate.ended is not None and best is not None:
@@ -301,7 +301,7 @@ class Follower:
         _, way, course = best
         return self._finish(course, way, way.q[0] if self.branch == "best" or self.q is None else self.q)
 
-    def _is_free(self, way: Track) -> bool:
+    def _is_free(self, way: FollowedTrack) -> bool:
         """Return whether a track reaches the path's end and is collision-free."""
         return way.ended is None and (self.collision is None or self.collision.proves_free(way))
 
@@ -321,7 +321,7 @@ class Follower:
 
     # ------------------------------------------------------------ samples, the method's record, the joint path
 
-    def _finish(self, course: Course, way: Track, q_start: Array) -> FollowResult:
+    def _finish(self, course: Course, way: FollowedTrack, q_start: Array) -> FollowResult:
         """Return the joint path through nodes and samples, after the IK method solved these; up to the first failure."""
         robot, path = self.robot, self.path
         samples = self.grid[self.grid <= way.s[-1]]
@@ -404,7 +404,7 @@ class Follower:
 
 
 def _insert_samples(
-    robot: Robot, course: Course, way: Track, samples: Array
+    robot: Robot, course: Course, way: FollowedTrack, samples: Array
 ) -> tuple[tuple[Array, Array, Array], Flags]:
     """Return knots, q, derivatives, and which knots are nodes; other samples are solved from the nodes around them."""
     # At a singular configuration, which the nodes step over, a sample is interpolated between them.

@@ -14,9 +14,9 @@ from optik.arm.robot import Robot
 from optik.compiled import compiled
 from optik.ik import Tolerance
 from optik.types import Array, Flags, Indices
-from planners.curve import Curve, PiecewiseCurve, quintic_through
 from planners.following import march
 from planners.paths.base import Path
+from planners.trajectory.curve import Curve, PiecewiseCurve, quintic_through
 
 LEAST_SPACING = 2e-4
 """Least spacing of spline nodes [m or rad]: rounding of 1e-16 in q becomes 60e-16 / (2e-4)³ = 1e-3 in the third derivative."""

@@ -11,7 +11,7 @@ from optik.kinematics import Chain, Range, frames, tool_motion, tool_pose
 from optik.linear import copy_vector
 from optik.newton import derivatives_at, polish
 from optik.types import Array
-from planners.curve import bell
+from planners.trajectory.curve import bell
 
 PathNodes = tuple[Array, Array, Array, Array, Array, Array]
 """Nodes s (k,) [m, or rad] of a path, as kernels take them: poses (k, 4, 4) and twists (k, 3, 6) of the path there [1, m,

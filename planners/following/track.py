@@ -51,7 +51,7 @@ class TrackEnd(NamedTuple):
     joint: int
 
 
-class Track(NamedTuple):
+class FollowedTrack(NamedTuple):
     """Nodes s (k,) of a branch with q (k, n) and dq (k, 3, n); and its end, or None at the end of the path."""
 
     s: Array
@@ -67,7 +67,7 @@ def track(
     q_start: Array,
     tolerance: Tolerance,
     limits: tuple[Array, Array] | None = None,
-) -> Track:
+) -> FollowedTrack:
     """Track the branch of a configuration along a path."""
     if limits is None:
         limits = robot.limits.lower, robot.limits.upper
@@ -91,12 +91,12 @@ class _Tracker:
         self.least = march.REGULAR  # smallest singular value that a node may have
         self.at_limit: TrackEnd | None = None  # the end, once a limit was found
 
-    def run(self, nodes: Nodes, q_start: Array) -> Track:
+    def run(self, nodes: Nodes, q_start: Array) -> FollowedTrack:
         ended = self._begin(nodes, q_start)
         while ended is None and self.ahead:
             ended = self._advance(self.ahead.pop())
         k = self.count
-        return Track(self.s[:k], self.q[:k], self.dq[:k], ended or self.at_limit)
+        return FollowedTrack(self.s[:k], self.q[:k], self.dq[:k], ended or self.at_limit)
 
     def _keep(self, s: Array, q: Array, dq: Array) -> None:
         """Append accepted nodes (k,)."""

@@ -1,6 +1,8 @@
 """Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
 
-from planners.limits._kinds import (
+from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
+from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.kinds import (
     ALL_LIMITS,
     DERIVATIVES,
     FIELD_LIMITS,
@@ -12,15 +14,13 @@ from planners.limits._kinds import (
     kind_of,
     register,
 )
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
-from planners.limits._motion_limits import (
+from planners.limits.motion_limits import (
     MotionLimits,
     check_path,
     find_tool_limit_changes,
     tool_limits_at,
     tool_limits_between,
 )
-from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
 
 SAME_SPEED = 1e-6
 """Relative change of a requested tool speed below which it counts as unchanged: times in whole nanoseconds change it."""

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits._motion import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
 
 PAIR = "a pair (lower, upper), lower < 0 < upper, each a finite number or one for each joint"
 """Description of a valid pair in error messages; both sides may be infinite for a joint without a limit."""
@@ -219,7 +219,7 @@ class Limit(ABC):
         Returns
         -------
         (k, m, order) array, or of more columns
-            [as 1 over the monomials] of `planners.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
+            [as 1 over the monomials] of `planners.trajectory.curve.monomials`: ṡ for order 1, s̈ and ṡ² for order 2,
             s⃛, ṡ s̈ and ṡ³ for order 3; or (k, m, 4) and (k, m, 6) for the full sets of orders 2 and 3. The limit is
             respected where |rows · monomials| ≤ 1.
         """

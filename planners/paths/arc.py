@@ -14,8 +14,8 @@ from optik.arm.robot import Robot
 from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.paths._poses import TURN_WEIGHT, make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
+from planners.paths.poses import TURN_WEIGHT, make_poses, rotations_along, shortest_turn
 
 SAME_POINT = 1e-9
 """Points nearer to each other than this [m] count as equal and give no direction."""

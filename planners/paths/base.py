@@ -15,8 +15,8 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.curve import Curve
-from planners.paths._poses import find_nearest
+from planners.paths.poses import find_nearest
+from planners.trajectory.curve import Curve
 
 
 class Path(Curve):

@@ -13,12 +13,12 @@ from optik.arm.robot import Robot
 from optik.check import check_count, check_flag
 from optik.errors import InvalidInput
 from optik.types import Array, Indices
-from planners.curve import BINOMIAL, bells
 from planners.freedom import Freedom, freedom_of, loaded_freedom
 from planners.freedom.base import Bounds
-from planners.paths._screws import move_along
-from planners.paths._spline import DEGREE, Spline
 from planners.paths.base import Path, fields
+from planners.paths.screws import move_along
+from planners.paths.spline import DEGREE, ControlCurve
+from planners.trajectory.curve import BINOMIAL, bells
 
 FEWEST_COEFFICIENTS, PER_SEGMENT = 8, 3
 """Default number of coefficients of each coordinate: at least so many, and so many for each segment of the given path. More
@@ -104,7 +104,7 @@ class FreePath(Path):
         check_count(count, "coefficients", DEGREE + 1, MOST_COEFFICIENTS)
         self.hold_start, self.starts = check_flag(hold_start, "hold_start"), starts
         self.unit, self.turns_only, self.segments = path.unit, path.turns_only, path.segments
-        self.spline, self.null_space = Spline(path.end, count), null_space
+        self.spline, self.null_space = ControlCurve(path.end, count), null_space
         self.kinds: tuple[Freedom, ...] = tuple(loaded_freedom(name) for name in self.bounds)
         self.screws: Array = np.array([screw for kind in self.kinds for screw in kind.screws]).reshape(-1, 6)
         nearest = np.array([np.clip(0.0, *self.bounds[kind.name]) for kind in self.kinds for _ in kind.screws])
@@ -128,7 +128,7 @@ class FreePath(Path):
         FreePath
             The path, nearly the same; without null-space coordinates.
         """
-        spline = Spline(self.end, count)
+        spline = ControlCurve(self.end, count)
         coefficients = [np.interp(spline.greville, self.spline.greville, x) for x in self.coefficients.T]
         return self._copy(count, np.reshape(coefficients, (len(coefficients), count)).T, None)
 

@@ -13,11 +13,11 @@ from optik import kinematics, newton, se3
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import solve_ik
-from optik.ik._problem import check_start
+from optik.ik.problem import check_start
 from optik.types import Array
-from planners.curve import Curve
-from planners.paths._poses import rotation_derivative_norms
 from planners.paths.base import Path, check_arm, fields
+from planners.paths.poses import rotation_derivative_norms
+from planners.trajectory.curve import Curve
 
 BOUND_SAMPLES = 32
 """Least number of samples for the bounds on derivatives, and their number in a radian or metre. Between samples a bound grows

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from optik import se3
 from optik.arm.robot import Robot
 from optik.types import Array
-from planners.paths._poses import NO_LENGTH, angle_about, make_poses, rotations_along, shortest_turn
 from planners.paths.base import Path, fields
+from planners.paths.poses import NO_LENGTH, angle_about, make_poses, rotations_along, shortest_turn
 
 
 class Line(Path):

@@ -18,16 +18,16 @@ from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import Tolerance
-from optik.ik._problem import check_start
 from optik.ik.base import ToleranceLike
+from optik.ik.problem import check_start
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags
-from planners.curve import BINOMIAL, bells
-from planners.paths._configurations import MISSED, choose_configurations
-from planners.paths._poses import rotation_derivative_norms
-from planners.paths._spline import Spline
 from planners.paths._waypoints import LEAST_VIA_TOLERANCE, read_joint_waypoints
 from planners.paths.base import Path, check_arm, fields
+from planners.paths.configurations import MISSED, choose_configurations
+from planners.paths.poses import rotation_derivative_norms
+from planners.paths.spline import ControlCurve
+from planners.trajectory.curve import BINOMIAL, bells
 
 SPANS_DIRECT, SPANS_PER_LEG = 4, (3, 6)
 """Spans of the spline from start to goal, and between via points: more shorten motions by less than 0.1 %. Where the control
@@ -139,7 +139,7 @@ class PointToPoint(Path):
         )
         for parts in (SPANS_DIRECT,) if len(legs) == 1 else SPANS_PER_LEG:
             inner = np.unique(np.concatenate([np.linspace(a, b, parts + 1)[:-1] for a, b in itertools.pairwise(s)])[1:])
-            self.spline = Spline(float(s[-1]), 0, inner)
+            self.spline = ControlCurve(float(s[-1]), 0, inner)
             first = self.spline.interpolate(s, q)
             self.coefficients: Array = self.spline.move_inside(s, q, first, robot.limits.lower, robot.limits.upper)
             if not self.list_missed():
@@ -235,7 +235,7 @@ class PointToPoint(Path):
         corners = np.concatenate([legs[0][:1], *(leg[1:] for leg in legs)])
         s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
         at = s[np.cumsum([len(leg) - 1 for leg in legs])]
-        spline = Spline(float(s[-1]), 0, inner)
+        spline = ControlCurve(float(s[-1]), 0, inner)
         path = object.__new__(PointToPoint)
         path.robot, path.spline, path.unit, path.corners = self.robot, spline, self.unit, corners
         ends = [leg[-1] for leg in legs[:-1]]
@@ -396,7 +396,7 @@ class PointToPoint(Path):
         if not (np.diff(at) > 0.0).all() or at[0] != 0.0:
             raise InvalidInput("knots", repr(knots)[:60], "increasing numbers from 0")
         path = object.__new__(cls)
-        path.robot, path.spline = robot, Spline(float(at[-1]), 0, at[1:-1])
+        path.robot, path.spline = robot, ControlCurve(float(at[-1]), 0, at[1:-1])
         path.unit = "m" if robot.prismatic.all() else "rad"
         path.coefficients = read_numbers(coefficients, (path.spline.count, robot.n), "coefficients")
         path.vias = tuple(_read_via(via, robot.n) for via in vias)

@@ -16,10 +16,10 @@ from optik.compiled import compiled
 from optik.errors import InvalidInput
 from optik.tables import Names, read_table, warn_of_assumptions
 from optik.types import Array, Flags, Indices
-from planners.curve import bells
-from planners.paths._poses import shortest_turn
 from planners.paths._waypoints import read_waypoints
 from planners.paths.base import Path, fields
+from planners.paths.poses import shortest_turn
+from planners.trajectory.curve import bells
 
 METRES_PER_RADIAN = 0.1
 """Length [m] that a rotation by 1 rad counts for, if a segment turns more than it moves: that of a gripper."""

@@ -10,14 +10,15 @@ import numpy as np
 import scipy
 
 from optik.errors import NoSolution
-from planners.fit import fit_to_limits, match_start, stretch_factor
 from planners.following.joint_path import JointPath
-from planners.plan import Plan, PlanRequest
+from planners.motion.fit import fit_to_limits, match_start, stretch_factor
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.request import certify_motion, explain_infeasible, run_law
 from planners.replan.state import ENDED, MovingState, path_state, s_at
 from planners.replan.stop import DELAYS, LIMIT_FRACTIONS, compute_limit_scales
-from planners.timing._brake import Brake, RunningMotion
 from planners.timing.base import PathState, refit
+from planners.timing.brake import Brake, RunningMotion
 from planners.timing.smooth import QUINTIC
 from planners.trajectory import Trajectory, cut_after, cut_before, join
 

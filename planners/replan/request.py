@@ -12,10 +12,11 @@ from optik.ik.base import Tolerance
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from planners.certificate.violation import word_of_limit
-from planners.fit import check_statics, match_start
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, TOOL_SPEEDS, MotionLimits, check_path, ratio_to_limit, tool_limits_at
-from planners.plan import Plan, PlanRequest
+from planners.motion.fit import check_statics, match_start
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.state import MovingState
 from planners.timing import TimeLaw, law_for, laws
 from planners.timing.base import PathState, StopKind, check_motion

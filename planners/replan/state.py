@@ -13,9 +13,9 @@ from optik.check import check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import match_start
 from planners.following.joint_path import JointPath, find_nearest_between, find_nearest_s
 from planners.limits import MotionLimits
+from planners.motion.fit import match_start
 from planners.plan import Plan
 from planners.timing.base import PathState
 from planners.trajectory import State, Trajectory, cut_before

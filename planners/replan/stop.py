@@ -9,12 +9,13 @@ from time import perf_counter
 
 import numpy as np
 
-from planners.fit import match_start
-from planners.plan import Plan, PlanRequest
+from planners.motion.fit import match_start
+from planners.planning.request import PlanRequest
+from planners.planning.result import Plan
 from planners.replan.request import certify_motion, explain_infeasible
 from planners.replan.state import MovingState, s_at
-from planners.timing._brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.base import StopKind
+from planners.timing.brake import Brake, BrakingMotion, RunningMotion
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
 

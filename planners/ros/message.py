@@ -14,9 +14,9 @@ from optik.errors import InvalidInput
 from optik.file_io import parse_json, parse_yaml
 from optik.scene.messages import NANOSECONDS, read_floats, read_time
 from optik.types import Array
-from planners.controller import count_derivatives, sample_states, trajectory_through
 from planners.ros.replies import write_time
 from planners.trajectory import Trajectory
+from planners.trajectory.controller import count_derivatives, sample_states, trajectory_through
 
 Times = NDArray[np.int64]
 POINT_FIELDS = ("positions", "velocities", "accelerations")
@@ -51,7 +51,7 @@ def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, An
     return {"header": header, "joint_names": list(form.columns), "points": points}
 
 
-class Setpoints(NamedTuple):
+class MessagePoints(NamedTuple):
     """Setpoints: times (k,) [s] from the first one, which is at `begin` of a clock, and values (k, n) by order of derivative.
 
     `from_start` is True if the clock starts with the motion; `locate` names a row for errors; `notes` lists assumptions.
@@ -75,7 +75,7 @@ def reconstruct(message: Any, names: list[str]) -> Trajectory:
     return trajectory_through(found.t, *found.values)
 
 
-def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> Setpoints:
+def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) -> MessagePoints:
     """Return the setpoints of a message, or of columns in JSON: ``times``, ``positions`` and others."""
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
@@ -102,12 +102,12 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
         values.append(np.array(read)[:, order])
     if times is not None:
         t = read_floats(times, "times", len(points))
-        return Setpoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
+        return MessagePoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
     ns = np.array(
         [read_time(p.get("time_from_start", {}), f"points[{i}].time_from_start") for i, p in enumerate(points)]
     )
     t = (ns - ns[0]) / NANOSECONDS
-    return Setpoints(t, ns[0] / NANOSECONDS, values, True, "points[{}].time_from_start".format, [])
+    return MessagePoints(t, ns[0] / NANOSECONDS, values, True, "points[{}].time_from_start".format, [])
 
 
 def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[int]:

@@ -12,12 +12,12 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene.messages import NANOSECONDS
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.controller import POINTS, count_derivatives
-from planners.fit import stretch_factor
 from planners.limits import SAME_SPEED
 from planners.motion import Motion
+from planners.motion.fit import stretch_factor
 from planners.ros.message import Form, Times, message_of, reconstruct
 from planners.trajectory import Trajectory, append_rest
+from planners.trajectory.controller import POINTS, count_derivatives
 
 SLOWINGS = 20
 """Largest number of slowings of a motion; two are usual."""

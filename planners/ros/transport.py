@@ -13,7 +13,7 @@ from optik.errors import InvalidInput
 from planners.ros.replies import Feedback, GoalState, Result, read_feedback, read_result, read_states
 
 
-class Reading(NamedTuple):
+class JointReading(NamedTuple):
     """The latest state of one joint: position [rad, m] and velocity [rad/s, m/s], NaN if the driver sent none.
 
     It is fresh if its stamp is later than that of the previous reading, or if it has no stamp. The first reading is not fresh,
@@ -109,7 +109,7 @@ class Transport(ABC):
 
     def __init__(self) -> None:
         self.lost, self.odd = "", ""
-        self.readings: dict[str, Reading] = {}
+        self.readings: dict[str, JointReading] = {}
 
     @abstractmethod
     def send(self, trajectory: dict[str, Any]) -> Goal:
@@ -164,5 +164,5 @@ class Transport(ABC):
             before = readings.get(name)
             fresh = before is not None and (states.stamp > before.stamp or states.stamp == 0)
             if before is None or fresh:  # a message with an old stamp is a repetition
-                readings[name] = Reading(float(position), float(velocity), states.stamp, now, fresh)
+                readings[name] = JointReading(float(position), float(velocity), states.stamp, now, fresh)
         self.readings = readings  # replaced as a whole, for readers in other threads

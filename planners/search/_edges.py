@@ -33,7 +33,7 @@ from optik.scene.contact import (
     transform_point,
 )
 from optik.types import Array, Indices
-from planners.certificate._clearance import EndMotion, _locate_capsule
+from planners.certificate.clearance_search import EndMotion, locate_capsule
 
 Body = tuple[Chain, Capsules, Objects, Indices, Array, Array]
 """An arm, its capsules, and a scene; the checked pairs (k, 4): capsule, number of the second body, its kind, and its row among
@@ -241,9 +241,9 @@ def find_unproved(body: Body, a: Array, b: Array, deviation: Array, work: Work) 
             p = open_[top, entry]
             k, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             if spheres[k, 3] < 0.0:
-                _locate_capsule(k, chain, frame, axes, joint, moved, spheres)
+                locate_capsule(k, chain, frame, axes, joint, moved, spheres)
             if kind == SELF and spheres[i, 3] < 0.0:
-                _locate_capsule(i, chain, frame, axes, joint, moved, spheres)
+                locate_capsule(i, chain, frame, axes, joint, moved, spheres)
             base = link[i] if kind == SELF else 0
             shift = max(away[k, 0, base], away[k, 1, base])
             if _rough_distance(spheres, boxes, k, i, kind, pairs[p, 3]) > thick[p] + shift:

@@ -9,10 +9,10 @@ from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.ik._problem import check_start
+from optik.ik.problem import check_start
 from optik.types import Array, Flags
-from planners.paths._configurations import find_configurations
-from planners.paths._goal import find_continuous
+from planners.paths.configurations import find_configurations
+from planners.paths.goal import find_continuous
 from planners.search.base import JointSpace
 
 FEWEST_GOALS, MOST_GUESSING_ROUNDS, ROUND_GUESSES = 8, 12, 60

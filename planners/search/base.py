@@ -84,7 +84,7 @@ def measure_length(vertices: Array) -> float:
     return float(np.linalg.norm(np.diff(vertices, axis=0), axis=1).sum())
 
 
-class Attempt(NamedTuple):
+class SearchAttempt(NamedTuple):
     """What a search returns: the vertices (k, n) [rad, m] from the start to a goal, or None; and the number of samples used."""
 
     vertices: Array | None
@@ -234,7 +234,7 @@ class Search(ABC):
         self.max_samples = max_samples
 
     @abstractmethod
-    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:
+    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> SearchAttempt:
         """Search a path from the start to one of the goals. Every motion between vertices must be proved by `JointSpace`.
 
         Parameters

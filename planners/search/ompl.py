@@ -10,7 +10,7 @@ import numpy as np
 from optik.check import check_number
 from optik.errors import MissingDependency
 from optik.types import Array
-from planners.search.base import Attempt, JointSpace, Search
+from planners.search.base import JointSpace, Search, SearchAttempt
 
 _ONE_SEARCH = Lock()
 """OMPL takes the seed of all its random numbers from one place of the process."""
@@ -42,7 +42,7 @@ class OMPL(Search):
             raise MissingDependency("ompl", "search 'ompl'", "ompl") from None
         self.step = check_number(step, "step", "a joint motion above 0 [rad, m]", above=0.0)
 
-    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
+    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> SearchAttempt:  # noqa: D102
         from ompl import util
 
         with _ONE_SEARCH:
@@ -54,7 +54,7 @@ class OMPL(Search):
             finally:
                 util.setLogLevel(level)
 
-    def _search(self, space: JointSpace, start: Array, goals: Array) -> Attempt:
+    def _search(self, space: JointSpace, start: Array, goals: Array) -> SearchAttempt:
         from ompl import base, geometric
 
         class Validator(base.MotionValidator):  # type: ignore[misc]
@@ -89,8 +89,10 @@ class OMPL(Search):
         planner.solve(base.PlannerTerminationCondition(is_used_up))
         used = min(iterations, self.max_samples)
         if not problem.hasExactSolution():
-            return Attempt(None, used)
-        return Attempt(np.array([_read_state(state, space) for state in problem.getSolutionPath().getStates()]), used)
+            return SearchAttempt(None, used)
+        return SearchAttempt(
+            np.array([_read_state(state, space) for state in problem.getSolutionPath().getStates()]), used
+        )
 
 
 def _read_state(state: Any, space: JointSpace) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from optik.check import check_count, check_number
 from optik.types import Array
 from planners.search._trees import connect, trace
-from planners.search.base import Attempt, JointSpace, Search
+from planners.search.base import JointSpace, Search, SearchAttempt
 
 NODES_OF_A_SAMPLE = 4
 """Room of a tree for this many configurations a sample; the trees start anew when it is used up."""
@@ -39,7 +39,7 @@ class RRTConnect(Search):
         check_count(restart, "restart", 1, MOST_RESTART)
         self.restart = restart
 
-    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:  # noqa: D102
+    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> SearchAttempt:  # noqa: D102
         used, attempt, ranges = 0, 0, np.stack(space.find_range(np.array([start, *goals])))
         while used < self.max_samples:
             most = self.restart * RESTART_GROWTH**attempt if attempt < 2 else MOST_RESTART
@@ -52,8 +52,8 @@ class RRTConnect(Search):
             done, first, last = connect(space.body, trees, samples, ranges, attempt > 1, self.step, space.work)
             used += done
             if first >= 0:
-                return Attempt(trace(trees, first, last), used)
-        return Attempt(None, used)
+                return SearchAttempt(trace(trees, first, last), used)
+        return SearchAttempt(None, used)
 
 
 METHOD = RRTConnect

@@ -16,10 +16,10 @@ from optik.errors import InvalidInput
 from optik.registry import build_method, names
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, find_times, quintic
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, find_times, quintic
 
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
 """Least time [s] between a knot for a node of the path and any other knot, and the duration [s] below which it shrinks with the

@@ -12,18 +12,15 @@ from optik.check import check_number
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array, Flags, Indices
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, find_times, quintic_through
-from planners.fit import fit, stretch_factor
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
-from planners.timing._optimal.programme import select_spaced, sweep
-from planners.timing._optimal.rows import derivatives
+from planners.motion.fit import fit, stretch_factor
 from planners.timing._sectional.ramps import (
     LEAST_FLAT,
     SHORTEST_PHASE,
     Ramp,
-    Table,
-    Worst,
+    RampRatio,
+    RampTable,
     find_worst,
     law_of,
     limit_rows,
@@ -31,8 +28,11 @@ from planners.timing._sectional.ramps import (
     ratio_of,
 )
 from planners.timing.base import AnalysingLaw, refit, speed_bound
+from planners.timing.interior_point.programme import select_spaced, sweep
+from planners.timing.interior_point.rows import derivatives
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, find_times, quintic_through
 
 DISTANCE_CELLS, DISTANCE_PER_PIECE, STEEP = 1024, 8, 0.1
 """Least number of cells of the path and of each of its pieces, and the largest change of ln |v| over a cell (by end slopes)."""
@@ -155,7 +155,7 @@ class _Distance(NamedTuple):
     s: Array
     rates: Array
     knots: Flags
-    table: Table
+    table: RampTable
     turning: bool
 
 
@@ -191,7 +191,7 @@ def _distance(joint_path: JointPath, limits: MotionLimits) -> _Distance:
     q, *orders = derivatives(joint_path, s)
     along = limit_rows(limits, PathPoints(joint_path, s, (q, *apply_chain_rule(orders, [y[:, None] for y in rates]))))
     x = np.concatenate([[0.0], np.cumsum(cells)])
-    table = Table(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along)
+    table = RampTable(x, 1.0 / (speed_bound(joint_path, limits, s) * c), along)
     return _Distance(joint_path, limits, s, rates, bent & knots, table, turning)
 
 
@@ -221,12 +221,12 @@ def _rates(joint_path: JointPath, s: Array, turning: bool) -> tuple[Array, Array
         return c, c1, ((v1 * v1).sum(axis=1) + (v * v2).sum(axis=1) - c1 * c1) / c
 
 
-def _ramp(what: Table, last: bool, length: float, speed: float, shape: tuple[float, float]) -> Ramp:
+def _ramp(what: RampTable, last: bool, length: float, speed: float, shape: tuple[float, float]) -> Ramp:
     end = float(what.s[-1])
     return Ramp(end - length, speed, end, 0.0, *shape) if last else Ramp(0.0, 0.0, length, speed, *shape)
 
 
-def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
+def _cruising(what: RampTable, start: float, end: float) -> tuple[int, float]:
     """Return where a constant speed of 1 from start to end exceeds the limits most, and the factor."""
     low, high = np.searchsorted(what.s, [start, end])
     at = slice(max(low - 1, 0), high + 1)
@@ -236,7 +236,7 @@ def _cruising(what: Table, start: float, end: float) -> tuple[int, float]:
     return at.start + k, float(factor[k])
 
 
-def _slowdown_factor(what: Table, ramp: Ramp, most: float = np.inf) -> float:
+def _slowdown_factor(what: RampTable, ramp: Ramp, most: float = np.inf) -> float:
     """Return the factor by which a ramp must be slowed, from as many instants as points; infinite if it is above `most`."""
     inside = int(np.searchsorted(what.s, ramp.s1) - np.searchsorted(what.s, ramp.s0))
     return ratio_of(what, ramp, max(24, inside), most)
@@ -248,7 +248,7 @@ def _is_quick(ramp: Ramp, slow: float, shortest: float) -> bool:
     return min(ramp.rise, ramp.fall) * duration * slow < shortest
 
 
-def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
+def _find_widest(what: RampTable, share: float, shortest: float) -> list[Ramp]:
     """Return the ramps to the greatest speed: of the lengths and shapes that need the least stretching from speed 1."""
     end = float(what.s[-1])
     cruising = _cruising(what, share * end, (1.0 - share) * end)[1]
@@ -270,7 +270,7 @@ def _find_widest(what: Table, share: float, shortest: float) -> list[Ramp]:
     return [first._replace(v1=1.0 / slow), second._replace(v0=1.0 / slow)]
 
 
-def _find_shortest(what: Table, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
+def _find_shortest(what: RampTable, speed: float, share: float, room: float, shortest: float) -> list[Ramp] | None:
     """Return the shortest ramps to a speed that respect a fraction of the limits; None if the longest ones do not."""
     end, out = float(what.s[-1]), []
     if _cruising(what, share * end, (1.0 - share) * end)[1] * speed > 1.0 + 1e-3:
@@ -294,7 +294,7 @@ def _find_shortest(what: Table, speed: float, share: float, room: float, shortes
     return out if _cruising(what, out[0].s1, out[1].s0)[1] * speed <= 1.0 + 1e-3 else None
 
 
-def _is_allowed(what: Table, ramp: Ramp, room: float, shortest: float) -> bool:
+def _is_allowed(what: RampTable, ramp: Ramp, room: float, shortest: float) -> bool:
     return not _is_quick(ramp, 1.0, shortest) and _slowdown_factor(what, ramp, room) <= room
 
 
@@ -330,7 +330,7 @@ def _build(distance: _Distance, ramps: list[Ramp]) -> Trajectory:
     return refit(joint_path, _law(distance, ramps), distance.limits.arrays(joint_path.robot.n)["jerk"])
 
 
-def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[Worst, bool]:
+def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[RampRatio, bool]:
     """Return the most exceeded limit of the motion with these ramps at this speed, and whether it is in a ramp."""
     what, (first, second) = distance.table, ramps
     k = np.array([_cruising(what, first.s1, second.s0)[0]])
@@ -347,7 +347,7 @@ def _find_worst(distance: _Distance, ramps: list[Ramp], speed: float) -> tuple[W
     return found, in_ramp
 
 
-def _judge(distance: _Distance, at: Indices, rates: Sequence[Array]) -> Worst:
+def _judge(distance: _Distance, at: Indices, rates: Sequence[Array]) -> RampRatio:
     """Return the most exceeded limit at points of the table, for a speed, acceleration and jerk along the distance."""
     along_path = apply_chain_rule(list(distance.rates[:, at]), list(rates))
     return find_worst(distance.joint_path, distance.limits, distance.s[at], *along_path)

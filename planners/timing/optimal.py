@@ -12,23 +12,23 @@ from optik.check import check_count
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, quintic_through
-from planners.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
-from planners.timing._optimal import iteration
-from planners.timing._optimal.newton import Iterate, Problem
-from planners.timing._optimal.programme import (
-    Programme,
+from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
+from planners.timing.base import AnalysingLaw, PathState
+from planners.timing.interior_point import iteration
+from planners.timing.interior_point.newton import Iterate, Problem
+from planners.timing.interior_point.programme import (
+    TimingProblem,
     briefest,
     halve_intervals,
     moving_programme,
     quintic_programme,
     start,
 )
-from planners.timing._optimal.rows import derivatives, distances, dynamic_excess, torque_excess
-from planners.timing.base import AnalysingLaw, PathState
+from planners.timing.interior_point.rows import derivatives, distances, dynamic_excess, torque_excess
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import apply_chain_rule, quintic_through
 
 GAP = 1e-5
 """Optimality gap of the programme, as a fraction of the duration: far below the gain of a finer grid."""
@@ -69,10 +69,10 @@ BETWEEN_SAMPLES = 1.00005
 class Optimal(AnalysingLaw):
     """Time-optimal with jerk limits: s⃛ is constant on intervals between fixed path parameters, whose durations are free.
 
-    The initial guess is a motion that nearly respects all limits, from two sweeps (`planners.timing._optimal.programme`). An
-    interior-point iteration solves the programme (`planners.timing._optimal.iteration`). Then the motion is refitted. Where its
-    exact extrema exceed a limit, the limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a
-    uniform stretch, so that every limit is respected exactly. The computing time grows linearly with the length of the path.
+    The initial guess is a motion that nearly respects all limits, from two sweeps. An interior-point iteration solves the
+    programme (`planners.timing.interior_point`). Then the motion is refitted. Where its exact extrema exceed a limit, the
+    limit is tightened and the programme is solved again with a warm start. The last 2e-4 is a uniform stretch, so that
+    every limit is respected exactly. The computing time grows linearly with the length of the path.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _unloaded(limits: MotionLimits) -> bool:
 
 def _problems(
     joint_path: JointPath, limits: MotionLimits, intervals: int | None, density: float
-) -> Iterator[tuple[Programme, float]]:  # fmt: skip
+) -> Iterator[tuple[TimingProblem, float]]:  # fmt: skip
     """Yield programmes with initial guesses and barrier weights, the most promising first."""
     density = density if intervals is None else 1.0
     for weight, more in START_ATTEMPTS:
@@ -207,7 +207,7 @@ def _problems(
         yield quintic_programme(joint_path, limits, intervals), weight
 
 
-def _find_worst_violation(given: Programme) -> tuple[str, str, float, float]:
+def _find_worst_violation(given: TimingProblem) -> tuple[str, str, float, float]:
     """Return limit, joint, path parameter and ratio of the largest violation of a guess, a likely reason of failure."""
     K, n, joints = given.problem.ds.size, given.joint_path.robot.n, given.joint_path.robot.joint_names
     m, c = given.problem.node.shape[1], _limit_ratios(given.problem, given.start)
@@ -234,7 +234,7 @@ def _limit_ratios(problem: Problem, z: Array) -> Array:
 class Optimum(NamedTuple):
     """Solution of the time-optimal programme on a fixed path: the programme, and the iterate with its multipliers."""
 
-    programme: Programme
+    programme: TimingProblem
     at: Iterate
 
 
@@ -246,7 +246,7 @@ class _Solution(NamedTuple):
     optimum: Optimum
 
 
-def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
+def _solve(given: TimingProblem, close: float, weight: float = 1.0, most: int = MOST_ITERATIONS) -> _Solution | None:
     """Return the motion whose exact extrema exceed the limits by the fraction `close`, or by more if stretched later."""
     z = given.start if given.moving is not None else _slow_down(given.problem, given.start, 0.9, SLOWER)
     brief = briefest(given.limits.arrays(given.joint_path.robot.n)["jerk"])
@@ -283,7 +283,7 @@ def _solve(given: Programme, close: float, weight: float = 1.0, most: int = MOST
     return found if close else None
 
 
-def _refine(given: Programme) -> Programme:
+def _refine(given: TimingProblem) -> TimingProblem:
     """Return the programme with those intervals halved in which its initial guess leaves the joint path."""
     for _ in range(INTERVAL_HALVINGS):
         z = given.start
@@ -295,7 +295,7 @@ def _refine(given: Programme) -> Programme:
     return given
 
 
-def _find_departures(given: Programme, z: Array) -> NDArray[np.bool_]:
+def _find_departures(given: TimingProblem, z: Array) -> NDArray[np.bool_]:
     """Return the intervals (K,) in which the motion leaves the joint path by more than `OFF_JOINT_PATH`."""
     state, tau = _states(given, z)
     ends = derivatives(given.joint_path, given.s)[:3]
@@ -316,14 +316,14 @@ def _slow_down(problem: Problem, z: Array, share: float, most: float = np.inf) -
     return slower
 
 
-def _states(given: Programme, z: Array) -> tuple[Array, Array]:
+def _states(given: TimingProblem, z: Array) -> tuple[Array, Array]:
     """Return ṡ and s̈ at the grid points (K + 1, 2), and the durations (K,) between."""
     length, time = given.units
     state = np.vstack([z[:-1, :2], given.problem.goal])  # which the optimum meets to its own tolerance only
     return state * np.array([length / time, length / time**2]), z[:-1, 2] * time
 
 
-def _motion(given: Programme, z: Array) -> Trajectory:
+def _motion(given: TimingProblem, z: Array) -> Trajectory:
     """Return the quintic Hermite trajectory through exact q, q̇, q̈ at the grid points."""
     state, tau = _states(given, z)
     v, a = state[:, :1], state[:, 1:]
@@ -365,7 +365,7 @@ class _Excess(NamedTuple):
         return float(max(self.speed.max(), node, edge, tool.max()))
 
 
-def _excess(given: Programme, motion: Trajectory, z: Array) -> _Excess:
+def _excess(given: TimingProblem, motion: Trajectory, z: Array) -> _Excess:
     """Return the factors by which a motion exceeds the limits in the intervals."""
     robot, limits = given.joint_path.robot, given.limits
     bounds, analysis = limits.bounds(robot.n), MotionAnalysis(robot, motion)
@@ -379,7 +379,7 @@ def _excess(given: Programme, motion: Trajectory, z: Array) -> _Excess:
     return _Excess(speed, np.concatenate([acceleration, torque], axis=1), np.concatenate([jerk, rate], axis=1))
 
 
-def _tool_ratios(given: Programme, trajectory: Trajectory) -> Array:
+def _tool_ratios(given: TimingProblem, trajectory: Trajectory) -> Array:
     """Return the largest ratios (K,) of sampled tool speeds to their limits on every piece; 0 without a limit."""
     t, limits, path = trajectory.knots, given.limits, given.joint_path.path
     if not np.isfinite(limits.tool).any():

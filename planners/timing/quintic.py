@@ -8,12 +8,12 @@ import numpy as np
 
 from optik.check import check_number
 from optik.errors import InvalidInput
-from planners.curve import quintic_through
-from planners.fit import stretch_factor
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits
+from planners.motion.fit import stretch_factor
 from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 
 class Quintic(TimeLaw):

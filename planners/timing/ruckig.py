@@ -10,9 +10,9 @@ import ruckig
 from optik.errors import NoSolution
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fit
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits
+from planners.motion.fit import fit
 from planners.timing._sectional.ramps import Ramp, constant_limits, law_of, make_table, phases_of, profile
 from planners.timing._sectional.sections import find_sections
 from planners.timing.base import AnalysingLaw, refit

@@ -12,8 +12,8 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from benchmarks.blocks._contest import trial_seed
 from benchmarks.blocks.base import Entry, Part, load_kind
+from benchmarks.blocks.contest import trial_seed
 from benchmarks.blocks.ik.answers import AnswersWork, distribution, solved_by_all, summary
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder

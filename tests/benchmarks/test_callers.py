@@ -16,13 +16,13 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks._contest import reseed
 from benchmarks.blocks.base import Entry
+from benchmarks.blocks.contest import reseed
 from benchmarks.blocks.ik.rounds import Caller, callers_of, timed_part
 from benchmarks.cli.app import app
-from benchmarks.peers.ik import _worker
-from benchmarks.peers.ik._worker import WorkerPeer
+from benchmarks.peers.ik import worker as workers
 from benchmarks.peers.ik.base import Absent, NotInstalled, Peer, build_peer, different_model
+from benchmarks.peers.ik.worker import WorkerPeer
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.suite import suite_of
@@ -290,14 +290,14 @@ def test_a_worker_that_ends_costs_one_restart_and_then_one_problem(
 
 
 def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_worker, "LONGEST_CALL", 0.3)
+    monkeypatch.setattr(workers, "LONGEST_CALL", 0.3)
     found = worker(tmp_path, "hang").many(GIVEN)
     assert found[3].raw.error == "no answer for 0.3 s"
     assert found[5].raw["q"] == [5.0] * 6
 
 
 def test_a_worker_that_always_ends_is_not_started_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_worker, "MOST_WORKER_CRASHES", 2)
+    monkeypatch.setattr(workers, "MOST_WORKER_CRASHES", 2)
     peer = worker(tmp_path, "crash")
     found = peer.many([GIVEN[3]] * 30)
     assert {answer.raw.outcome for answer in found} == {"crashed"}

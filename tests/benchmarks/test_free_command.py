@@ -83,7 +83,7 @@ def test_joints_go_around_a_wall_and_straight_ones_do_not(
     typed: Any, wall: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        import_module("planners.plan"), "DENSITIES", (1.0,)
+        import_module("planners.choice.ways"), "DENSITIES", (1.0,)
     )  # what is printed does not depend on the grid
     move = ("plan", "joints", *PANDA, "--to-deg", "51.6,-45,0,-135,0,90,45", "--scene", wall)
     assert typed(*move)[0] == 1

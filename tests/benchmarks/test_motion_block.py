@@ -18,11 +18,11 @@ import optik
 from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing import motion
 from benchmarks.blocks.timing.motion import MOTION_TYPES, OF_OMPL, OURS, PYROBOPLAN, ROUNDED, MotionBlock
-from benchmarks.peers._models import list_solids
 from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.ik.drake import METHOD as DRAKE
+from benchmarks.peers.models import list_solids
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
-from benchmarks.problems._motionbench import MotionProblem, write_problems
+from benchmarks.problems.motionbench import MotionProblem, write_problems
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report.base import Run
 from benchmarks.report.timing.motion import REPORT, unsolved_of

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.problems._motionbench import END_ROOM, read_archive, read_problem, write_problems
+from benchmarks.problems.motionbench import END_ROOM, read_archive, read_problem, write_problems
 from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.scene.contact import find_nearest_pairs

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks._arms import SCENES, scene_named
+from benchmarks.blocks.arms import SCENES, scene_named
 from benchmarks.blocks.base import Target, load_kind
 from benchmarks.blocks.timing.clearance import PROOF
 from benchmarks.blocks.timing.laws.motions import draw_motion

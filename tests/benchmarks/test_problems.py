@@ -31,7 +31,7 @@ from benchmarks.problems.base import (
 from benchmarks.problems.hard import hard
 from optik import DHRow, JointLimits, Robot
 from optik.errors import InvalidInput
-from optik.ik._problem import UNREACHABLE
+from optik.ik.problem import UNREACHABLE
 from optik.registry import build_method
 from tests import oracles
 from tests.seeds import shift_seed

@@ -10,9 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.blocks._contest import version_words
-from benchmarks.blocks._entries import check_set
 from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.contest import version_words
+from benchmarks.blocks.entries import check_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.ik.accuracy import choose

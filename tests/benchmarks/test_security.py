@@ -84,7 +84,7 @@ MODULES = (
 FOREIGN = "import pathlib, sys; pathlib.Path(__file__).with_suffix('.ran').touch(); sys.exit('run')"
 
 STARTS = {
-    "fresh": "from benchmarks.blocks._contest import fresh\n"
+    "fresh": "from benchmarks.blocks.contest import fresh\n"
     "fresh(['-c', 'import pickle, random, polars, optik; print(1)'], 'a process')\n",
     "workers": "import sys\n"
     "from benchmarks.run import run_suite\nfrom benchmarks.suite import suite_of\n"

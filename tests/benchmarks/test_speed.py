@@ -14,15 +14,15 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks._contest import ProcessFailed, fresh, timed
 from benchmarks.blocks.base import Outcome, Target, load_kind, measure_named
+from benchmarks.blocks.contest import ProcessFailed, fresh, timed
 from benchmarks.blocks.ik import first_use
 from benchmarks.blocks.ik.calls import MEASURES, CallRows, median_ratio
 from benchmarks.blocks.ik.judgement import judged, shared, wrapped
 from benchmarks.blocks.ik.rounds import Caller, timed_part
-from benchmarks.peers._models import roll_pitch_yaw, urdf
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
+from benchmarks.peers.models import roll_pitch_yaw, urdf
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
@@ -381,7 +381,7 @@ def test_the_urdf_of_an_arm_has_its_numbers() -> None:
 
 def test_a_fresh_process_prints_json_or_its_last_words_are_told() -> None:
     assert (
-        fresh(["-c", "import benchmarks.blocks._contest, json, os; print(json.dumps(os.environ['A']))"], "x", A="b")
+        fresh(["-c", "import benchmarks.blocks.contest, json, os; print(json.dumps(os.environ['A']))"], "x", A="b")
         == "b"
     )
     with pytest.raises(ProcessFailed, match=r"^batch 'x': ValueError: no"):

@@ -27,12 +27,11 @@ from planners import (
     plan,
     replan,
 )
-from planners.curve import quintic
 from planners.following.joint_path import JointPath
-from planners.plan import StopKind
-from planners.timing.base import PathState
+from planners.timing.base import PathState, StopKind
 from planners.timing.optimal import Optimal
 from planners.trajectory import cut_after, join
+from planners.trajectory.curve import quintic
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.stops import path_of

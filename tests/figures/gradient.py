@@ -13,9 +13,9 @@ import numpy as np
 import optik
 from optik.types import Array
 from planners import Line, MotionLimits, PointToPoint, free, plan
-from planners.timing._free.choose import Choice, JointChoice
-from planners.timing._free.solve import _Iteration
-from planners.timing._optimal import iteration
+from planners.choice.choose import Choice, JointChoice
+from planners.choice.solve import _Iteration
+from planners.timing.interior_point import iteration
 from planners.timing.optimal import Optimal
 from tests.figures.figure import Row, Value, main
 from tests.figures.moving import span

@@ -14,10 +14,10 @@ import numpy as np
 import optik
 from planners import JointLine, MotionLimits, Plan, plan
 from planners.cell import Execution, ExecutionStatus
-from planners.cell.drives._options import WrongSetpoint
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
+from planners.cell.drives.options import WrongSetpoint
 from tests.figures.figure import Row, Value, main
 
 START, MOVE = np.array([0.2, -1.2, 1.0, -0.6, 0.4, 0.1]), np.array([0.9, 0.3, -0.2, 0.2, 0.5, 1.1])

@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 
 import optik
-from benchmarks.problems._motionbench import MotionProblem, read_problem
+from benchmarks.problems.motionbench import MotionProblem, read_problem
 from optik import Robot
 from optik.scene.contact import find_nearest_pairs
 from planners import SearchStatus, find_path

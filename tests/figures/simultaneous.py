@@ -16,8 +16,8 @@ from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
 from planners import Line, MotionLimits, Path, PointToPoint, follow, free
-from planners.timing._free.choose import choice_for
-from planners.timing._free.solve import solve
+from planners.choice.choose import choice_for
+from planners.choice.solve import solve
 from planners.timing.optimal import Optimal
 from tests.figures.figure import Row, Value, main
 from tests.figures.freedom import arm_of

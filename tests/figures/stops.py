@@ -12,7 +12,7 @@ import numpy as np
 
 from optik.errors import OptikError
 from planners import Plan, replan
-from planners.fit import match_start
+from planners.motion.fit import match_start
 from planners.replan.state import build_moving_state
 from planners.timing.optimal import Optimal
 from tests import oracles

@@ -232,7 +232,7 @@ def test_the_site_shows_the_interfaces_and_not_what_is_inside():
     assert {"planners/paths/line.py:Line.pose", "planners/timing/optimal.py:Optimal.run"}.isdisjoint(
         shown
     )  # they inherit
-    assert not any("/_optimal/" in name for name in shown)
+    assert not any("/interior_point/" in name for name in shown)
 
 
 # ---------------------------------------------------------------- the reader sees what it should

@@ -146,6 +146,37 @@ def test_a_circle_is_found_through_a_function_a_package_and_a_relative_import(tm
     assert circles(graph) == [["p.a", "p.b", "p.c"]]
 
 
+# ---------------------------------------------------------------- private names
+def private_imports(root: Path, packages: tuple[str, ...]) -> list[str]:
+    """Imports of a module or name with an underscore from outside the folder, or the module, that it belongs to."""
+    found = []
+    for package in packages:
+        for file in sorted((root / package).rglob("*.py")):
+            module = ".".join(file.relative_to(root).with_suffix("").parts)
+            for node in ast.walk(parsed(file)):
+                if not isinstance(node, ast.ImportFrom) or (node.module or "").partition(".")[0] not in packages:
+                    continue
+                for name in (f"{node.module}.{alias.name}" for alias in node.names):
+                    owner = name[: name.find("._")]
+                    folder = owner if (root / owner.replace(".", "/")).is_dir() else owner.rpartition(".")[0]
+                    if "._" in name and not module.startswith(f"{folder}."):
+                        found.append(f"{module}: {name}")
+    return found
+
+
+def test_private_names_stay_in_their_folder(tmp_path: Path) -> None:
+    assert private_imports(REPOSITORY, PACKAGES) == []
+    for name, text in {
+        "p/a/__init__.py": "",
+        "p/a/_inner.py": "_x = 1\n",
+        "p/a/one.py": "from p.a._inner import _x\nfrom p.a import _inner\n",
+        "p/b.py": "from p.a._inner import y\nfrom p.a import _inner\nfrom p.a.one import _z\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert private_imports(tmp_path, ("p",)) == ["p.b: p.a._inner.y", "p.b: p.a._inner", "p.b: p.a.one._z"]
+
+
 # ---------------------------------------------------------------- sizes
 def test_every_file_says_its_job_in_its_first_line() -> None:
     for path in FILES:

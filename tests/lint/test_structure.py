@@ -87,8 +87,9 @@ def test_the_files_of_a_folder_are_its_names_sorted(folder, expected):
     names = registry.names(folder)
     assert expected <= set(names)
     assert list(names) == sorted(names)
-    files = {f.stem for f in (REPOSITORY / folder.replace(".", "/")).iterdir() if f.suffix in (".py", ".toml")}
-    assert set(names) == {f for f in files if f != "base" and not f.startswith("_")}
+    files = list((REPOSITORY / folder.replace(".", "/")).iterdir())
+    methods = {f.stem for f in files if f.suffix == ".py" and "\nMETHOD = " in f.read_text()}
+    assert set(names) == methods | {f.stem for f in files if f.suffix == ".toml"}
 
 
 def test_listing_names_imports_none_of_them():
@@ -119,7 +120,8 @@ def folder(tmp_path, monkeypatch):
 def test_a_new_file_is_a_new_name_and_its_method_is_what_it_says(folder):
     (folder / "newton.py").write_text("METHOD = 42\n")
     (folder / "base.py").write_text("raise RuntimeError\n")
-    (folder / "_common.py").write_text("raise RuntimeError\n")
+    (folder / "_common.py").write_text("METHOD = 1\n")
+    (folder / "shared.py").write_text("raise RuntimeError  # METHOD = 1\n")
     (folder / "notes.md").write_text("raise RuntimeError\n")
     (folder / "arm.toml").write_text("")
     assert registry.names(folder.name) == ("arm", "newton")
@@ -153,15 +155,15 @@ def test_a_missing_package_of_an_extra_names_the_extra(folder, monkeypatch):
 
 @pytest.mark.parametrize("part", ["optik", "planners", "benchmarks"])
 def test_a_missing_module_of_ours_shows_itself(folder, part):
-    (folder / "broken.py").write_text(f"from {part}.no_such_module import something\n")
+    (folder / "broken.py").write_text(f"from {part}.no_such_module import something as METHOD\nMETHOD = METHOD\n")
     with pytest.raises(ModuleNotFoundError, match=f"{part}.no_such_module") as caught:
         registry.load_method(folder.name, "broken")
     assert not isinstance(caught.value, OptikError)
 
 
 def test_a_missing_name_of_ours_and_a_bug_show_themselves(folder):
-    (folder / "typo.py").write_text("from optik.arm.robot import Rowbot\n")
-    (folder / "crash.py").write_text("1 / 0\n")
+    (folder / "typo.py").write_text("from optik.arm.robot import Rowbot\nMETHOD = Rowbot\n")
+    (folder / "crash.py").write_text("METHOD = 1 / 0\n")
     with pytest.raises(ImportError, match="Rowbot") as caught:
         registry.load_method(folder.name, "typo")
     assert not isinstance(caught.value, OptikError)

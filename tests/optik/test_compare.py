@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import optik
 from optik import DHRow, JointLimits, Robot
-from optik.arm.compare import Comparison
+from optik.arm.compare import ArmComparison
 from optik.errors import InvalidInput
 from tests import oracles
 from tests.robots import built
@@ -245,6 +245,6 @@ def test_a_tolerance_is_a_number_above_zero(name, tolerance):
 
 def test_a_comparison_cannot_be_written():
     found = optik.load("ur5e").compare(optik.load("ur5e"))
-    assert isinstance(found, Comparison)
+    assert isinstance(found, ArmComparison)
     with pytest.raises(AttributeError):
         found.agree = False

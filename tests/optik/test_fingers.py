@@ -14,7 +14,7 @@ import optik
 from optik.arm.shapes import cache
 from optik.arm.shapes.contact import segment_distances
 from optik.arm.shapes.enclosure import Capsule
-from optik.arm.shapes.sweep import MOST_SWEPT, Step, sweep_capsules, turn_points
+from optik.arm.shapes.sweep import MOST_SWEPT, SweepStep, sweep_capsules, turn_points
 from optik.errors import EnclosureWarning, InvalidInput
 from optik.scene.contact import find_clearances, find_nearest_pairs, find_pairs
 from tests.oracles.hands import MeshContact, write_hand
@@ -74,7 +74,9 @@ def test_every_position_of_a_capsule_is_inside_one_that_encloses_its_sweep(seed)
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.normal(scale=0.05, size=3)
         axis, slides = rng.normal(size=3), bool(rng.integers(2))
-        step = Step(T, slides, axis / np.linalg.norm(axis), rng.integers(len(ranges)), rng.normal(), 0.1 * rng.normal())
+        step = SweepStep(
+            T, slides, axis / np.linalg.norm(axis), rng.integers(len(ranges)), rng.normal(), 0.1 * rng.normal()
+        )
         steps.append(step._replace(factor=0.02 * step.factor) if slides else step)
     found = sweep_capsules(capsules, steps, ranges)
     assert len(found) <= MOST_SWEPT

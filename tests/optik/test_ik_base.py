@@ -16,8 +16,8 @@ import optik
 from optik import IKResult, IKStatus, JointLimits, Robot, Tolerance
 from optik.errors import InvalidInput, OptikError, UnknownName
 from optik.ik import DLS, IKSolver, make_solver
-from optik.ik._problem import check_start, sample_restart
 from optik.ik.base import Attempt
+from optik.ik.problem import check_start, sample_restart
 from tests import oracles
 
 PAPER = optik.load("paper6r")

@@ -26,8 +26,8 @@ from planners import (
     save,
     to_ros,
 )
-from planners.cell.drives._setpoints import fit_periods
 from planners.cell.drives.ideal import IdealDrive
+from planners.cell.drives.setpoints import fit_periods
 from planners.cell.stored import restore_plan
 from planners.certificate.clearance import Clearance, Closest
 from planners.certificate.path_error import PathError

@@ -13,15 +13,15 @@ from optik.errors import InvalidInput, UnknownName
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
-from planners.cell.view._data import describe_show
+from planners.cell.view.data import describe_show
 from planners.cell.view.show import show_motion
+from planners.choice import avoid
+from planners.choice.choose import Choice, JointChoice
+from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
+from planners.choice.first_paths import advise_elbow
+from planners.choice.programme import FreeProgramme
 from planners.paths.free_path import FreePath
-from planners.search._around import advise_elbow
 from planners.search.rrt_connect import RRTConnect
-from planners.timing._free import avoid
-from planners.timing._free.choose import Choice, JointChoice
-from planners.timing._free.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
-from planners.timing._free.programme import FreeProgramme
 from planners.timing.optimal import Optimal
 from tests.planners.contacts import REST, drawn, panda, pose, scara
 from tests.seeds import shift_seed
@@ -281,7 +281,7 @@ def test_another_initial_path_is_tried_where_the_motion_stays_far_from_its_least
 ) -> None:
     first = around()
     assert first.search is not None and first.search.paths == 1 and first.freedom.gain > 0.01
-    module = sys.modules["planners.plan"]
+    module = sys.modules["planners.choice.ways"]
     monkeypatch.setattr(module, "NOT_FAR", 0.5)  # every motion is far
     monkeypatch.setattr(module, "ENOUGH_NEAR", 0.5)
     second = plan(panda(), GOAL, REST, limits=LIMITS, scene=wall(), avoid=True)

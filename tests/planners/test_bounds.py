@@ -21,7 +21,7 @@ from planners.certificate import path_error as deviation
 from planners.certificate.bounds import bezier_bound, joint_bounds, tool_bounds, tool_speed
 from planners.certificate.path_bounds import PieceBounds, path_rates, product_bound
 from planners.certificate.path_error import path_error
-from planners.curve import bell, quintic_through
+from planners.trajectory.curve import bell, quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 from tests.seeds import shift_seed

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from planners import JointLine, MotionLimits, plan, replan
-from planners.timing._brake import RunningMotion
-from planners.timing._brake.brake import RAMP_STEPS, _last_ramp
-from planners.timing._brake.rows import Cells, cells_of
+from planners.timing.brake import RunningMotion
+from planners.timing.brake.brake import RAMP_STEPS, _last_ramp
+from planners.timing.brake.rows import Cells, cells_of
 from tests.planners.cases import START, paper6r
 
 MOVE = np.array([1.0, 0.1, -0.1, 0.1, 0.1, -0.1])

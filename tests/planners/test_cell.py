@@ -22,7 +22,7 @@ from planners.cell import (
     split_errors,
 )
 from planners.cell.drives import make_drive
-from planners.cell.drives._options import LostEncoder, Stall
+from planners.cell.drives.options import LostEncoder, Stall
 from tests import oracles
 from tests.seeds import shift_seed
 

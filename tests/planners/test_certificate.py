@@ -11,9 +11,9 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import Certificate, JointLine, Line, MotionLimits, Trajectory, certify, make_law
-from planners.curve import quintic_through
 from planners.limits import DERIVATIVES
 from planners.paths.base import Path
+from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.oracles import PAPER
 from tests.planners import cases

@@ -187,7 +187,7 @@ def test_an_empty_scene_is_for_the_links_alone() -> None:
 
 
 def line(first: Array, last: Array) -> Trajectory:
-    from planners.curve import quintic_through
+    from planners.trajectory.curve import quintic_through
 
     rest = np.zeros((2, 7))
     return Trajectory(quintic_through(np.array([0.0, 1.0]), np.array([first, last]), rest, rest))

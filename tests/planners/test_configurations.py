@@ -11,7 +11,7 @@ from optik.arm.robot import Robot
 from optik.ik import make_solver
 from optik.types import Array
 from planners import JointLine, MotionLimits, PointToPoint, plan
-from planners.paths._configurations import _expand, choose_configurations, find_configurations
+from planners.paths.configurations import _expand, choose_configurations, find_configurations
 from tests import oracles
 from tests.optik.test_ik_lm import narrow, on_a_rail
 from tests.robots import built

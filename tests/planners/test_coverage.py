@@ -12,7 +12,7 @@ from optik.errors import InvalidInput
 from optik.ik import Tolerance
 from planners import Arc, Certificate, JointLine, Line, MotionLimits, Trajectory, certify, plan
 from planners.certificate.checks import COVERED, Coverage, length_between
-from planners.curve import quintic_through
+from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 

@@ -28,8 +28,8 @@ from planners.cell import (
 )
 from planners.cell.drives._checks import GREATEST_STEP
 from planners.cell.drives._run import EncoderMonitor
-from planners.controller import simulate_controller
 from planners.following.follow import PlanFailure
+from planners.trajectory.controller import simulate_controller
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.stops import stops
@@ -139,7 +139,7 @@ def test_the_cubics_of_the_servo_exceed_an_acceleration_by_four_27ths_of_jerk_an
 def test_a_motion_of_too_many_periods_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InvalidInput, match=r"period: .*at most 500,000 periods"):
         make_setpoints(line(), line().trajectory.end / 500_001)
-    monkeypatch.setattr(import_module("planners.cell.drives._setpoints"), "MOST_PERIODS", 500)
+    monkeypatch.setattr(import_module("planners.cell.drives.setpoints"), "MOST_PERIODS", 500)
     assert len(make_setpoints(line(), line().trajectory.end / 499).t) == 500
 
 

@@ -21,7 +21,7 @@ from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputErro
 from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
 from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
-from planners.files._setpoints import load_trajectory
+from planners.files.setpoints import load_trajectory
 from planners.motion import Motion, get_motion
 from planners.ros.export import to_ros
 from planners.ros.message import _to_yaml

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planners.timing._free.solve import Bounds, _Box
+from planners.choice.solve import Bounds, _Box
 
 MU, DAMPING = 0.01, 1e-6
 FREE = np.array([[True, True, True], [False, True, False], [True, False, True], [False, False, False]])

@@ -18,12 +18,12 @@ from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from optik.types import Array
 from planners import Line, MotionLimits, Polyline, follow, free, plan
+from planners.choice.choose import Choice
+from planners.choice.solve import Bounds, _Box, _Iteration, solve
+from planners.choice.torques import torque_changes
 from planners.paths.free_path import FreePath
-from planners.timing._free.choose import Choice
-from planners.timing._free.solve import Bounds, _Box, _Iteration, solve
-from planners.timing._free.torques import torque_changes
-from planners.timing._optimal import iteration
-from planners.timing._optimal.newton import back, forth
+from planners.timing.interior_point import iteration
+from planners.timing.interior_point.newton import back, forth
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.planners.cases import START, paper6r

@@ -26,7 +26,7 @@ from planners import (
     plan,
 )
 from planners.following.branches import find_branches
-from planners.paths._configurations import find_configurations
+from planners.paths.configurations import find_configurations
 from planners.search import _goals
 from planners.search.base import JointSpace
 from tests.planners.contacts import pose

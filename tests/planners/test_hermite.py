@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 from scipy.interpolate import BPoly
 
-from planners.curve import quintic, quintic_through
+from planners.trajectory.curve import quintic, quintic_through
 
 seeds = st.integers(0, 2**31)
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Plan, certify, plan, replan
-from planners.curve import monomials
 from planners.limits import PathPoints
 from planners.timing.optimal import Optimal
+from planners.trajectory.curve import monomials
 from tests.planners.cases import START, default_joint_path, default_line, paper6r, random_trajectory
 from tests.seeds import shift_seed
 

@@ -12,7 +12,6 @@ from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fit_to_limits, stretch_factor
 from planners.limits import (
     ALL_LIMITS,
     FIELD_LIMITS,
@@ -21,12 +20,13 @@ from planners.limits import (
     Limit,
     PathPoints,
     ToolExtreme,
-    _kinds,
     kind_of,
+    kinds,
     register,
     scale_of,
 )
-from planners.limits._motion import LimitedMotion
+from planners.limits.inputs import LimitedMotion
+from planners.motion.fit import fit_to_limits, stretch_factor
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
@@ -72,7 +72,7 @@ class Loaded(DerivativeLimit):
 
 @pytest.fixture(autouse=True)
 def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(_kinds, "_ADDED", {})
+    monkeypatch.setattr(kinds, "_ADDED", {})
     for kind in (Weighted(), Loaded()):
         register(kind)
     yield
@@ -136,7 +136,7 @@ def test_files_hold_it_under_its_name(tmp_path: Path, suffix: str, monkeypatch: 
     assert again.limits == limits
     assert again.enforced == motion.enforced == (*ALL_LIMITS, "weighted_speed", "loaded_acceleration")
     assert again.certify().worst("weighted_speed") == motion.certify().worst("weighted_speed")
-    monkeypatch.setattr(_kinds, "_ADDED", {})
+    monkeypatch.setattr(kinds, "_ADDED", {})
     with pytest.raises(InvalidInput, match="weighted_speed, loaded_acceleration unknown"):
         load_motion(file)
 

@@ -9,9 +9,9 @@ from planners import MotionLimits, Trajectory, laws, make_law
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES
 from planners.timing import optimal
-from planners.timing._optimal import iteration, newton
-from planners.timing._optimal.rows import derivatives, distances
 from planners.timing.base import PathState
+from planners.timing.interior_point import iteration, newton
+from planners.timing.interior_point.rows import derivatives, distances
 from planners.timing.optimal import Optimal
 from tests.oracles.time_optimum import best_duration
 from tests.planners.cases import default_joint_path, random_joint_paths

@@ -15,8 +15,8 @@ from planners import Line, MotionLimits, certify, follow
 from planners.following.joint_path import JointPath
 from planners.limits import PathPoints
 from planners.paths.joint_line import JointLine
-from planners.timing._optimal import iteration, newton
-from planners.timing._optimal.rows import build_rows, derivatives
+from planners.timing.interior_point import iteration, newton
+from planners.timing.interior_point.rows import build_rows, derivatives
 from planners.timing.optimal import Optimal
 from tests.oracles import moved
 from tests.oracles.time_optimum import best_duration

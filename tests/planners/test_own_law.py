@@ -12,8 +12,8 @@ import planners
 from optik.errors import InvalidInput
 from planners import MotionLimits, TimeLaw, Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.fit import fit_to_limits, stretch_factor
 from planners.following.joint_path import JointPath
+from planners.motion.fit import fit_to_limits, stretch_factor
 from planners.timing.quintic import Quintic
 from planners.timing.toppra import Toppra
 from tests.planners.cases import START, default_joint_path, paper6r

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from optik.errors import InvalidInput
 from planners import Line
-from planners.curve import Curve
+from planners.trajectory.curve import Curve
 from tests import oracles
 from tests.planners import cases
 from tests.planners.cases import parts, pose_of, vectors

@@ -12,8 +12,8 @@ from optik import Scene, Shapes
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, PointToPoint, ViaPoint, plan
-from planners.timing._free.choose import JointChoice
-from planners.timing._free.vias import pass_through
+from planners.choice.choose import JointChoice
+from planners.choice.vias import pass_through
 from planners.timing.optimal import Optimal
 from tests import oracles
 from tests.seeds import shift_seed

@@ -27,9 +27,9 @@ from planners.certificate.clearance import POSITION_STEP, VELOCITY_STEP, clearan
 from planners.certificate.effort import energy
 from planners.certificate.path_error import PathError
 from planners.certificate.torque import direction, fourth_bounds, sizes
-from planners.curve import quintic_through
 from planners.limits import DERIVATIVES, LOADED, PathPoints, kind_of
 from planners.limits.base import Limit
+from planners.trajectory.curve import quintic_through
 from tests.planners.contacts import bounds_of_one_interval, pose
 from tests.planners.torques import proved, random_loaded, swing, values
 

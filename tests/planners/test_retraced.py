@@ -219,7 +219,7 @@ def test_a_motion_of_a_file_is_certified_once(tmp_path: Any, monkeypatch: pytest
     motion: Motion = load_motion(file)
     proof = motion.certificate
     assert proof.is_valid
-    monkeypatch.setattr("planners.motion.certify", None)
+    monkeypatch.setattr("planners.motion.motion.certify", None)
     motion.check_valid()
     assert motion.certify() is proof
 

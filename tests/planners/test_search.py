@@ -19,7 +19,7 @@ from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
 from planners import SearchStatus, find_path
 from planners.search import JointSpace, Search
-from planners.search.base import Attempt, measure_length
+from planners.search.base import SearchAttempt, measure_length
 from planners.search.rrt_connect import RRTConnect
 from tests.planners.contacts import REST, drawn, panda, pose, scara, table
 from tests.seeds import shift_seed
@@ -299,8 +299,8 @@ class Straight(Search):
     name = "straight"
     through = (LEFT, RIGHT)
 
-    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:
-        return Attempt(np.array(self.through), 0)
+    def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> SearchAttempt:
+        return SearchAttempt(np.array(self.through), 0)
 
 
 def test_an_own_search_is_used_and_its_edges_are_checked() -> None:
@@ -320,10 +320,10 @@ def test_goals_farther_than_the_shortest_path_so_far_are_not_searched() -> None:
         name = "detour"
         seen: ClassVar[list[list[float]]] = []
 
-        def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> Attempt:
+        def search(self, space: JointSpace, start: Array, goals: Array, seed: tuple[int, ...]) -> SearchAttempt:
             self.seen.append(goals[:, 0].tolist())
             far = (1.2, 4.0)[len(self.seen) % 2]  # paths of 7, 1.4 and 7
-            return Attempt(np.array([start, [far, 0.0], goals[0]]), 0)
+            return SearchAttempt(np.array([start, [far, 0.0], goals[0]]), 0)
 
     find_path(gantry(), np.zeros(2), [[1.0, 0.0], [2.0, 0.0]], scene=Scene(), search=Detour(), shortcuts=0, paths=3)
     assert Detour.seen == [[1.0, 2.0], [1.0, 2.0], [1.0]]
@@ -336,7 +336,7 @@ def test_a_search_that_returns_nothing_is_named() -> None:
         def search(self, *_: Any) -> Any:
             return None
 
-    with pytest.raises(InvalidInput, match="result of Lost: expected an Attempt"):
+    with pytest.raises(InvalidInput, match="result of Lost: expected a SearchAttempt"):
         find_path(panda(), LEFT, RIGHT, scene=Scene(), search=Lost())
 
 

@@ -13,10 +13,10 @@ from optik.errors import InvalidInput
 from optik.types import Array
 from planners import MotionLimits, Polyline, Trajectory, certify, load_motion, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import apply_chain_rule, quintic_through
-from planners.fit import stretch_factor
 from planners.following.joint_path import JointPath
 from planners.limits import PathPoints, find_tool_limit_changes, tool_limits_at
+from planners.motion.fit import stretch_factor
+from planners.trajectory.curve import apply_chain_rule, quintic_through
 from tests.planners.cases import START, default_line, paper6r
 
 SPEEDS = (0.1, 0.3, 0.05)

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.peers.casadi_simultaneous import solve_jointly
 from optik.ik import make_solver
 from planners import MotionLimits, PointToPoint, follow, free
-from planners.timing._free.choose import choice_for
-from planners.timing._free.solve import solve
+from planners.choice.choose import choice_for
+from planners.choice.solve import solve
 from planners.timing.optimal import Optimal
 from tests.planners.cases import START, paper6r
 from tests.planners.test_freedom import line, torch

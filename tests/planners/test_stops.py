@@ -12,8 +12,8 @@ import optik
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, Polyline, plan, replan
 from planners.cell import Execution, ExecutionStatus, FaultKind, IdealDrive, LostEncoder, WrongSetpoint
-from planners.limits import Limit, PathPoints, ToolExtreme, _kinds, register
-from planners.limits._motion import LimitedMotion
+from planners.limits import Limit, PathPoints, ToolExtreme, kinds, register
+from planners.limits.inputs import LimitedMotion
 from planners.timing.base import StopKind
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
@@ -124,7 +124,7 @@ def values_of(motion: LimitedMotion, begin: float, end: float) -> Array:
 
 
 def test_a_limit_whose_rows_read_the_twist_stops_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_kinds, "_ADDED", {})
+    monkeypatch.setattr(kinds, "_ADDED", {})
     monkeypatch.setattr(PathAcceleration, "seen", [])
     register(PathAcceleration())
     limits = MotionLimits(2.0, 10.0, 100.0, extra={"path_acceleration": 1.0})

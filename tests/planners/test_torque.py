@@ -15,7 +15,7 @@ from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.effort import energy, friction_steps, stretch_factor
 from planners.certificate.torque import cubic_range, direction, fourth_bounds, sizes, slope_range
-from planners.curve import quintic_through
+from planners.trajectory.curve import quintic_through
 from tests.oracles.torques import Torques
 from tests.planners.torques import loaded, proved, random_loaded, swing, values
 

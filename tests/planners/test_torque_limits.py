@@ -13,12 +13,12 @@ from optik.types import Array
 from planners import MotionLimits, Plan, TimeLaw, Trajectory, certify, load_motion, make_law, plan, replan, save
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.bounds import MotionBounds
-from planners.curve import apply_chain_rule
-from planners.fit import static_torque
 from planners.following.joint_path import JointPath
 from planners.limits import DERIVATIVES, PathPoints, kind_of
-from planners.limits._kinds import torque_rows
+from planners.limits.kinds import torque_rows
+from planners.motion.fit import static_torque
 from planners.timing.smooth import Smooth
+from planners.trajectory.curve import apply_chain_rule
 from tests.planners.cases import START, default_line, paper6r
 from tests.planners.torques import loaded, values
 

@@ -15,7 +15,7 @@ from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.cell.drives import make_drive
-from planners.cell.view._data import describe_show, list_plots
+from planners.cell.view.data import describe_show, list_plots
 from planners.cell.view.page import embed_arm, make_page
 from planners.cell.view.show import (
     Show,

@@ -16,7 +16,7 @@ from optik.scene import Scene
 from optik.types import Array
 from planners.cell import Cell, Outcome, PanTiltLaser, Spot
 from planners.cell.drives import make_drive
-from planners.cell.drives._options import Stall
+from planners.cell.drives.options import Stall
 from planners.cell.view.page import MOST_PAGE, make_page, write_page
 from planners.cell.view.show import (
     Show,

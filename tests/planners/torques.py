@@ -12,8 +12,8 @@ from optik.dynamics import torques_batch
 from optik.types import Array
 from planners import Trajectory
 from planners.certificate.analysis import MotionAnalysis
-from planners.curve import quintic_through
-from planners.limits._motion import TorqueRatios
+from planners.limits.inputs import TorqueRatios
+from planners.trajectory.curve import quintic_through
 from tests import oracles
 from tests.robots import built
 

@@ -9,9 +9,9 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks._entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.blocks.base import Block, Entry
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
+from benchmarks.blocks.entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.settings import (
     LISTED,
     Budgets,
@@ -33,7 +33,7 @@ from benchmarks.statistics import percentage
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._setpoints import PERIOD
+from planners.cell.drives.setpoints import PERIOD
 from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES, PathFigures, PoseFigures, path_figures, pose_figures
 
 POSE_TEST, PATH_TEST = "pose", "path"

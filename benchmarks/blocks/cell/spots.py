@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.blocks._entries import store_problems
 from benchmarks.blocks.base import Entry, chunks
 from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
 from benchmarks.blocks.cell.trials import (
@@ -24,6 +23,7 @@ from benchmarks.blocks.cell.trials import (
     lasers,
     trial_of,
 )
+from benchmarks.blocks.entries import store_problems
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder
 from benchmarks.settings import naming
@@ -38,11 +38,11 @@ from planners.cell.drives.base import Execution
 from planners.cell.error_split import ErrorSplit, split_configurations
 from planners.cell.laser import PanTiltLaser
 from planners.cell.sighting import Spot
-from planners.fit import fit_to_limits
 from planners.following.follow import PlanFailure
 from planners.following.joint_path import IKRecord, JointPath
 from planners.limits import MotionLimits
 from planners.motion import Motion
+from planners.motion.fit import fit_to_limits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, make_law, plan
 

@@ -11,10 +11,10 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import arm_with
-from benchmarks.blocks._contest import trial_seed
+from benchmarks.blocks.arms import arm_with
 from benchmarks.blocks.base import Entry, Work
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
+from benchmarks.blocks.contest import trial_seed
 from optik import se3
 from optik.arm.model import unit_factors
 from optik.arm.robot import Robot

@@ -11,10 +11,10 @@ import numpy as np
 import polars as pl
 from pydantic import model_validator
 
-from benchmarks.blocks._contest import reseed, trial_seed
-from benchmarks.blocks._entries import Method, ProblemBlock, record_hash
 from benchmarks.blocks.base import Compared, Entry, Kind, Part, Target, Work, chunks
 from benchmarks.blocks.columns import Column, Of, largest, mean
+from benchmarks.blocks.contest import reseed, trial_seed
+from benchmarks.blocks.entries import Method, ProblemBlock, record_hash
 from benchmarks.blocks.ik.judgement import JUDGED_AT, judge_configurations, level_name, level_words, solved_at
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug

@@ -16,10 +16,10 @@ from typing import Annotated, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._contest import fresh
-from benchmarks.blocks._entries import ProblemBlock, check_set
 from benchmarks.blocks.base import Compared, Kind, Target, Tell
 from benchmarks.blocks.columns import Column
+from benchmarks.blocks.contest import fresh
+from benchmarks.blocks.entries import ProblemBlock, check_set
 from benchmarks.blocks.ik.judgement import judge_configurations
 from benchmarks.problems.base import SETS
 from benchmarks.settings import LISTED, Count, Options, SolverName, key

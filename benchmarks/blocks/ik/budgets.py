@@ -12,9 +12,9 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import Field
 
-from benchmarks.blocks._contest import reseed
-from benchmarks.blocks._entries import BudgetedMethod, ProblemBlock, need_problems, store_problems
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Part, Work, chunks
+from benchmarks.blocks.contest import reseed
+from benchmarks.blocks.entries import BudgetedMethod, ProblemBlock, need_problems, store_problems
 from benchmarks.blocks.ik.judgement import JUDGED_AT, rate, within
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder, slug

@@ -12,10 +12,10 @@ import polars as pl
 from numpy.typing import NDArray
 from pydantic import AfterValidator
 
-from benchmarks.blocks._contest import clock_cost
-from benchmarks.blocks._entries import IKPeer, Method, ProblemBlock, check_set, need_problems, store_problems
 from benchmarks.blocks.base import BlockRows, Compared, Entry, Kind, Target, Tell, chunks
 from benchmarks.blocks.columns import Column
+from benchmarks.blocks.contest import clock_cost
+from benchmarks.blocks.entries import IKPeer, Method, ProblemBlock, check_set, need_problems, store_problems
 from benchmarks.blocks.ik.judgement import JUDGED_AT, level_name, shared, solved_at
 from benchmarks.blocks.ik.rounds import Caller, Rounds, build_ours, callers_of, timed_part
 from benchmarks.records import Journal, RunFolder

@@ -7,9 +7,9 @@ from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks._contest import fresh
 from benchmarks.blocks.base import Block, Compared, Kind, Target, Tell
 from benchmarks.blocks.columns import Column, median
+from benchmarks.blocks.contest import fresh
 from benchmarks.settings import Count, RobotName, SolverName, key
 from optik.registry import short_name
 

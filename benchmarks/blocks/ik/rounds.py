@@ -11,12 +11,12 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.blocks._contest import facts_on, reseed, timed, turns
 from benchmarks.blocks.base import Block, Entry
+from benchmarks.blocks.contest import facts_on, reseed, timed, turns
 from benchmarks.blocks.ik.judgement import judged
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik._worker import WorkerPeer
 from benchmarks.peers.ik.base import Absent, Answer, Failed, build_peer, version_of
+from benchmarks.peers.ik.worker import WorkerPeer
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import UNKEPT, Journal
 from optik.arm.robot import Robot

@@ -10,10 +10,10 @@ import numpy as np
 import polars as pl
 from pydantic import BeforeValidator
 
-from benchmarks.blocks._arms import SceneName, scene_named
+from benchmarks.blocks.arms import SceneName, scene_named
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Tell
 from benchmarks.blocks.columns import Column, count, mean, median, quantile
-from benchmarks.peers._models import pinocchio_model
+from benchmarks.peers.models import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from optik.arm.library import load
 from optik.arm.robot import Robot
@@ -24,8 +24,8 @@ from optik.scene import Scene
 from optik.scene.contact import BOX, CYLINDER, MESH, PLANE, SELF, find_nearest_pairs, find_pairs
 from optik.types import Array
 from planners.certificate.clearance import clearance
-from planners.curve import quintic_through
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 
 def says(word: str) -> pl.Expr:

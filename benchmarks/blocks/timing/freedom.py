@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks._arms import Payload, arm_label
+from benchmarks.blocks.arms import Payload, arm_label
 from benchmarks.blocks.base import Block, Compared, Entry, Kind, Target, Tell
 from benchmarks.blocks.columns import Column, largest, mean, quantile
 from benchmarks.blocks.timing.laws.motions import draw_motion_of
@@ -40,10 +40,10 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
 from optik.types import Array
 from planners.certificate.certification import certify
-from planners.fit import fit_to_limits
 from planners.freedom import freedom_of, freedoms
 from planners.limits import MotionLimits
 from planners.motion import PlanStatus
+from planners.motion.fit import fit_to_limits
 from planners.paths.base import Path
 from planners.paths.free_path import FreePath, free
 from planners.paths.joint_line import JointLine

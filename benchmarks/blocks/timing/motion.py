@@ -20,7 +20,7 @@ from benchmarks.blocks.timing.laws.settings import LimitSet
 from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.peers.vamp_search import find_by_vamp
-from benchmarks.problems._motionbench import MotionProblem, read_archive, read_problem, write_problems
+from benchmarks.problems.motionbench import MotionProblem, read_archive, read_problem, write_problems
 from benchmarks.records import UNKEPT, Journal, RunFolder
 from benchmarks.settings import LISTED, Count, RobotName, key, one_of
 from optik.arm.library import load
@@ -34,15 +34,16 @@ from optik.scene.contact import find_contact
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
-from planners.fit import fit
+from planners.choice.first_paths import round_corners
 from planners.following.follow import DEFAULT_TOLERANCE, follow
 from planners.limits import MotionLimits
+from planners.motion.fit import fit
 from planners.paths.joint_line import JointLine
 from planners.paths.point_to_point import PointToPoint
-from planners.plan import Plan, PlanRequest, judge_certificate, plan
-from planners.search._around import round_corners
-from planners.search._find import find_path
+from planners.plan import Plan, plan
+from planners.planning.request import PlanRequest, judge_certificate
 from planners.search.base import SearchResult, SearchStatus, measure_length
+from planners.search.find import find_path
 from planners.timing import make_law
 
 OURS = "path and time"

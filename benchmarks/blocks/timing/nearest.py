@@ -12,7 +12,7 @@ from optik.scene import Scene
 from optik.scene.contact import BOX, CYLINDER, MESH, ROUND, SELF, find_clearances, find_nearest, find_pairs
 from optik.scene.mesh import find_hull
 from optik.types import Array
-from planners.cell.view._data import find_near_points
+from planners.cell.view.data import find_near_points
 from planners.plan import Plan
 
 CLEARANCE_INSTANTS = 501

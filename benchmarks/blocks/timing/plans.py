@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import Payload, SceneName, arm_with, scene_named, torques_at
+from benchmarks.blocks.arms import Payload, SceneName, arm_with, scene_named, torques_at
 from benchmarks.blocks.base import Block, BlockRows, Compared, Kind, Tell
 from benchmarks.blocks.timing.nearest import clearance_frame, nearest_picture
 from benchmarks.problems.base import start_of
@@ -27,7 +27,7 @@ from optik.scene.contact import check_scene
 from optik.types import Array
 from planners.certificate.checks import steps
 from planners.limits import MotionLimits
-from planners.limits._motion import plain
+from planners.limits.inputs import plain
 from planners.paths.line import Line
 from planners.plan import Plan, make_law, plan
 

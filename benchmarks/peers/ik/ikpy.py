@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers._models import roll_pitch_yaw
 from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.models import roll_pitch_yaw
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from benchmarks.peers.ik._worker import WorkerPeer
+from benchmarks.peers.ik.worker import WorkerPeer
 
 
 class OptikPy(WorkerPeer):

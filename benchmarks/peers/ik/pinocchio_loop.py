@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers._models import pinocchio_model
 from benchmarks.peers.ik.base import LOOP_ITERATIONS, LOOP_TOLERANCE, LoopPeer
+from benchmarks.peers.models import pinocchio_model
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers._models import quaternion
 from benchmarks.peers.ik.base import LoopPeer
+from benchmarks.peers.models import quaternion
 from optik.arm.robot import Robot
 from optik.types import Array
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers._models import urdf
 from benchmarks.peers.ik.base import Peer, need_revolute, none, one
+from benchmarks.peers.models import urdf
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.types import Array

@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
 from optik.types import Array
-from planners.curve import quintic_through
 from planners.following.follow import JointPath
 from planners.timing.base import refit
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import quintic_through
 
 COPP_STATIONS = 201
 """Number of equally spaced stations in s: a compromise between computation time and duration of the motion."""

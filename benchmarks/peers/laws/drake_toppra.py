@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import PPoly
 
-from benchmarks.peers.ik._worker import WORKERS, Worker
 from benchmarks.peers.ik.base import Failed, NotInstalled
 from benchmarks.peers.ik.drake import METHOD as DRAKE
+from benchmarks.peers.ik.worker import WORKERS, Worker
 from benchmarks.peers.laws.base import TimingPeer
 from optik.errors import NoSolution
 from optik.types import Array

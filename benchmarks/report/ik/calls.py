@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._contest import version_words
 from benchmarks.blocks.columns import values_of
+from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.ik.calls import FIRST_ROUND_FROM, CallRows
 from benchmarks.blocks.ik.judgement import shared
 from benchmarks.report.base import KindReport, Run, Section, Winner

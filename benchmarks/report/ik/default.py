@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._entries import ProblemBlock
 from benchmarks.blocks.columns import median, share
+from benchmarks.blocks.entries import ProblemBlock
 from benchmarks.blocks.ik.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
 from benchmarks.blocks.ik.judgement import level_words, shared
 from benchmarks.report.base import Run

@@ -30,7 +30,7 @@ MOST_SWEPT_POINTS = 100
 """Most points that contain the ends of an axis: more of them are enclosed by a capsule."""
 
 
-class Step(NamedTuple):
+class SweepStep(NamedTuple):
     """A joint between a link and the arm: its pose, its axis, and its value factor · (value of a driver) + offset."""
 
     T: Array
@@ -41,7 +41,7 @@ class Step(NamedTuple):
     offset: float
 
 
-def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: Array) -> list[Capsule]:
+def sweep_capsules(capsules: Sequence[Capsule], steps: Sequence[SweepStep], ranges: Array) -> list[Capsule]:
     """Enclose capsules of a link for all values of the drivers.
 
     steps: from the link to the arm. ranges (d, 2): lower and upper value of each driver [rad, m].
@@ -77,12 +77,12 @@ def _measure_growth(capsules: Sequence[Capsule], found: Sequence[Capsule]) -> fl
     return max(b.radius - a.radius for a, b in zip(capsules, found, strict=True))
 
 
-def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[Step], ranges: Array) -> list[Capsule]:
+def _sweep_all(capsules: Sequence[Capsule], steps: Sequence[SweepStep], ranges: Array) -> list[Capsule]:
     """Enclose each capsule by one for all values of the drivers."""
     return [_sweep(c, steps, ranges) for c in capsules]
 
 
-def _sweep(c: Capsule, steps: Sequence[Step], ranges: Array) -> Capsule:
+def _sweep(c: Capsule, steps: Sequence[SweepStep], ranges: Array) -> Capsule:
     """Enclose a capsule by one for all values of the drivers."""
     points, radius, excess = np.array([c.a, c.b]), c.radius, c.excess
     for step in steps:

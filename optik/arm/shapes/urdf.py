@@ -13,7 +13,7 @@ from optik.arm.shapes.cache import enclose_once
 from optik.arm.shapes.enclosure import Capsule, box_triangles, enclose_cylinder, enclose_mesh
 from optik.arm.shapes.meshes import FARTHEST_CORNER, MeshFolders, read_mesh, read_mesh_bytes
 from optik.arm.shapes.model import Shapes
-from optik.arm.shapes.sweep import Step, sweep_capsules
+from optik.arm.shapes.sweep import SweepStep, sweep_capsules
 from optik.arm.urdf_tree import Joint, Tree, check_plain, joint_origin, origin_pose, read_number, read_triple
 from optik.errors import InvalidInput, RobotModelError
 from optik.types import Array
@@ -64,14 +64,14 @@ def _read_own(tree: Tree, link: str, folders: MeshFolders, unread: list[tuple[st
     return found
 
 
-def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str, list[Step], Array]:
+def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str, list[SweepStep], Array]:
     """Return the link of the chain that carries a link, the joints between them, and the ranges (d, 2) of their drivers."""
-    steps: list[Step] = []
+    steps: list[SweepStep] = []
     drivers: dict[str, tuple[float, float]] = {}
     while link not in chain:
         joint, T = tree.above[link], joint_origin(tree.name, tree.above[link])
         if joint.kind == "fixed":
-            steps.append(Step(T, False, np.array([0.0, 0.0, 1.0]), 0, 0.0, 0.0))
+            steps.append(SweepStep(T, False, np.array([0.0, 0.0, 1.0]), 0, 0.0, 0.0))
         else:
             driver, factor, offset = find_driver(tree, joint)
             drivers.setdefault(driver.name, read_range(tree.name, driver))
@@ -80,7 +80,7 @@ def find_steps(tree: Tree, link: str, chain: set[str], axis: Axis) -> tuple[str,
                 problem = f"joint {joint.name!r}: type 'prismatic' without limits: the space of its links is unknown"
                 raise RobotModelError(tree.name, problem)
             read_range(tree.name, joint)  # a joint of another type, or crossed limits
-            steps.append(Step(T, slides, axis(joint), number, factor, offset))
+            steps.append(SweepStep(T, slides, axis(joint), number, factor, offset))
         link = joint.parent
     ranges = np.array(list(drivers.values())).reshape(-1, 2)
     for i, (low, high) in enumerate(ranges.tolist()):

@@ -29,7 +29,7 @@ _FLOAT = np.dtype(np.float64)
 """Type of arrays that need no conversion: a comparison with np.float64 itself takes three times as long."""
 
 
-class Answer(NamedTuple):
+class IkAnswer(NamedTuple):
     """Output of a solver: last iterate (n,) [rad, m], objective there, return code, iterations, and the recorded iterates (n,).
 
     The last iterate is clamped to the bounds, which IPOPT relaxes by 1e-8.
@@ -42,7 +42,7 @@ class Answer(NamedTuple):
     visited: list[Array]
 
 
-class Programme:
+class IkProblem:
     """CasADi solver called through its buffers: the arrays are set once, and a call converts nothing."""
 
     def __init__(
@@ -66,7 +66,7 @@ class Programme:
         self._x0, self._p = self._in["x0"], self._in["p"]
         self._limits = np.array([limits.lower, limits.upper, bounds.lower, bounds.upper])
 
-    def solve_arrays(self, target: Any, q0: Any) -> Answer | None:
+    def solve_arrays(self, target: Any, q0: Any) -> IkAnswer | None:
         """Solve for a target and an initial guess if both are valid float64 arrays; otherwise return None."""
         if not (type(target) is type(q0) is np.ndarray and target.dtype == q0.dtype == _FLOAT):
             return None
@@ -74,13 +74,13 @@ class Programme:
             return None
         return self._run(np.inf) if load_problem(target, q0, self._limits, self._x0, self._p) else None
 
-    def solve(self, start: Array, parameters: Array, end: float) -> Answer:
+    def solve(self, start: Array, parameters: Array, end: float) -> IkAnswer:
         """Solve from an initial guess, which is clamped to the bounds, until the clock time `end`."""
         clamp(start, self._in["lbx"], self._in["ubx"], self._in["x0"])
         self._in["p"][:] = parameters
         return self._run(end)
 
-    def _run(self, end: float) -> Answer:
+    def _run(self, end: float) -> IkAnswer:
         if self._watch is not None:
             self._watch.begin(end)
         try:
@@ -88,7 +88,7 @@ class Programme:
             stats = self._buffer.stats()
             code, count = stats["return_status"], stats["iter_count"]
         except (RuntimeError, KeyError) as error:  # exceptions of CasADi do not leave this module
-            return Answer(self._in["x0"].copy(), np.inf, first_line(error), 0, [])
+            return IkAnswer(self._in["x0"].copy(), np.inf, first_line(error), 0, [])
         q = np.empty(self._in["x0"].size)
         clamp(self._out["x"], self._in["lbx"], self._in["ubx"], q)
         visited: list[Array] = []
@@ -96,7 +96,7 @@ class Programme:
             # iterate 0 is the initial guess; the last may be reported twice, or (after a restoration) not at all
             before = self._watch.iterates[1:count]
             visited = [*before, *[q] * (count - len(before))]
-        return Answer(q, self._out["f"].item(), code, count, visited)
+        return IkAnswer(q, self._out["f"].item(), code, count, visited)
 
 
 @compiled
@@ -222,7 +222,7 @@ class ProgrammeSolver(IKSolver):
         self._prefix = f"{self.name.upper()}: "
         note = self.preference.explain(self.task, self.free_joints)
         self._suffix = f"; {note}" if note else ""
-        self._first: Answer | None = None
+        self._first: IkAnswer | None = None
         self._lock = threading.RLock()
         self._programme = cache(self._new_programme)
 
@@ -236,7 +236,7 @@ class ProgrammeSolver(IKSolver):
         """Return the name of CasADi's solver, the programme of one stage and the options; `choice` is the second stage."""
 
     @abstractmethod
-    def _status(self, answer: Answer, constrained: bool) -> IKStatus:
+    def _status(self, answer: IkAnswer, constrained: bool) -> IKStatus:
         """Return the status for the solver's return code; `solve` verifies the pose."""
 
     def _build(self) -> None:
@@ -245,13 +245,13 @@ class ProgrammeSolver(IKSolver):
             self._programme(choice, self.time_limit is not None)
         self._pose = self._programme(False, self.time_limit is not None)
 
-    def _new_programme(self, choice: bool, watched: bool) -> Programme:
+    def _new_programme(self, choice: bool, watched: bool) -> IkProblem:
         plugin, problem, options = self._problem(build_model(self.robot), choice)
         watch = Watch({k: problem[k].numel() for k in problem}) if watched else None
         if watch is not None:
             options = options | {"iteration_callback": watch}
         box = np.array(self.task.box)[task_rows(self.task)] if "g" in problem else np.zeros(0)
-        return Programme(ca.nlpsol("ik", plugin, problem, options), self.robot.limits, self.bounds, box, watch)
+        return IkProblem(ca.nlpsol("ik", plugin, problem, options), self.robot.limits, self.bounds, box, watch)
 
     def _second_problem(self, m: Model) -> dict[str, Any]:
         """Build the second programme: minimise the preference with the task's components inside their box."""

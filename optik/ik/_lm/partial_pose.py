@@ -7,7 +7,7 @@ import numpy as np
 from optik.compiled import compiled
 from optik.ik._gauss_newton import Rule, descend_inside
 from optik.ik._lm.winding import inside_winding
-from optik.ik._problem import OUTSIDE_LIMITS, SOLVED, STALLED
+from optik.ik.problem import OUTSIDE_LIMITS, SOLVED, STALLED
 from optik.kinematics import Chain, Range
 from optik.task import Goal
 from optik.types import Array, Flags

@@ -57,7 +57,7 @@ from optik.ik._lm.packing import (
     AT_UPPER,
 )  # fmt: skip
 from optik.ik._lm.winding import inside_winding
-from optik.ik._problem import MAX_ITERATIONS, OUTSIDE_LIMITS, SAME_ENDS, SAME_RESIDUAL, SOLVED, STALLED, UNREACHABLE
+from optik.ik.problem import MAX_ITERATIONS, OUTSIDE_LIMITS, SAME_ENDS, SAME_RESIDUAL, SOLVED, STALLED, UNREACHABLE
 from optik.types import Array
 
 BOUNDED_PATIENCE = 2.0
@@ -160,7 +160,7 @@ def judge_lane(arm: Array, w: Array, n: int, start: Array, l: int) -> int:
 
 @inlined
 def is_useless(arm: Array, w: Array, l: int) -> bool:
-    """Count the end of a lane's attempt, and return whether more attempts are of no use: `optik.ik._problem.Ends`.
+    """Count the end of a lane's attempt, and return whether more attempts are of no use: `optik.ik.problem.Ends`.
 
     Shapes and units: arm (size,) [as `pack` writes it], w (ROWS, L) [as the rows say] (overwritten).
     """

@@ -11,9 +11,9 @@ from optik.arm.robot import Robot
 from optik.check import check_number
 from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
-from planners.cell.drives._options import LateHost, LostEncoder, Options, WrongSetpoint
-from planners.cell.drives._run import Run
+from planners.cell.drives._run import DriveRun
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
+from planners.cell.drives.options import LateHost, LostEncoder, Options, WrongSetpoint
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -122,7 +122,7 @@ def read_encoders(
     return read
 
 
-def judge_host(run: Run, k: int, since: float, options: Options, robot: Robot) -> None:
+def judge_host(run: DriveRun, k: int, since: float, options: Options, robot: Robot) -> None:
     """Check the host at tick k: it must not be late, and its set-points must be within the limits."""
     for each in options.disturbances:
         if run.stopping:
@@ -135,7 +135,7 @@ def judge_host(run: Run, k: int, since: float, options: Options, robot: Robot) -
                 _judge_setpoint(run, row, each, robot)
 
 
-def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None:
+def judge(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
     """Check the encoders at tick k: none may be lost, and every joint must follow its set-points."""
     if run.fault is not None:
         return
@@ -172,7 +172,7 @@ def judge(run: Run, k: int, read: Array, options: Options, robot: Robot) -> None
         run.fail(fault, k + options.ahead)
 
 
-def judge_rest(run: Run, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
+def judge_rest(run: DriveRun, k: int, read: Array, actual: Array, options: Options, robot: Robot) -> None:
     """Check the final position of the arm at the last tick k by its encoders and by the true state of the simulated arm."""
     if run.fault is not None:
         return
@@ -202,7 +202,7 @@ def find_false_reading(read: Array, actual: Array, options: Options) -> int | No
     return int(off.argmax()) if off.max() > 1.0 else None
 
 
-def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
+def judge_standing(run: DriveRun, k: int, dq: Array, false: int | None, options: Options, robot: Robot) -> bool:
     """Return whether the arm is at rest when the set-points end; if it moves, record a fault.
 
     After a fault, and with a false encoder, it is at rest only as far as its brakes hold it.
@@ -223,7 +223,7 @@ def judge_standing(run: Run, k: int, dq: Array, false: int | None, options: Opti
     return False
 
 
-def judge_end(run: Run) -> tuple[ExecutionStatus, str, str]:
+def judge_end(run: DriveRun) -> tuple[ExecutionStatus, str, str]:
     """Return status, reason and advice of an execution that has come to rest."""
     if run.fault is not None:
         return ExecutionStatus.FAULT, run.fault.reason, run.fault.advice
@@ -241,7 +241,7 @@ def _tick(t: float, period: float) -> int:
     return ceil(t / period - 1e-9)
 
 
-def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -> None:
+def _judge_silence(run: DriveRun, k: int, first: int, ticks: int, options: Options) -> None:
     """Count a tick without a message; it is a fault if the drive has no further set-point."""
     if not first <= k < first + ticks or k + options.ahead > run.last:
         return
@@ -252,7 +252,7 @@ def _judge_silence(run: Run, k: int, first: int, ticks: int, options: Options) -
         run.fail(Fault(FaultKind.LATE_HOST, k * options.period, None, what, advice), k)
 
 
-def _judge_setpoint(run: Run, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
+def _judge_setpoint(run: DriveRun, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
     """Reject a wrong set-point that is outside the limits; accept one that is within them."""
     joint, before = int(wrong.joint), run.stream.q[row - 1]
     name, unit, t = robot.joint_names[joint], joint_unit(robot, joint), row * run.stream.period

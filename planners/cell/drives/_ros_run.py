@@ -14,14 +14,14 @@ from optik.types import Array
 from planners.cell.drives._checks import RESUME_ADVICE
 from planners.cell.drives._ros_goals import Stops, find_instant
 from planners.cell.drives._run import EncoderMonitor
-from planners.cell.drives._setpoints import Setpoints
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus, Fault, FaultKind, Moment, Watcher
-from planners.controller import sample_states
+from planners.cell.drives.setpoints import Setpoints
 from planners.following.failure import joint_unit
 from planners.plan import Plan
 from planners.ros.replies import Feedback, GoalState, write_time
 from planners.ros.transport import Goal, Transport
 from planners.trajectory import cut_after, join
+from planners.trajectory.controller import sample_states
 
 REST_SPEED = 0.02
 """Largest velocity of a joint at rest [rad/s, m/s]: measured velocities are noisy."""
@@ -123,7 +123,7 @@ class RosArm(Drive):
 
 
 @dataclass
-class Run:
+class RosRun:
     """The state of a running execution."""
 
     drive: RosArm

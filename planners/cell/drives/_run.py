@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from optik.types import Array
-from planners.cell.drives._setpoints import Setpoints, make_setpoints
 from planners.cell.drives._stop import ends_at_goal, is_at_rest, plan_hold, plan_stop
 from planners.cell.drives.base import Fault
+from planners.cell.drives.setpoints import Setpoints, make_setpoints
 from planners.plan import Plan, PlanStatus
 from planners.trajectory import Trajectory, cut_after, join
 
@@ -74,7 +74,7 @@ def interpolate(stream: Setpoints, k: int, steps: int, hold: bool) -> Commands:
 
 
 @dataclass
-class Run:
+class DriveRun:
     """The state of a running execution."""
 
     plan: Plan

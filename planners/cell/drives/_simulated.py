@@ -17,11 +17,11 @@ from optik.check import check_count, real_array
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
 from planners.cell.drives import _checks
-from planners.cell.drives._options import Stall, make_options
-from planners.cell.drives._run import Commands, Run, Steps, interpolate
-from planners.cell.drives._setpoints import fit_periods, make_setpoints
+from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
 from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
+from planners.cell.drives.options import Stall, make_options
+from planners.cell.drives.setpoints import fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
 
@@ -46,7 +46,7 @@ class SimulatedDrive(Drive):
     seed : int
         Seed of the encoder noise.
     **others
-        Options of `planners.cell.drives._options.make_options`.
+        Options of `planners.cell.drives.options.make_options`.
 
     Raises
     ------
@@ -129,7 +129,7 @@ class SimulatedDrive(Drive):
         refusal = _checks.find_refusal(plan, self.measure(), self.options)
         if refusal is not None:
             return self._refused(plan, *refusal)
-        run = Run(plan, plan.trajectory, make_setpoints(plan, self.period), allow=check_allow(allow))
+        run = DriveRun(plan, plan.trajectory, make_setpoints(plan, self.period), allow=check_allow(allow))
         self._loop(run, _checks.make_stop_test(stop), watch)
         return self._report(run)
 
@@ -143,7 +143,7 @@ class SimulatedDrive(Drive):
         """
         return resume_execution(self, execution, self.options.start, {"stop": stop, "watch": watch, "allow": allow})
 
-    def _loop(self, run: Run, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
+    def _loop(self, run: DriveRun, stop_test: Callable[[float], bool], watch: Watcher | None) -> None:
         """Run all ticks: read the encoders, check for faults and stop requests, simulate one period."""
         began, since = time.monotonic(), self.clock
         torque = self._torque()
@@ -172,7 +172,7 @@ class SimulatedDrive(Drive):
         run.extend(k)
         _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
 
-    def _comes_to_rest(self, run: Run, k: int, reading: Array) -> bool:
+    def _comes_to_rest(self, run: DriveRun, k: int, reading: Array) -> bool:
         """Return whether the arm is at rest when the set-points end; apply the brakes if it moves, and after a fault."""
         dq = run.dq[-1][-1]
         if _checks.judge_standing(
@@ -191,7 +191,7 @@ class SimulatedDrive(Drive):
         """Return the number of periods for which the last set-point is held after its tick."""
         return max(ceil(self.settling / self.period - 1e-9), int(self.options.hold))
 
-    def _wait(self, run: Run, began: float, t: float) -> None:
+    def _wait(self, run: DriveRun, began: float, t: float) -> None:
         """Wait for the tick if a pace is set; count a tick that is a period late."""
         if self.options.pace is None:
             return
@@ -224,7 +224,7 @@ class SimulatedDrive(Drive):
         """Return the record of a refused execution with the plant's notes."""
         return replace(refuse(self, plan, reason, advice, placed=self._placed), notes=self._remarks())
 
-    def _report(self, run: Run) -> Execution:
+    def _report(self, run: DriveRun) -> Execution:
         """Return the record of an execution; after a fault the servo's set-point is the arm's true configuration."""
         if run.fault is not None:
             self._place(self._actual())

@@ -9,8 +9,8 @@ import numpy as np
 
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._setpoints import slow_to
 from planners.cell.drives.base import Drive, Execution, ExecutionStatus
+from planners.cell.drives.setpoints import slow_to
 from planners.certificate.checks import AT_REST
 from planners.certificate.violation import Allow, check_allow, required_limits
 from planners.following.failure import joint_unit

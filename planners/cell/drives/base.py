@@ -13,7 +13,7 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.drives._setpoints import Setpoints
+from planners.cell.drives.setpoints import Setpoints
 from planners.certificate.violation import Allow
 from planners.plan import Plan
 from planners.timing.base import ClassName

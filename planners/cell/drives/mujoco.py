@@ -15,11 +15,11 @@ from optik.check import check_flag
 from optik.dynamics import joint_torques, mass_matrices
 from optik.errors import InvalidInput
 from optik.types import Array, Flags
-from planners.cell.drives._options import LostEncoder
-from planners.cell.drives._run import Commands, Run, Steps
+from planners.cell.drives._run import Commands, DriveRun, Steps
 from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, compute_gains, pack_gains, servo
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
+from planners.cell.drives.options import LostEncoder
 
 CREEP = 1e-5
 """Velocity scale of the tanh that smooths the feed-forward of Coulomb friction [rad/s, m/s]: the velocity of a joint at rest
@@ -230,7 +230,7 @@ class MujocoDrive(SimulatedDrive):
             remarks.append(f"{known}; the simulated arm carries {self.plant.payload}")
         return tuple(remarks)
 
-    def _report(self, run: Run) -> Execution:
+    def _report(self, run: DriveRun) -> Execution:
         torque = np.abs(np.concatenate(run.torque)) if run.torque else np.zeros((0, self.robot.n))
         for i in np.flatnonzero((torque >= self._most).any(axis=0)):
             for_long = self._step * int((torque[:, i] >= self._most[i]).sum())

@@ -12,10 +12,10 @@ from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
-from planners.cell.drives._ros_run import RosArm, Run, Timing
-from planners.cell.drives._setpoints import PERIOD
+from planners.cell.drives._ros_run import RosArm, RosRun, Timing
 from planners.cell.drives._stop import check_stopped, refuse, relax
 from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives.setpoints import PERIOD
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
 from planners.following.joint_path import find_nearest_s
@@ -127,7 +127,7 @@ class RosDrive(RosArm):
             description = _describe_message(sent, message, self.transport.address)
             return replace(self._record_unsent(sent, ExecutionStatus.DRY_RUN, *description), notes=notes)
         notes = (*CONTROLLER_NOTES, *notes, self._describe_stops(stops))
-        return Run(self, sent, self.transport.send(message), stops, notes).follow(stop_test, watch)
+        return RosRun(self, sent, self.transport.send(message), stops, notes).follow(stop_test, watch)
 
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()

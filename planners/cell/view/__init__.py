@@ -4,4 +4,13 @@ from planners.cell.view.live import Viewer
 from planners.cell.view.page import write_page
 from planners.cell.view.show import Beam, Show, Track, show_execution, show_motion, show_outcome
 
-__all__ = ["Beam", "Show", "Track", "Viewer", "show_execution", "show_motion", "show_outcome", "write_page"]
+__all__ = [
+    "Beam",
+    "Show",
+    "Track",
+    "Viewer",
+    "show_execution",
+    "show_motion",
+    "show_outcome",
+    "write_page",
+]

@@ -13,7 +13,7 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, write_atomically
 from optik.scene import Scene
 from optik.types import Array
-from planners.cell.view._data import describe_show, describe_surroundings, describe_track, list_plots
+from planners.cell.view.data import describe_show, describe_surroundings, describe_track, list_plots
 from planners.cell.view.show import Show, Track
 
 if TYPE_CHECKING:

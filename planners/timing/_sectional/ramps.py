@@ -38,7 +38,7 @@ class Ramp(NamedTuple):
     fall: float
 
 
-class Table(NamedTuple):
+class RampTable(NamedTuple):
     """Coefficients of a motion along s over the limits of the arm, at grid points.
 
     Attributes
@@ -57,14 +57,14 @@ class Table(NamedTuple):
     parts: Array
 
 
-def make_table(joint_path: JointPath, limits: MotionLimits) -> Table:
+def make_table(joint_path: JointPath, limits: MotionLimits) -> RampTable:
     """Return the table at path parameters that include every break and are dense where pieces are short."""
     breaks, end = joint_path.path.breaks, joint_path.end
     s = make_graded_grid(breaks[breaks < end], end, TABLE_INTERVALS, TABLE_PER_PIECE)
     slowness = 1.0 / speed_bound(joint_path, limits, s)
     if any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):  # the lesser speed also half a cell beyond its segment
         slowness = np.maximum(slowness, np.maximum(np.append(slowness[1:], 0.0), np.append(0.0, slowness[:-1])))
-    return Table(s, slowness, limit_rows(limits, PathPoints(joint_path, s)))
+    return RampTable(s, slowness, limit_rows(limits, PathPoints(joint_path, s)))
 
 
 def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
@@ -78,7 +78,7 @@ EQUAL_LIMITS = 1e-9
 """Largest relative difference of limits that are the same everywhere on a path: rounding."""
 
 
-def constant_limits(path: Path, table: Table) -> tuple[float, float, float] | None:
+def constant_limits(path: Path, table: RampTable) -> tuple[float, float, float] | None:
     """Return the limits on ṡ, s̈ and s⃛ of a straight path in joint space; None if they vary along the path."""
     bounds = path.joint_bounds()
     size = np.abs(table.parts).max(axis=2)
@@ -119,7 +119,7 @@ def nearest(places: Array, s: float) -> int:
 
 @compiled
 def ramp_ratio(
-    what: Table, s: float, v: float, ramp: tuple[float, float, float, float], count: int, most: float
+    what: RampTable, s: float, v: float, ramp: tuple[float, float, float, float], count: int, most: float
 ) -> float:
     """Return the factor by which a ramp must be stretched to respect the limits at its samples.
 
@@ -160,7 +160,7 @@ def ramp_ratio(
     return worst
 
 
-def ratio_of(what: Table, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
+def ratio_of(what: RampTable, ramp: Ramp, count: int = 24, most: float = np.inf) -> float:
     """Return the factor by which a ramp must be stretched to respect the limits."""
     duration, peak = profile(ramp.s1 - ramp.s0, ramp.v0, ramp.v1, ramp.rise, ramp.fall)
     shape = (duration, peak, ramp.rise, ramp.fall)
@@ -188,7 +188,7 @@ def law_of(ramps: list[Ramp], phases: list[Array]) -> scipy.interpolate.PPoly:
     return scipy.interpolate.PPoly(np.array(rows).T, np.concatenate([[0.0], np.cumsum(lengths)]), extrapolate=True)
 
 
-class Worst(NamedTuple):
+class RampRatio(NamedTuple):
     """The most exceeded limit of a motion: the factor by which it must be stretched, the path parameter and the joint."""
 
     factor: float
@@ -197,7 +197,7 @@ class Worst(NamedTuple):
     limit: str
 
 
-def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> Worst:
+def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, a: Array, j: Array) -> RampRatio:
     """Return the most exceeded limit of a motion along s, by the chain rule."""
     at = PathPoints(joint_path, np.clip(s, 0.0, joint_path.end))
     kinds = [kind for kind in limits.kinds if kind.homogeneous]
@@ -207,4 +207,4 @@ def find_worst(joint_path: JointPath, limits: MotionLimits, s: Array, v: Array, 
     place, column = np.unravel_index(int(np.nanargmax(together)), together.shape)
     kind, i = columns[column]
     joint = joint_path.robot.joint_names[i] if kind.subject is None else None
-    return Worst(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))
+    return RampRatio(float(together[place, column]), float(at.s[place]), joint, kind.name.replace("_", " "))

@@ -9,7 +9,7 @@ import numpy as np
 from optik.compiled import compiled
 from optik.types import Array, Flags, Indices
 from planners.timing import _sweep
-from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST_PHASE, Ramp, Table, profile, ramp_ratio
+from planners.timing._sectional.ramps import LEAST_FLAT, SHORTEST_PHASE, Ramp, RampTable, profile, ramp_ratio
 
 SECTION_PLACES = 14
 """Intervals between candidate ends of sections; twice as many are no faster on lines (T / T* 1.036 for 1.037)."""
@@ -29,7 +29,7 @@ SEARCH = ((4, 15), (6, 15))
 """Sharpness (a power of two) and rounds of the local search, in turn."""
 
 
-def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
+def find_sections(what: RampTable, breaks: Array, duration: float) -> list[Ramp]:
     """Return ramps from rest to rest along the whole table, nearly as fast as its limits allow."""
     fastest = _fastest(what.slowness, what.parts, what.s)
     shortest = min(SHORTEST_PHASE, 0.01 * duration)
@@ -54,7 +54,7 @@ def find_sections(what: Table, breaks: Array, duration: float) -> list[Ramp]:
     return [Ramp(*map(float, row)) for row in found]
 
 
-def _sweep_speeds(what: Table) -> Array:
+def _sweep_speeds(what: RampTable) -> Array:
     """Return the speeds of a motion along the table that nearly respects all limits."""
     parts = what.parts
     size = np.abs(parts).max(axis=0)
@@ -71,7 +71,7 @@ def _sweep_speeds(what: Table) -> Array:
     return np.asarray(motion[1])
 
 
-def _ratio(what: Table, ramp: Array) -> float:
+def _ratio(what: RampTable, ramp: Array) -> float:
     s0, v0, s1, v1, rise, fall = ramp
     duration, peak = profile(s1 - s0, v0, v1, rise, fall)
     return float(ramp_ratio(what, s0, v0, (duration, peak, rise, fall), 16, np.inf))
@@ -93,7 +93,7 @@ def _fastest(slowness: Array, parts: Array, s: Array) -> Array:
     return np.asarray(np.where(finite, here, here[finite].max()))
 
 
-def _find_candidates(what: Table, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
+def _find_candidates(what: RampTable, fastest: Array, breaks: Array, brief: float) -> tuple[Indices, Indices]:
     """Return indices (k,) of candidate ends of sections, and for each that of the last break before it.
 
     Breaks that are passed within a `brief` time after another count as one with it: no ramp fits between. Places are spread
@@ -124,7 +124,7 @@ def _nearest(s: Array, x: Array) -> Indices:
 
 
 @compiled
-def _find_chain(what: Table, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
+def _find_chain(what: RampTable, s: Array, open_since: Indices, speeds: Array, most: float, shortest: float) -> Array:
     """Return the fastest chain of ramps between candidates whose samples respect the limits (k, 6); (0, 6) if there is none.
 
     A ramp to place i starts at place open_since[i] or later.
@@ -167,7 +167,7 @@ def _find_chain(what: Table, s: Array, open_since: Indices, speeds: Array, most:
 
 
 @compiled
-def _power(what: Table, row: Array, count: int, sharpness: int, slow: float) -> tuple[float, float]:
+def _power(what: RampTable, row: Array, count: int, sharpness: int, slow: float) -> tuple[float, float]:
     """Return the duration of a ramp, and the time integral of the sum of r^p over all limits, p = 3 · 2^sharpness.
 
     r is the ratio of velocity, acceleration and jerk to its limit to the power 1, 1/2 and 1/3, after stretching by `slow`.
@@ -240,7 +240,13 @@ def _move(ramps: Array, k: int, number: int, move: float) -> None:
 
 @compiled
 def _cost(
-    what: Table, ramps: Array, k: int, end: int, done: tuple[float, float], at: _Measures, aim: tuple[int, float, float]
+    what: RampTable,
+    ramps: Array,
+    k: int,
+    end: int,
+    done: tuple[float, float],
+    at: _Measures,
+    aim: tuple[int, float, float],
 ) -> float:
     """Return the logarithm of the scaled duration after a change of ramps k to end − 1; infinite if one is too short."""
     sharpness, slow, shortest = aim
@@ -260,7 +266,7 @@ def _cost(
 
 
 @compiled
-def _search(what: Table, ramps: Array, fixed: Flags, rounds: int, aim: tuple[int, float, float]) -> None:
+def _search(what: RampTable, ramps: Array, fixed: Flags, rounds: int, aim: tuple[int, float, float]) -> None:
     """Improve the ends and shapes of ramps (k, 6), in place, one variable at a time, while the scaled motion gets faster.
 
     Ends that are fixed (k,) stay. `aim` is the sharpness, the slowing and the shortest phase. The duration after a uniform

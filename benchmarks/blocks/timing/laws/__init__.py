@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._contest import clock_cost, facts_on
-from benchmarks.blocks._entries import about_file, check_same
 from benchmarks.blocks.base import Compared, Kind, Target, Tell, chunks
+from benchmarks.blocks.contest import clock_cost, facts_on
+from benchmarks.blocks.entries import about_file, check_same
 from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion, motion_in_file, stands_of
 from benchmarks.blocks.timing.laws.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.laws.rows import SCHEMA, in_group, with_optimum

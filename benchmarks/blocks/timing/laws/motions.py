@@ -9,9 +9,9 @@ from zlib import crc32
 
 import numpy as np
 
-from benchmarks.blocks._arms import arm_label, arm_with
+from benchmarks.blocks.arms import arm_label, arm_with
 from benchmarks.blocks.timing.laws.settings import LINE_KINDS, MOTION_KINDS, LimitSet
-from benchmarks.problems._tables import read_poses
+from benchmarks.problems.tables import read_poses
 from optik import se3
 from optik.arm.robot import Robot
 from optik.check import check_count

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import JOINT_LIMITS
+from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from optik import se3
 from optik.arm.limits import LIMIT_TOLERANCE
 from optik.arm.robot import Robot
 from planners.certificate.analysis import MotionAnalysis
 from planners.certificate.certificate import Certificate
-from planners.fit import stretch_factor
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits
+from planners.motion.fit import stretch_factor
 from planners.paths.base import Path
 from planners.trajectory import Trajectory
 

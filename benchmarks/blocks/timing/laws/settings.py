@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from benchmarks.blocks._arms import Payload, arm_label, arm_with
-from benchmarks.blocks._entries import Law, LawPeer
+from benchmarks.blocks.arms import Payload, arm_label, arm_with
 from benchmarks.blocks.base import Block, Entry, Target
+from benchmarks.blocks.entries import Law, LawPeer
 from benchmarks.blocks.timing.laws.rows import MEASURES
 from benchmarks.settings import (
     LISTED,

@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from benchmarks.blocks._arms import torques_at
-from benchmarks.blocks._contest import timed, turns
+from benchmarks.blocks.arms import torques_at
 from benchmarks.blocks.base import Entry
+from benchmarks.blocks.contest import timed, turns
 from benchmarks.blocks.timing.laws.motions import DrawnLine
 from benchmarks.blocks.timing.laws.rows import blank, facts_of
 from benchmarks.blocks.timing.laws.settings import LawBlock, told

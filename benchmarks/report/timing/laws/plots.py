@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks._arms import JOINT_LIMITS, arm_label
+from benchmarks.blocks.arms import JOINT_LIMITS, arm_label
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.report.base import Run

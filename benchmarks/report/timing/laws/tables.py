@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from benchmarks.blocks._arms import JOINT_LIMITS
-from benchmarks.blocks._contest import version_words
+from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.columns import largest, mean, median, median_with_interval, quantile, share
+from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.timing.laws.rows import NEARLY, ON_PATH_M, in_group
 from benchmarks.records import slug
 from benchmarks.report.tables import Cell, Column, Group, Table, table_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blocks._arms import JOINT_LIMITS
+from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.numbers import listed, number
 from benchmarks.report.tables import Table

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.blocks._arms import JOINT_LIMITS
+from benchmarks.blocks.arms import JOINT_LIMITS
 from benchmarks.blocks.timing.plans import PLAN_REPEATS, LinePlans
 from benchmarks.report.base import Run
 from benchmarks.report.boards import Control

@@ -1,0 +1,385 @@
+"""Choice of a path's free coefficients: gradient, initial guesses, and the fastest motion that is proved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from optik.arm.limits import LIMIT_TOLERANCE
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput
+from optik.types import Array, Flags
+from planners.certificate.certificate import Certificate
+from planners.choice.programme import FreeProgramme, Statics, ToolCoordinates
+from planners.choice.solve import LEAST_P_DAMPING, Bounds, FreeSolution, solve
+from planners.choice.vias import ViaLimits, pass_through
+from planners.following.joint_path import JointPath
+from planners.paths.base import Path
+from planners.paths.free_path import CoordinateRange, FreePath, NullSpace
+from planners.paths.point_to_point import PointToPoint
+from planners.paths.spline import Basis
+from planners.timing.interior_point.newton import Iterate
+from planners.timing.optimal import Optimum
+from planners.trajectory import Trajectory
+
+WORTHLESS = 1e-4
+"""Fraction of the duration, by the gradient, that a freedom must promise for each radian or metre of its coordinates."""
+LEAST_GAIN = 1e-4
+"""Least fraction by which a chosen path must shorten the motion to be used."""
+FURTHER_TURNS = tuple(np.radians((135.0, -135.0, 180.0, 90.0, -90.0, 45.0, -45.0)))
+"""Constant turns from the given path at which further initial guesses begin, in this order; the arm may not reach some."""
+CONTINUATION_STEP = 0.25
+"""Step of the turn from one initial guess to the next [rad]: Newton's method stays on the branch."""
+REPORT_POINTS = 101
+"""Points along the path at which a result shows the coordinates."""
+SHAPE_DAMPING = 1e-2
+"""Curvature that is added in each control point of a joint path [1/rad²]: motion along the path changes only its parameter."""
+ELBOW_SWINGS = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
+"""Constant changes of the null-space coordinate [rad] at which guesses begin where the others stay in contact."""
+POINTS_PER_COEFFICIENT = 3
+"""Grid points for each coefficient of the default number: with fewer the path bends between them, where nothing limits it."""
+MORE_COEFFICIENTS = (1.5, 2.5, 5.0)
+"""Numbers of coefficients, over the default one, that are tried where nothing is found around obstacles."""
+NULL_STATIONS = 25
+"""Configurations along the path whose null spaces are averaged."""
+
+
+@dataclass(frozen=True)
+class FreedomResult:
+    """What a plan did with the freedoms of its path.
+
+    Attributes
+    ----------
+    fixed_duration : float
+        Duration of the motion along the initial path [s].
+    gain : float
+        Fraction of it that the choice saves; 0 if the initial path was kept.
+    outcome : str
+        In words: chosen, or why the initial path was kept.
+    ranges : tuple of CoordinateRange
+        Allowed and reached range of each coordinate; the latter is proved by the convex hull of the spline's coefficients.
+    s, values : (k,) and (k, d) arrays
+        Path parameters [m, or rad], and what each of the ranges bounds there; the joints of a path in joint space [rad, m].
+    gradient : float
+        Sum over the coefficients of |dT/dp| at the initial path [s/rad, s/m]; NaN if it is not known.
+    starts, steps : int
+        Initial guesses that were tried, and Newton steps in all.
+    distance, angle : float
+        Proved bounds on the tool's distance [m] and angle [rad] to the given path; NaN for a path in joint space.
+    """
+
+    fixed_duration: float
+    gain: float
+    outcome: str
+    ranges: tuple[CoordinateRange, ...]
+    s: Array
+    values: Array
+    gradient: float = float("nan")
+    starts: int = 0
+    steps: int = 0
+    distance: float = float("nan")
+    angle: float = float("nan")
+
+    def __str__(self) -> str:
+        ranges = "; ".join(
+            f"{one.name} {one.reached[0]:.3g} to {one.reached[1]:.3g} {one.unit}"
+            for one in self.ranges
+            if self.gain > 0.0
+        )
+        saved = f", {100.0 * self.gain:.3g} % shorter than {self.fixed_duration:.4g} s" if self.gain > 0.0 else ""
+        return f"  freedoms: {self.outcome}{saved}{'; ' + ranges if ranges else ''}"
+
+
+Parts = tuple[Basis, Flags, int, ToolCoordinates | None]
+"""Arguments of `FreeProgramme` after the given programme."""
+
+
+class Choice:
+    """The choice of the coefficients of a path that a joint path follows, from the optimum along it."""
+
+    damping = LEAST_P_DAMPING
+    statics: tuple[Statics, ...] = ()
+
+    def __init__(self, path: FreePath, joint_path: JointPath, optimum: Optimum, *, held: bool) -> None:
+        robot, s = joint_path.robot, optimum.programme.s
+        if path.spline.count > s.size:
+            allowed = f"at most {s.size}, the number of grid points of the law"
+            raise InvalidInput("coefficients", path.spline.count, allowed)
+        self.path, self.robot, self.joint_path, self.optimum, self.held = path, robot, joint_path, optimum, held
+        self.initial: FreePath | PointToPoint = path
+        rows = _null_rows(robot, joint_path) if robot.n > 6 else np.empty((0, robot.n))
+        elbow = (
+            path.spline.fit(joint_path.knots, joint_path.q @ rows.T) if len(rows) else np.empty((path.spline.count, 0))
+        )
+        self.rows, self.tool_count = rows, len(path.screws)
+        self.p: Array = np.concatenate([path.coefficients, elbow], axis=1)
+        self.bounds, free = self._bound()
+        twists = np.stack([path.given(s, order) for order in (1, 2, 3)], axis=1)
+        tool = ToolCoordinates(path.screws, np.ascontiguousarray(path.given(s)), twists, rows)
+        self.parts: Parts = path.spline.basis(s), free.ravel(), self.p.shape[1], tool
+        self.programme = FreeProgramme(optimum.programme, *self.parts)
+        self.near: Array = np.stack([joint_path(s, order) for order in range(4)])
+
+    def _bound(self) -> tuple[Bounds, Flags]:
+        """Return the bounds of the coefficients, and which of them are free."""
+        lower, upper = np.full(self.p.shape, -np.inf), np.full(self.p.shape, np.inf)
+        free, column, discs = np.ones(self.p.shape, np.bool_), 0, []
+        for kind in self.path.kinds:
+            (low, high), count = self.path.bounds[kind.name], len(kind.screws)
+            at = slice(column, column + count)
+            if kind.round:
+                discs.append((column, high))
+            else:
+                lower[:, at], upper[:, at] = low, high
+            column += count
+        if "elbow" in self.path.bounds:
+            low, high = self.path.bounds["elbow"]
+            lower[:, column:], upper[:, column:] = self.p[:, column:] + low, self.p[:, column:] + high
+        else:
+            free[:, column:] = False
+        if self.held:
+            free[0] = False
+        return Bounds(lower, upper, tuple(discs)), free
+
+    def gradient(self) -> Array:
+        """Return dT/dp (C, D) at the initial path, from the multipliers of the optimum along it."""
+        free, (fixed, at) = self.programme, self.optimum
+        place = free.place(self.p, self.near)
+        if place is None:
+            return np.full(self.p.shape, np.nan)
+        counts, m = free.scales.counts, fixed.problem.node.shape[1]
+        problem = free.problem(place)
+        own, y = at.dual[:, 0] - at.dual[:, 1], np.zeros((free.K + 1, free.rows + 2 * problem.edge.shape[2]))
+        own[0, :m], own[-1] = 0.0, 0.0  # not limited there
+        first = counts[0] + counts[1]
+        y[:, first : first + counts[2] + counts[3]] = own[:, : counts[2] + counts[3]]
+        y[:, free.rows :] = own[:, m:]
+        self._spread_speeds(problem.node, at, y)
+        border = free.make_border()
+        free.fill(place, at.z, y, border)
+        return (
+            free.gather(y, border).reshape(self.p.shape)
+            * fixed.units[1]
+            * self.programme.window.free.reshape(self.p.shape)
+        )
+
+    def _spread_speeds(self, node: Array, at: Iterate, y: Array) -> None:
+        """Add the multipliers of the greatest speeds to those of the joint or tool limit that bounds each."""
+        free = self.programme
+        counts, top = free.scales.counts, self.optimum.programme.problem.top
+        linear = np.abs(node[:, : counts[0], 2])
+        begin = free.rows - int(counts[5] + counts[6]) - bin(counts[4]).count("1")
+        square = np.sqrt(node[:, begin : begin + bin(counts[4]).count("1"), 1])
+        active = np.concatenate([linear, square], axis=1).argmax(axis=1)
+        for k in range(1, free.K):
+            i = int(active[k])
+            force = at.bound[k, 1] * top[k]
+            if i < counts[0]:
+                y[k, i] += force * np.sign(node[k, i, 2])
+            else:
+                y[k, begin + i - int(counts[0])] += 0.5 * force
+
+    def solve(self) -> Iterator[FreeSolution]:
+        """Yield the optima from the initial guesses."""
+        for p, near in self.guesses():
+            found = solve(self.programme, p, self.bounds, near, damping=self.damping)
+            if found is not None:
+                yield found
+
+    def guesses(self) -> Iterator[tuple[Array, Array]]:
+        """Yield initial coefficients and configurations: the given path, and turned ones if its start is free."""
+        yield self.p, self.near
+        left = self.path.starts - 1
+        if self.held or not left or "turn" not in self.path.bounds:
+            return
+        column = sum(len(k.screws) for k in self.path.kinds[: [k.name for k in self.path.kinds].index("turn")])
+        low, high = self.path.bounds["turn"]
+        for turn in FURTHER_TURNS[: max(left + 1, 3)]:
+            if left and low <= turn <= high and (found := self._turn(column, turn)) is not None:
+                left -= 1
+                yield found
+
+    def swings(self) -> Iterator[tuple[Array, Array]]:
+        """Yield the given path with the elbow swung by constant amounts, for an elbow that must keep clear of something."""
+        if "elbow" in self.path.bounds and not self.held:
+            for swing in ELBOW_SWINGS:
+                found = self._turn(self.tool_count, swing)
+                if found is not None:
+                    yield found
+
+    def refine(self) -> Iterator[Choice]:
+        """Yield choices with more coefficients, unless their number was given."""
+        for factor in MORE_COEFFICIENTS:
+            count = int(factor * self.path.spline.count)
+            if self.path.counts_itself and count <= self.optimum.programme.s.size // POINTS_PER_COEFFICIENT:
+                yield Choice(self.path.with_count(count), self.joint_path, self.optimum, held=self.held)
+
+    def _turn(self, column: int, turn: float) -> tuple[Array, Array] | None:
+        """Return the path turned by a constant angle, by continuation; None if the arm cannot follow it inside its limits."""
+        p, near, limits = self.p.copy(), self.near, self.robot.limits
+        steps = int(np.ceil(abs(turn) / CONTINUATION_STEP))
+        for _ in range(steps):
+            p[:, column] += turn / steps
+            place = self.programme.place(p, near)
+            if place is None:
+                return None
+            near = place.path
+        near = near.copy()
+        middle = 0.5 * (near[0].min(axis=0) + near[0].max(axis=0))
+        wound = 2.0 * np.pi * np.round((limits.middle - middle) / (2.0 * np.pi))
+        near[0] += np.where(self.robot.prismatic | (len(self.rows) > 0) | ~limits.bounded, 0.0, wound)
+        inside = (near[0] >= limits.lower - LIMIT_TOLERANCE) & (near[0] <= limits.upper + LIMIT_TOLERANCE)
+        return (p, near) if inside.all() else None
+
+    def path_of(self, p: Array) -> FreePath | PointToPoint:
+        """Return the path with the coefficients of a solution."""
+        p, d = self.bounds.clip(p), self.tool_count  # the iteration may end outside by its last residual
+        null = NullSpace(self.rows, p[:, d:], self.p[:, d:]) if len(self.rows) else None
+        return self.path.with_coefficients(p[:, :d], null)
+
+
+class JointChoice(Choice):
+    """The choice of the control points of a path in joint space."""
+
+    def __init__(self, path: PointToPoint, joint_path: JointPath, optimum: Optimum) -> None:
+        robot, s = joint_path.robot, optimum.programme.s
+        self.joints, self.robot, self.joint_path, self.optimum = path, robot, joint_path, optimum
+        self.initial = path
+        self.p = path.coefficients
+        lower, upper = (np.tile(x, (len(self.p), 1)) for x in (robot.limits.lower, robot.limits.upper))
+        self.bounds, free = Bounds(lower, upper), np.ones(self.p.shape, np.bool_)
+        free[[0, -1]] = False
+        free[:, robot.limits.lower == robot.limits.upper] = False
+        self.parts = path.spline.basis(s), free.ravel(), robot.n, None
+        self.statics = (ViaLimits(robot, path, s),) if path.vias else ()
+        self.programme = FreeProgramme(optimum.programme, *self.parts, *self.statics)
+        self.near = np.stack([joint_path(s, order) for order in range(4)])
+        self.damping = SHAPE_DAMPING
+
+    def guesses(self) -> Iterator[tuple[Array, Array]]:
+        """Yield the given control points and joints."""
+        yield self.p, self.near
+
+    def swings(self) -> Iterator[tuple[Array, Array]]:
+        """Yield nothing: there is no elbow."""
+        return iter(())
+
+    def refine(self) -> Iterator[Choice]:
+        """Yield nothing: the path around obstacles has its own number of control points."""
+        return iter(())
+
+    def path_of(self, p: Array) -> PointToPoint:
+        """Return the path with the control points of a solution, through the via points."""
+        return self.joints.with_coefficients(pass_through(self.joints, p))
+
+
+def _null_rows(robot: Robot, joint_path: JointPath) -> Array:
+    """Return the directions (r, n) nearest to the null spaces of the Jacobian along a joint path."""
+    q = joint_path(np.linspace(0.0, joint_path.end, NULL_STATIONS))
+    basis = np.linalg.svd(robot.jacobian(q))[2][:, 6:]
+    mean = np.einsum("kri,krj->ij", basis, basis)
+    return (
+        np.ascontiguousarray(np.linalg.eigh(mean)[1][:, : 5 - robot.n : -1].T)
+        if robot.n > 6
+        else np.empty((0, robot.n))
+    )
+
+
+def choice_for(path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum, *, held: bool) -> Choice:
+    """Return the choice of a path's coefficients, after checking that the arm has its freedoms."""
+    if not isinstance(path, FreePath):
+        return JointChoice(path, joint_path, optimum)
+    robot = joint_path.robot
+    if robot.n < 6 + ("elbow" in path.bounds):
+        expected = "an arm with more than six joints" if "elbow" in path.bounds else "an arm with at least six joints"
+        raise InvalidInput(
+            "path", f"one with {' and '.join(path.bounds)}, for {robot.name} with {robot.n} joints", expected
+        )
+    most = optimum.programme.s.size // POINTS_PER_COEFFICIENT
+    if path.counts_itself and path.spline.count > most:
+        path = path.with_count(most)
+    return Choice(path, joint_path, optimum, held=held and path.hold_start)
+
+
+class Timed(Protocol):
+    """A plan, as far as the choice needs it."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """Its certificate."""
+
+    @property
+    def path(self) -> Path:
+        """The path of the tool or of the joints."""
+
+    @property
+    def joint_path(self) -> JointPath:
+        """The path of the joints that follow it."""
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is a motion."""
+
+
+P = TypeVar("P", bound=Timed)
+"""Type of the plans that are compared."""
+
+
+def choose(
+    path: FreePath | PointToPoint, joint_path: JointPath, optimum: Optimum | None, fixed: P, *, held: bool,
+    plan_along: Callable[[FreePath | PointToPoint, Array], P | None],
+) -> tuple[P, FreedomResult]:  # fmt: skip
+    """Return the fastest of the plan along the initial path and of those along chosen ones, and what was done.
+
+    plan_along makes a plan along a path from a start configuration (n,), or returns None if it is not valid.
+    """
+    duration, best, tried, steps, gradient = fixed.trajectory.duration, fixed, 0, 0, float("nan")
+    if optimum is None:
+        return fixed, report_fixed(path, fixed)
+    choice = choice_for(path, joint_path, optimum, held=held)
+    gradient = float(np.abs(choice.gradient()).sum())
+    if gradient <= WORTHLESS * duration:
+        return fixed, report(
+            path, duration, fixed, "the initial path: the freedoms cannot shorten the motion", gradient
+        )
+    found = []
+    for solution in choice.solve():
+        found.append(solution)
+        steps += solution.steps
+    tried, outcome = len(found), "the initial path: the iteration found no other"
+    for solution in sorted(found, key=lambda one: one.duration):
+        if solution.duration >= (1.0 - LEAST_GAIN) * duration:
+            outcome = "the initial path: no other is shorter in time"
+            break
+        better = plan_along(choice.path_of(solution.p), solution.path[0, 0])
+        if better is not None and better.trajectory.duration < (1.0 - LEAST_GAIN) * duration:
+            best, path, outcome = better, choice.path_of(solution.p), "chosen"
+            break
+        outcome = "the initial path: no other is proved and shorter in time"
+    return best, report(path, duration, best, outcome, gradient, tried, steps)
+
+
+def report_fixed(path: FreePath | PointToPoint, fixed: Timed) -> FreedomResult:
+    """Return the result for a path that another law than optimal timed."""
+    outcome = "the initial coefficients: only the law optimal chooses them"
+    return report(path, fixed.trajectory.duration, fixed, outcome)
+
+
+def report(
+    path: FreePath | PointToPoint, fixed: float, best: Timed, outcome: str, gradient: float = float("nan"), starts: int = 0,
+    steps: int = 0,
+) -> FreedomResult:  # fmt: skip
+    """Return the result for a chosen path."""
+    s = np.linspace(0.0, path.end, REPORT_POINTS)
+    values = path.values_of_ranges(s) if isinstance(path, FreePath) else path.coordinates(s)[:, 0]
+    gain = 1.0 - best.trajectory.duration / fixed
+    most, off = path.most_deviation if isinstance(path, FreePath) else (np.nan, np.nan), best.certificate.path_error
+    near = off.distance + most[0], off.angle + most[1]
+    return FreedomResult(fixed, gain, outcome, path.ranges, s, values, gradient, starts, steps, *near)

@@ -1,0 +1,254 @@
+"""Distances to obstacles as limits on the coefficients of a path: a few pairs of shapes at each grid point."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik import kinematics
+from optik.arm.robot import Robot
+from optik.compiled import compiled
+from optik.kinematics import Chain
+from optik.scene import Scene
+from optik.scene.contact import (
+    ROUND,
+    SELF,
+    Bodies,
+    bound_distance,
+    find_nearest,
+    find_pairs,
+    length_between,
+    middle_of,
+    read_row,
+    transform_point,
+)
+from optik.types import Array, Flags, Indices
+from planners.choice.programme import ChoicePlace, Statics
+from planners.paths.spline import DEGREE, Basis
+
+ROOM_BEND = 0.05
+"""Room x [m] at which the limited value 1 − 2 x / (x + ROOM_BEND) is 0: it is −1 far away, and 1 with no room left."""
+FREE_ROOM = 1e3
+"""Room [m] of what is not limited."""
+SLOT_ROOM = 0.03
+"""Room [m] below which a pair is limited."""
+BLOCK = 32
+"""Number of pairs of a capsule that are skipped together."""
+NO_DIRECTION = 1e-12
+"""Distance of axes [m] below which nothing tells where to move."""
+
+
+class NearPairs:
+    """The pairs of shapes with little room at each of some configurations, from one step of them to the next.
+
+    A lower bound on each room is known from the last time, or else from the configuration before, and how far the ends of each
+    capsule have moved since. A room is computed where this bound, and one from a sphere around the capsule, do not suffice. A
+    block of pairs of one capsule with objects is skipped if its least bound suffices; the pairs of two links are skipped if
+    spheres around the links are far apart.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, count: int) -> None:
+        self._chain, self._bodies, self._margin = robot.chain, bodies_of(robot, scene), scene.margin
+        capsules, pairs, self.count = len(self._bodies[0][0]), len(self._bodies[2]), count
+        self._memory = np.zeros((count, capsules, 2, 3)), np.zeros((count, capsules)), np.zeros((count, pairs))
+        (link, a, b, radius), (body, other, kind) = self._bodies[0], self._bodies[2].T
+        own = kind == SELF
+        owner = np.where(own, -1 - (robot.n + 1) * link[body] - link[np.where(own, other, 0)], body)
+        starts = ((np.arange(pairs) % BLOCK == 0) & ~own) | (np.diff(owner, prepend=-1) != 0)
+        self._balls = np.zeros((robot.n + 1, 4))
+        for i in np.unique(link):
+            ends, thick = np.concatenate([a[link == i], b[link == i]]), np.tile(radius[link == i], 2)
+            centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+            self._balls[i] = *centre, (np.linalg.norm(ends - centre, axis=1) + thick).max()
+        self._blocks = np.append(np.flatnonzero(starts), pairs)
+        self._least, size = np.full((count, self._blocks.size - 1), -np.inf), count * pairs
+        self._found = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
+
+    def find(self, q: Array, within: float) -> tuple[Indices, Indices, Array]:
+        """Return the pairs with less room than a bound ≥ 0 [m], sorted by configuration: configurations, pairs, and rooms."""
+        blocks, q = (self._blocks, self._least, self._balls), np.ascontiguousarray(q)
+        count = find_near(self._chain, self._bodies, q, self._margin, within, self._memory, blocks, self._found)
+        k, pair, room = self._found
+        return k[:count].copy(), pair[:count].copy(), room[:count].copy()
+
+
+class ClearanceLimits(Statics):
+    """The rooms of a few pairs at each grid point: those in `slots` (K + 1, S), indices of `find_pairs` or −1 for none.
+
+    required (K + 1, C) is the least room [m], below `SLOT_ROOM`, or −infinity if there is none; column (pairs,) is the place of
+    each pair in it. No step ends where another pair has less. Pairs that come near take the place of farther ones.
+    """
+
+    bends = 0
+
+    def __init__(
+        self, robot: Robot, scene: Scene, basis: Basis, free: Flags, slots: Indices,
+        required: Array, column: Indices,
+        pairs: NearPairs | None = None,
+    ) -> None:  # fmt: skip
+        self._robot, self._bodies, self._basis, self._free = robot, bodies_of(robot, scene), basis, free
+        self._margin, self._slots, self.count = scene.margin, slots.copy(), slots.shape[1]
+        self._required, self._column = required, column
+        self._pairs = pairs or NearPairs(robot, scene, len(required))
+        self._room, self._slope = np.empty(slots.shape), np.empty((*slots.shape, robot.n))
+        self._at: ChoicePlace | None = None  # the joints that the rooms of the slots and their derivatives belong to
+        self._near: tuple[ChoicePlace, Indices, Indices, Array] | None = (
+            None  # pairs without a slot that are near there
+        )
+
+    def allows(self, place: ChoicePlace) -> bool:
+        """Return whether every pair keeps its room."""
+        k, pair, room = self._pairs.find(place.path[0], SLOT_ROOM)
+        other = ~(self._slots[k] == pair[:, None]).any(axis=1)  # those in slots are limited by their slacks
+        k, pair, room = k[other], pair[other], room[other]
+        self._near = place, k, pair, room
+        return not bool((room < self._required[k, self._column[pair]]).any())
+
+    def renew(self, place: ChoicePlace) -> tuple[Indices, Indices]:
+        """Give slots to the pairs that came near."""
+        if self._near is None or self._near[0] is not place:
+            self.allows(place)
+        if self._at is not place:
+            self.values(place)
+        assert self._near is not None
+        changed = []
+        for k, pair, room in zip(*self._near[1:], strict=True):
+            slot = int(self._room[k].argmax())
+            if self._room[k, slot] > room and np.isfinite(self._required[k, self._column[pair]]):
+                self._slots[k, slot], self._room[k, slot] = pair, room
+                changed.append((k, slot))
+        found = np.unique(np.array(changed, np.int64).reshape(-1, 2), axis=0)
+        return found[:, 0], found[:, 1]
+
+    def values(self, place: ChoicePlace) -> Array:
+        """Return the values (K + 1, count) for joints at the grid points; −1 where there is no limit."""
+        self._at = place
+        pair_rooms(self._robot.chain, self._bodies, place.path[0], self._margin, self._slots, self._room, self._slope)
+        required = np.take_along_axis(self._required, self._column[self._slots], axis=1)
+        x = np.minimum(self._room - np.where(self._slots >= 0, required, 0.0), FREE_ROOM)
+        self._slope *= (
+            -2.0 * np.where(x > 0.0, ROOM_BEND / (np.maximum(x, 0.0) + ROOM_BEND) ** 2, 1.0 / ROOM_BEND)[..., None]
+        )
+        return np.asarray(1.0 - 2.0 * x / (np.maximum(x, 0.0) + ROOM_BEND))
+
+    def write(self, place: ChoicePlace, joints: Array, y: Array, columns: Array, bends: Array, begin: Indices) -> None:
+        """Write the derivatives (K + 1, count, W) in the coefficients."""
+        if self._at is not place:
+            self.values(place)
+        values, first = self._basis.values[:, 0], self._basis.first
+        slope = self._slope if joints.size == 0 else np.einsum("ksj,kdj->ksd", self._slope, joints[:, 0])
+        D = slope.shape[2]
+        window = (first[:, None] + np.arange(DEGREE + 1))[:, :, None] * D + np.arange(D)
+        part = np.einsum("kb,ksd->ksbd", values, slope) * self._free[window][:, None]
+        columns[:] = 0.0
+        columns[:, :, : part.shape[2] * D] = part.reshape(*part.shape[:2], part.shape[2] * D)
+
+
+def bodies_of(robot: Robot, scene: Scene) -> Bodies:
+    """Return the shapes of an arm and a scene, and the pairs that are checked, as arguments of kernels."""
+    assert robot.shapes is not None
+    return robot.shapes.capsules, scene.arrays, find_pairs(robot, scene).bodies
+
+
+@compiled
+def pair_rooms(
+    chain: Chain, bodies: Bodies, q: Array, margin: float, slots: Indices, room: Array, slope: Array
+) -> None:
+    """Write the rooms of pairs at configurations, infinite for slot −1, and their derivatives in the joints unless empty.
+
+    Shapes and units: q (k, n) [rad, m], margin [m], slots (k, s), room (k, s) [m], slope (k, s, n) [m/rad, 1].
+    """
+    (link, a, b, radius), scene, pairs = bodies
+    n = q.shape[1]
+    frame, places = np.empty((n, 4, 4)), np.empty((link.shape[0], 2, 3))
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        for m in range(link.shape[0]):
+            places[m, 0, 0], places[m, 0, 1], places[m, 0, 2] = transform_point(frame, link[m], read_row(a, m))
+            places[m, 1, 0], places[m, 1, 1], places[m, 1, 2] = transform_point(frame, link[m], read_row(b, m))
+        for s in range(slots.shape[1]):
+            room[k, s] = np.inf
+            if slope.shape[0]:
+                slope[k, s] = 0.0
+            if slots[k, s] < 0:
+                continue
+            m, i, kind = pairs[slots[k, s], 0], pairs[slots[k, s], 1], pairs[slots[k, s], 2]
+            distance, share, w = find_nearest((m, i, kind), scene, places)
+            thick = radius[m] + (radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0))
+            room[k, s] = distance - thick
+            if not slope.shape[0] or abs(distance) < NO_DIRECTION:
+                continue
+            u0, u1, u2 = w[0] / distance, w[1] / distance, w[2] / distance
+            x = places[m, 0, 0] + share * (places[m, 1, 0] - places[m, 0, 0])
+            y = places[m, 0, 1] + share * (places[m, 1, 1] - places[m, 0, 1])
+            z = places[m, 0, 2] + share * (places[m, 1, 2] - places[m, 0, 2])
+            base = link[i] if kind == SELF else 0
+            for j in range(base, link[m]):
+                z0, z1, z2 = frame[j, 0, 2], frame[j, 1, 2], frame[j, 2, 2]
+                if chain[1][j]:
+                    slope[k, s, j] = u0 * z0 + u1 * z1 + u2 * z2
+                else:
+                    d0, d1, d2 = x - frame[j, 0, 3], y - frame[j, 1, 3], z - frame[j, 2, 3]
+                    slope[k, s, j] = u0 * (z1 * d2 - z2 * d1) + u1 * (z2 * d0 - z0 * d2) + u2 * (z0 * d1 - z1 * d0)
+
+
+@compiled
+def find_near(
+    chain: Chain, bodies: Bodies, q: Array, margin: float, within: float,
+    memory: tuple[Array, Array, Array], blocks: tuple[Indices, Array, Array], found: tuple[Indices, Indices, Array],
+) -> int:  # fmt: skip
+    """Find the pairs with less room than a bound, and return their number.
+
+    memory (updated): ends of the capsules (k, m, 2, 3), how far each capsule has moved (k, m), and a lower bound on the room of
+    each pair plus the way of its capsules until it was found (k, pairs) [m], or 0 if none is known. blocks: where the blocks of
+    pairs begin, the least of these bounds in each (k, blocks) (updated), and spheres around the shapes of each link (n + 1, 4).
+    found (written): configurations, pairs, rooms.
+
+    Shapes and units: q (k, n) [rad, m], margin, within [m].
+    """
+    (link, a, b, radius), scene, pairs = bodies
+    (places, moved, known), (begin, least, balls) = memory, blocks
+    frame, spheres, count = np.empty((q.shape[1], 4, 4)), np.empty((link.shape[0], 4)), 0
+    ahead = np.zeros(link.shape[0])  # a bound from the configuration before becomes one from this one by adding it
+    for k in range(q.shape[0]):
+        kinematics.frames(chain, q[k], frame)
+        at = places[k]
+        for m in range(link.shape[0]):
+            u, v = transform_point(frame, link[m], read_row(a, m)), transform_point(frame, link[m], read_row(b, m))
+            moved[k, m] += max(length_between(read_row(at[m], 0), u), length_between(read_row(at[m], 1), v))
+            at[m, 0, 0], at[m, 0, 1], at[m, 0, 2] = u
+            at[m, 1, 0], at[m, 1, 1], at[m, 1, 2] = v
+            spheres[m, 0], spheres[m, 1], spheres[m, 2] = middle_of(u, v)
+            spheres[m, 3] = 0.5 * length_between(u, v)
+            before = places[max(k - 1, 0), m]
+            step = max(length_between(read_row(before, 0), u), length_between(read_row(before, 1), v))
+            ahead[m] = moved[k, m] - moved[max(k - 1, 0), m] - step
+        for block in range(least.shape[1]):
+            first, lowest, m = begin[block], np.inf, pairs[begin[block], 0]
+            if pairs[first, 2] == SELF:
+                m, i = link[m], link[pairs[first, 1]]
+                u, v = transform_point(frame, m, read_row(balls, m)), transform_point(frame, i, read_row(balls, i))
+                free = length_between(u, v) - balls[m, 3] - balls[i, 3]
+            else:
+                least[k, block] = max(least[k, block], least[max(k - 1, 0), block] + ahead[m])
+                free = least[k, block] - moved[k, m]
+            if free >= within:
+                continue
+            for p in range(first, begin[block + 1]):
+                m, i, kind = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+                way = moved[k, m] + (moved[k, i] if kind == SELF else 0.0)
+                if known[k, p] == 0.0 and k > 0 and known[k - 1, p] != 0.0:
+                    known[k, p] = known[k - 1, p] + ahead[m] + (ahead[i] if kind == SELF else 0.0)
+                if known[k, p] == 0.0 or known[k, p] - way < within:
+                    thick = radius[m] + (
+                        radius[i] if kind == SELF else margin + (scene[4][i] if kind == ROUND else 0.0)
+                    )
+                    room = bound_distance(read_row(spheres, m), spheres[m, 3], kind, i, scene, spheres) - thick
+                    if room < within:
+                        room = find_nearest((m, i, kind), scene, at)[0] - thick
+                    known[k, p] = room + way
+                    if room < within:
+                        found[0][count], found[1][count], found[2][count] = k, p, room
+                        count += 1
+                lowest = min(lowest, known[k, p])
+            least[k, block] = lowest
+    return count

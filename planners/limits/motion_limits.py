@@ -1,0 +1,388 @@
+"""The limits of one motion: a bound for each kind of limit that is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from optik.arm.plain import read_record
+from optik.arm.robot import Robot
+from optik.content import content
+from optik.errors import InvalidInput
+from optik.types import Array
+from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
+from planners.limits.inputs import PathPoints, plain
+from planners.limits.kinds import (
+    ALL_LIMITS,
+    DERIVATIVES,
+    FIELD_LIMITS,
+    LOADED,
+    TOOL_SPEEDS,
+    bound_at,
+    bounds_on_pieces,
+    inside_ends,
+    is_known,
+    kind_of,
+)
+from planners.paths.base import Path
+from planners.trajectory.curve import monomials
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of a motion, per joint; None where free.
+
+    Parameters
+    ----------
+    velocity, acceleration, jerk : scalar or (n,) array, optional
+        Bounds on the absolute values [rad/s, rad/s², rad/s³, or metres for prismatic joints]. Velocity,
+        acceleration and torque also take a pair (lower, upper), lower < 0 < upper, each a scalar or an (n,) array.
+    tool_speed, rotation_speed : float or (k,) array, optional
+        Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
+        of a polyline. A rounded corner has the lesser of the limits of its two segments.
+    extra : mapping, optional
+        Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws enforce those of first order like
+        velocities, and the others by stretching the whole motion.
+    torque, torque_rate : scalar or (n,) array, optional
+        Greatest torques [N·m, N] and torque rates [N·m/s, N/s] of an arm whose masses are known. The torque includes Coulomb
+        friction; its rate does not.
+    robot_values : mapping, optional
+        Bounds of the robot's model by name, set by `MotionLimits.of`. A bound that differs from its entry here was given by the
+        caller (`MotionLimits.given_names`).
+
+    Raises
+    ------
+    InvalidInput
+        Limits that are not above 0, or not numbers.
+    UnknownName
+        An unknown limit in ``extra``.
+    """
+
+    velocity: ArrayLike | None = None
+    acceleration: ArrayLike | None = None
+    jerk: ArrayLike | None = None
+    tool_speed: ArrayLike | None = None
+    rotation_speed: ArrayLike | None = None
+    extra: Mapping[str, Any] | None = None
+    torque: ArrayLike | None = None
+    torque_rate: ArrayLike | None = None
+    robot_values: Mapping[str, Any] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for kind in FIELD_LIMITS:
+            value = getattr(self, kind.name)
+            if value is not None:
+                object.__setattr__(self, kind.name, kind.check(value))
+        if self.extra is None:
+            return
+        if not isinstance(self.extra, Mapping) or any(name in ALL_LIMITS for name in self.extra):
+            raise InvalidInput(
+                "extra", repr(self.extra)[:120], "a mapping from names of further limits to their bounds"
+            )
+        kept = {name: kind_of(name).check(value) for name, value in self.extra.items() if value is not None}
+        object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MotionLimits) and self._content() == other._content()
+
+    def __hash__(self) -> int:
+        return hash(self._content())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = [getattr(self, each.name) for each in fields(self)]
+        return MotionLimits, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
+
+    def _content(self) -> Any:
+        return content([getattr(self, name) for name in ALL_LIMITS]), content(dict(self.extra or {}))
+
+    @staticmethod
+    def of(robot: Robot, **given: Any) -> MotionLimits:
+        """Return the robot's own limits, replaced by the given limits, as on the command line.
+
+        The constructor does not read the robot: a limit that is not given to it is free.
+
+        Parameters
+        ----------
+        robot : Robot
+            The arm.
+        **given
+            Arguments of `MotionLimits`; None removes a limit of the robot.
+
+        Returns
+        -------
+        MotionLimits
+            Its limits on velocity, acceleration and jerk; with known masses also those on torque and torque rate.
+        """
+        names = (*DERIVATIVES, *LOADED) if robot.inertia is not None else DERIVATIVES
+        own = {name: getattr(robot.limits, name) for name in names}
+        return MotionLimits(**(own | given), robot_values=own)
+
+    @property
+    def kinds(self) -> tuple[Limit, ...]:
+        """All kinds of limits: those that are arguments, given or not, then the extra ones."""
+        return FIELD_LIMITS if self.extra is None else (*FIELD_LIMITS, *map(kind_of, self.extra))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of `kinds`."""
+        return ALL_LIMITS if self.extra is None else (*ALL_LIMITS, *self.extra)
+
+    @property
+    def given_names(self) -> tuple[str, ...]:
+        """Names of the limits that the caller gave: those whose bound differs from that of the robot's model."""
+        own = self.robot_values or {}
+        bounds = {name: self.value(name) for name in self.names}
+        return tuple(n for n, b in bounds.items() if b is not None and not (n in own and np.array_equal(b, own[n])))
+
+    def value(self, name: str) -> Any:
+        """Return a bound as it was given.
+
+        Parameters
+        ----------
+        name : str
+            Of a limit.
+
+        Returns
+        -------
+        float, (n,), (2,) or (2, n) array, or None
+            In the limit's units; the last two for a pair, lower first; None where free.
+        """
+        return getattr(self, name) if name in ALL_LIMITS else (self.extra or {}).get(name)
+
+    def bounds(self, n: int) -> dict[str, Array]:
+        """Return the bounds of all kinds as arrays.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict of arrays
+            By name: (n,), (2, n) for a pair, lower first, or (1,) for limits of the whole arm [as the limit's units],
+            infinity where free; read-only.
+
+        Raises
+        ------
+        InvalidInput
+            A length other than n.
+        """
+        kept: dict[int, dict[str, Array]] = self.__dict__.setdefault("_bounds", {})  # time laws read it often
+        if n not in kept:
+            kept[n] = {kind.name: kind.array(self.value(kind.name), n) for kind in self.kinds}
+        return dict(kept[n])
+
+    def arrays(self, n: int) -> dict[str, Array]:
+        """Return the bounds on the absolute values of velocity, acceleration and jerk as arrays.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict of (n,) arrays
+            By name [rad/s, rad/s², rad/s³, or m]; infinity where free; for a pair the side nearer to zero.
+
+        Raises
+        ------
+        InvalidInput
+            A length other than n.
+        """
+        bounds = self.bounds(n)
+        return {name: symmetric_bound(bounds[name]) for name in DERIVATIVES}
+
+    def symmetric(self) -> MotionLimits:
+        """Return the limits with the side nearer to zero in place of every pair; they are at least as strict."""
+        values = {name: self.value(name) for name in self.names}
+        changed: dict[str, Any] = {
+            name: np.minimum(-np.asarray(v[0]), v[1])
+            for name, v in values.items()
+            if kind_of(name).sided and is_pair(v)
+        }
+        if not changed:
+            return self
+        extra = None if self.extra is None else {name: changed.pop(name, self.extra[name]) for name in self.extra}
+        return replace(self, **changed, extra=extra)
+
+    def rows(self, name: str, at: PathPoints) -> Array:
+        """Return the rows of one limit at points of a joint path.
+
+        Parameters
+        ----------
+        name : str
+            Of the limit.
+        at : PathPoints
+            Points of the joint path.
+
+        Returns
+        -------
+        (k, m, order) array, or of more columns
+            See `Limit.rows` [as 1 over the monomials].
+        """
+        return kind_of(name).rows(at, self.bounds(at.joint_path.robot.n)[name])
+
+    def ratios(self, name: str, at: PathPoints, rates: Sequence[Array]) -> Array:
+        """Return the values of a motion along a joint path over one limit.
+
+        Parameters
+        ----------
+        name : str
+            Of the limit.
+        at : PathPoints
+            Points of the joint path.
+        rates : (k,) arrays
+            ṡ, s̈, s⃛ there [m/s, m/s², m/s³, or rad]; as many as the limit's order, or more.
+
+        Returns
+        -------
+        (k, m) array
+            Absolute values over the bound on their side [1]; the limit is respected where they are at most 1.
+        """
+        kind, bound = kind_of(name), self.bounds(at.joint_path.robot.n)[name]
+        two_sided = bound.ndim == 2 and kind.homogeneous  # the value scales with time, a centered row does not
+        rows = kind.rows(at, np.ones(bound.shape[1]) if two_sided else bound)
+        products = monomials(rates[: kind.order], full=rows.shape[2] > kind.order)
+        values = np.einsum("kmi,ik->km", rows, np.stack(products))
+        return ratio_to_limit(values, bound) if two_sided else np.asarray(np.abs(values))
+
+    def select(self, names: tuple[str, ...]) -> MotionLimits:
+        """Return the limits with these names; all others are free.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of limits.
+
+        Returns
+        -------
+        MotionLimits
+            The chosen limits.
+        """
+        extra = {name: value for name, value in (self.extra or {}).items() if name in names}
+        return replace(self, **dict.fromkeys(name for name in ALL_LIMITS if name not in names), extra=extra)
+
+    def scale(self, factor: float, names: tuple[str, ...] | None = None) -> MotionLimits:
+        """Return the limits multiplied by a factor.
+
+        Parameters
+        ----------
+        factor : float
+            Factor of the bounds [1].
+        names : tuple of str, optional
+            Which limits; by default all.
+
+        Returns
+        -------
+        MotionLimits
+            The scaled limits.
+        """
+        chosen = self.names if names is None else names
+        wider: dict[str, Any] = {
+            name: factor * np.asarray(v) if np.ndim(v) else factor * float(v)
+            for name in chosen
+            if (v := self.value(name)) is not None
+        }
+        extra = None if self.extra is None else {name: wider.pop(name, self.extra[name]) for name in self.extra}
+        return replace(self, **wider, extra=extra)
+
+    def to_dict(self, n: int) -> dict[str, Any]:
+        """Return plain data for programs: lists of n numbers, None where free; two of them for a pair.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        dict
+            By name, in the limits' units.
+        """
+        bounds = self.bounds(n)
+        joints = {f: plain(b) if b.ndim == 1 else [plain(x) for x in b] for f in DERIVATIVES for b in (bounds[f],)}
+        others = [kind for kind in self.kinds if kind.name not in joints]
+        return joints | {kind.name: kind.to_plain(self.value(kind.name)) for kind in others}
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return plain data for files, which `from_plain` reads back to the last bit."""
+        given = [kind for kind in self.kinds if kind.name not in LOADED or self.value(kind.name) is not None]
+        return {kind.name: kind.to_plain(self.value(kind.name)) for kind in given}
+
+    @classmethod
+    def from_plain(cls, data: Any, n: int) -> MotionLimits:
+        """Return the limits from the data of `to_plain`.
+
+        Parameters
+        ----------
+        data : mapping
+            Plain data by name of the limit. Torque limits and added limits are optional; all others are required.
+        n : int
+            Number of joints.
+
+        Returns
+        -------
+        MotionLimits
+            The limits.
+
+        Raises
+        ------
+        InvalidInput
+            Missing or unknown names, or data that are not a bound.
+        """
+        extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
+        required = tuple(name for name in ALL_LIMITS if name not in LOADED)
+        checked = read_record(data, (*required, *extra), "limits", optional=LOADED)
+        found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}
+        return cls(**{name: found.pop(name, None) for name in ALL_LIMITS}, extra=found)
+
+    @property
+    def tool(self) -> tuple[float, float]:
+        """Greatest tool speed [m/s] and rotation speed [rad/s] of any segment, infinity where free."""
+        speed, rotation = (
+            np.inf if value is None else float(np.max(value)) for value in (self.tool_speed, self.rotation_speed)
+        )
+        return speed, rotation
+
+
+def check_path(limits: MotionLimits, path: Path) -> None:
+    """Check that limits with one bound for each segment have as many bounds as the path has segments."""
+    for name in TOOL_SPEEDS:
+        value = limits.value(name)
+        if np.ndim(value):
+            bounds_on_pieces(path, np.asarray(value), name)
+
+
+def tool_limits_at(limits: MotionLimits, path: Path, s: Array) -> Array:
+    """Return the greatest tool speeds (k, 2) [m/s, rad/s] at positions (k,) along a path; at a break the lesser of two."""
+    given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
+    each = [bound_at(path, np.asarray(v), s, name) if np.ndim(v) else np.full(s.size, most) for name, v, most in given]
+    return np.stack(each, axis=1)
+
+
+def tool_limits_between(limits: MotionLimits, path: Path, s: Array) -> Array:
+    """Return the greatest tool speeds (k, 2) [m/s, rad/s] between positions (k + 1,) along a path.
+
+    If an interval has two limits, it is the lesser.
+    """
+    given = zip(TOOL_SPEEDS, map(limits.value, TOOL_SPEEDS), limits.tool, strict=True)
+    each = [
+        np.minimum(*inside_ends(path, np.asarray(v), s, name)) if np.ndim(v) else np.full(s.size - 1, most)
+        for name, v, most in given
+    ]
+    return np.stack(each, axis=1)
+
+
+def find_tool_limit_changes(limits: MotionLimits, path: Path) -> Array:
+    """Return the breaks of a path (k,) at which a greatest tool speed changes."""
+    if not any(np.ndim(limits.value(name)) for name in TOOL_SPEEDS):
+        return np.empty(0)
+    breaks, allowed = path.breaks, tool_limits_between(limits, path, path.breaks)
+    return np.asarray(breaks[1:-1][(allowed[1:] != allowed[:-1]).any(axis=1)])

@@ -1,0 +1,245 @@
+"""Plan: a motion with its joint path and its certificate, or the reason why there is none."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.scene import Scene
+from optik.types import Array
+from planners.certificate.certificate import Certificate, plan_summary
+from planners.certificate.violation import Allow
+from planners.choice.choose import FreedomResult
+from planners.choice.first_paths import SearchReport
+from planners.files import save
+from planners.following.follow import JointPath, PlanFailure
+from planners.limits import MotionLimits
+from planners.limits.least_duration import compute_least_duration
+from planners.motion import Motion, PlanStatus
+from planners.paths.base import Path
+from planners.timing.base import StopKind
+from planners.trajectory import Trajectory
+
+
+class PlanSeconds(NamedTuple):
+    """Times of planning: following the path, finding the law's motion, and certifying it [s]."""
+
+    joints: float = 0.0
+    timing: float = 0.0
+    certificate: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The result of `plan`. ``bool(plan)`` is success: there is a motion, and its certificate is valid.
+
+    Attributes
+    ----------
+    robot, path, limits
+        The arguments of the plan.
+    status : PlanStatus
+        How planning ended.
+    solver, law : str
+        The IK method and the time law.
+    prefix : JointPath or None
+        The joint path, or on failure its valid part.
+    failure : PlanFailure or None
+        Where and why it failed: s, joint, reason, advice. There may be a motion too, for example with NOT_PROVED.
+    slowed : float
+        Factor by which the law's motion was slowed to meet the limits that the law enforces; 1 if it met them itself.
+    span : (2,) tuple of float, or None
+        The part of the path [m, or rad] that the motion covers, if it is not the whole path: after `replan`.
+    speed : float or None
+        The constant tool speed [m/s; rad/s for a pure rotation] that the law was given.
+    scene : Scene or None
+        Obstacles, and the margin to them.
+    before : (2,) tuple, or None
+        Limits that hold until a time [s], if the motion respects `limits` only from then on: after `replan` with lower limits.
+    start_error : (3,) tuple of float, or None
+        Largest differences [rad, rad/s, rad/s², or m] between the measured state given to `replan` and the motion's own.
+    stop_kind : StopKind or None
+        Kind of a stop: the optimum, the sweep's stop, or the end of the motion if that comes first.
+    freedom : FreedomResult or None
+        What was done with the freedoms of a `FreePath`: ranges, gain, and the coordinates along the path.
+    search : SearchReport or None
+        How the way around obstacles was found, of a plan with ``avoid``.
+    seconds : PlanSeconds
+        Durations of the parts of planning (after `replan` of the certificate only). They do not count in a comparison of plans.
+    """
+
+    robot: Robot
+    path: Path
+    limits: MotionLimits
+    status: PlanStatus
+    solver: str
+    law: str
+    prefix: JointPath | None
+    failure: PlanFailure | None
+    _trajectory: Trajectory | None
+    _certificate: Certificate | None
+    slowed: float = 1.0
+    span: tuple[float, float] | None = None
+    speed: float | None = None
+    scene: Scene | None = None
+    seconds: PlanSeconds = field(default=PlanSeconds(), compare=False)
+    before: tuple[MotionLimits, float] | None = None
+    start_error: tuple[float, float, float] | None = None
+    stop_kind: StopKind | None = None
+    freedom: FreedomResult | None = field(default=None, compare=False)
+    search: SearchReport | None = field(default=None, compare=False)
+
+    @property
+    def within_limits_from(self) -> float:
+        """Time [s] from which the motion respects `limits`; before it, `before` has the limits that hold."""
+        return 0.0 if self.before is None else self.before[1]
+
+    def __bool__(self) -> bool:
+        return self.status is PlanStatus.SOLVED
+
+    def __str__(self) -> str:
+        path, why = self.path, self.failure
+        what = f"{self.robot.name}, {type(path).__name__} of {path.end:.3g} {path.unit}, {self.solver} + {self.law}"
+        failure = None if why is None else (why.s, why.joint, why.reason, why.advice)
+        summary = plan_summary(
+            f"{self.status}: {what}", path, failure, self._certificate, self.slowed, self.least_duration
+        )
+        return summary if self.freedom is None else f"{summary}\n{self.freedom}"
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether there is a motion; it may be invalid."""
+        return self._trajectory is not None
+
+    def _require_motion(self) -> None:
+        if self.failure is not None and not self.has_motion:
+            raise self.failure.to_error()
+
+    @property
+    def joint_path(self) -> JointPath:
+        """The whole joint path; raises `NoSolution` if there is none."""
+        self._require_motion()
+        assert self.prefix is not None
+        return self.prefix
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The timed motion; raises `NoSolution` with s, joint, reason and advice if there is none."""
+        self._require_motion()
+        assert self._trajectory is not None
+        return self._trajectory
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the trajectory; raises `NoSolution` if there is no trajectory."""
+        self._require_motion()
+        assert self._certificate is not None
+        return self._certificate
+
+    @property
+    def least_duration(self) -> float | None:
+        """Least duration [s] of a joint move on any path: that of its slowest joint alone; None for other motions."""
+        if not self.path.in_joints or not self.has_motion or self.span is not None or self.before is not None:
+            return None
+        return compute_least_duration(self.goal - self.trajectory(0.0), self.limits)
+
+    @property
+    def goal(self) -> Array:
+        """Configuration (n,) in which the motion ends [rad, m]: of several goals, the one taken."""
+        return np.asarray(self.trajectory(self.trajectory.duration))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for files and programs: the trajectory at its knots and the certificate, or the failure."""
+        out: dict[str, Any] = {
+            "format": "optik-plan/2",
+            "robot": self.robot.name,
+            "robot_fingerprint": self.robot.fingerprint,
+            "status": str(self.status),
+            "solver": self.solver,
+            "law": self.law,
+            "limits": self.limits.to_dict(self.robot.n),
+            "path": self.path.to_dict(),
+        }
+        if self.failure is not None:
+            why = self.failure
+            out |= {"s": why.s, "joint": why.joint, "reason": why.reason, "advice": why.advice}
+        if self.freedom is not None:
+            out["freedom"] = _freedom_to_dict(self.freedom)
+        if self.search is not None:
+            out["search"] = self.search._asdict()
+        if self._trajectory is None:
+            return out
+        motion, t = self._trajectory, self._trajectory.knots
+        return out | {
+            "duration": motion.duration,
+            "slowed": self.slowed,
+            "span": None if self.span is None else list(self.span),
+            "speed": self.speed,
+            "within_limits_from": self.within_limits_from,
+            "start_error": None if self.start_error is None else list(self.start_error),
+            "stop_kind": self.stop_kind,
+            "joint_names": list(self.robot.joint_names),
+            "goal": self.goal.tolist(),
+            "knots": {"t": t.tolist(), **{k: motion(t, i).tolist() for i, k in enumerate(("q", "dq", "ddq"))}},
+            "coefficients": motion.coefficients.tolist(),
+            "certificate": self.certificate.to_dict(),
+        }
+
+    @property
+    def motion(self) -> Motion:
+        """The motion with its path, limits, tolerance and scene, as files store it; raises `NoSolution` if there is none."""
+        proof = self.certificate
+        return Motion(
+            self.robot, self.path, self.limits, self.trajectory, self.law, proof.enforced, proof.tolerance, self.span,
+            self.speed, self.scene, self.before,
+        )  # fmt: skip
+
+    def save(
+        self, file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None,
+        rate: float | None = None, allow: Allow = (),
+    ) -> None:  # fmt: skip
+        """Write the motion to a file, atomically, in the format of its suffix; `planners.load_motion` reads it.
+
+        Parameters
+        ----------
+        file : str or path
+            ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
+        format : str, optional
+            Name of the format, for a file with another suffix.
+        rate : float, optional
+            Points per second [1/s] in the table of a CSV; by default points at the knots.
+        allow : str or several
+            Violations to permit, as for `planners.save`.
+
+        Raises
+        ------
+        InvalidMotion
+            The motion is invalid, and ``allow`` does not permit it.
+        NoSolution
+            The plan failed: there is no motion. `to_dict` says why.
+        InvalidInput
+            A suffix that is not a format.
+        UnknownName
+            No format has that name.
+        OutputError
+            The file cannot be written.
+        """
+        save(self.motion, file, format=format, rate=rate, allow=allow)
+
+
+def _freedom_to_dict(chosen: FreedomResult) -> dict[str, Any]:
+    """Return plain data for programs; None for numbers that are not known, and for ranges without bounds."""
+    data = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
+    for name in ("gradient", "distance", "angle"):
+        data[name] = data[name] if np.isfinite(data[name]) else None
+    ranges = [
+        {
+            "name": one.name, "unit": one.unit, "reached": list(one.reached),
+            "allowed": list(one.allowed) if np.isfinite(one.allowed).all() else None,
+        }
+        for one in chosen.ranges
+    ]  # fmt: skip
+    return data | {"ranges": ranges, "s": chosen.s.tolist(), "values": chosen.values.tolist()}

@@ -1,6 +1,0 @@
-"""Brake a running motion as hard as its limits allow."""
-
-from planners.timing._brake.brake import Brake, BrakingMotion
-from planners.timing._brake.rows import RunningMotion
-
-__all__ = ["Brake", "BrakingMotion", "RunningMotion"]

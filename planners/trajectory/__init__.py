@@ -1,0 +1,25 @@
+"""Motions over time: piecewise polynomials, their exact extrema, and their interpolation by controllers."""
+
+from planners.trajectory.trajectory import (
+    Extrema,
+    State,
+    Trajectory,
+    append_rest,
+    cut_after,
+    cut_before,
+    join,
+    make_rest,
+    shift_pieces,
+)
+
+__all__ = [
+    "Extrema",
+    "State",
+    "Trajectory",
+    "append_rest",
+    "cut_after",
+    "cut_before",
+    "join",
+    "make_rest",
+    "shift_pieces",
+]
