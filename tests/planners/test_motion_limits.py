@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from optik.errors import InvalidInput, NoSolution, UnknownName
+from optik.plugins.files import import_file
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.analysis import MotionAnalysis
@@ -17,9 +18,7 @@ from planners.limits import (
     FIELD_LIMITS,
     DerivativeLimit,
     Extreme,
-    Limit,
     PathPoints,
-    ToolExtreme,
     kind_of,
     kinds,
     register,
@@ -27,30 +26,11 @@ from planners.limits import (
 )
 from planners.limits.inputs import LimitedMotion
 from planners.motion.fit import fit_to_limits, stretch_factor
+from tests.oracles import REPOSITORY
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
-WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
 OUR = MotionLimits(2.0, 10.0, 100.0)
-
-
-class Weighted(Limit):
-    """Greatest weighted sum of the joints' speeds: one bound for the whole arm, of first order."""
-
-    name: ClassVar[str] = "weighted_speed"
-    units: ClassVar[tuple[str, str]] = ("rad/s", "m/s")
-    order: ClassVar[int] = 1
-    subject: ClassVar[str | None] = "arm"
-
-    def rows(self, at: PathPoints, bound: Array) -> Array:
-        return np.asarray((np.abs(at.q(1)) @ WEIGHTS)[:, None, None] / bound[0])
-
-    def piece_ratios(self, motion: LimitedMotion, bound: Array) -> Array:
-        return np.asarray((motion.trajectory.piece_worst(1) @ WEIGHTS)[:, None] / bound)
-
-    def judge(self, motion: LimitedMotion, bound: Array) -> ToolExtreme:
-        ratios = self.piece_ratios(motion, bound)[:, 0]
-        k = int(ratios.argmax())
-        return ToolExtreme(float(ratios[k] * bound[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
+EXAMPLE = import_file(REPOSITORY / "examples" / "weighted_speed.py")
 
 
 class Loaded(DerivativeLimit):
@@ -73,7 +53,7 @@ class Loaded(DerivativeLimit):
 @pytest.fixture(autouse=True)
 def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(kinds, "_ADDED", {})
-    for kind in (Weighted(), Loaded()):
+    for kind in (EXAMPLE.METHOD(), Loaded()):
         register(kind)
     yield
 
@@ -81,7 +61,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def weighted(trajectory: Any) -> float:
     """Largest weighted speed at dense instants."""
     t = np.linspace(0.0, trajectory.end, 20001)
-    return float((np.abs(trajectory(t, 1)) @ WEIGHTS).max())
+    return float((np.abs(trajectory(t, 1)) @ EXAMPLE.WEIGHTS).max())
 
 
 @pytest.mark.parametrize("law", ["optimal", "smooth", "ruckig", "toppra", "constant_speed"])
@@ -189,10 +169,10 @@ def test_what_cannot_be_a_limit_is_refused() -> None:
     class Other(Loaded):
         name: ClassVar[str] = "weighted_speed"
 
-    for kind_of_limit in (Jerk(), Other(), Weighted):
+    for kind_of_limit in (Jerk(), Other(), EXAMPLE.METHOD):
         with pytest.raises(InvalidInput, match="kind"):
             register(kind_of_limit)
-    register(Weighted())  # again: the same kind
+    register(EXAMPLE.METHOD())  # again: the same kind
 
 
 def test_rows_are_the_chain_rule() -> None:

@@ -1,0 +1,37 @@
+"""A limit in one file: the weighted sum of the joint speeds, for example of the flow that hydraulic joints draw together.
+
+planners.limits.register(METHOD())
+limits = MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})
+"""
+
+import numpy as np
+
+from planners.limits import Limit, ToolExtreme
+
+WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
+
+
+class WeightedSpeed(Limit):
+    """Bound on Σ w |q̇| [rad/s]: one number for the whole arm, of first order."""
+
+    name = "weighted_speed"
+    units = ("rad/s", "m/s")
+    order = 1
+    subject = "arm"
+
+    def rows(self, at, bound):
+        """Return the rows (k, 1, 1): Σ w |q'| / bound, which times ṡ is at most 1."""
+        return (np.abs(at.q(1)) @ WEIGHTS)[:, None, None] / bound[0]
+
+    def piece_ratios(self, motion, bound):
+        """Return the greatest ratio on each piece (m, 1): the sum of the greatest speeds is an upper bound."""
+        return (motion.trajectory.piece_worst(1) @ WEIGHTS)[:, None] / bound
+
+    def judge(self, motion, bound):
+        """Return the greatest sum, its ratio to the bound, and the time at which its piece begins."""
+        ratios = self.piece_ratios(motion, bound)[:, 0]
+        k = int(ratios.argmax())
+        return ToolExtreme(float(ratios[k] * bound[0]), float(ratios[k]), float(motion.trajectory.knots[k]))
+
+
+METHOD = WeightedSpeed
