@@ -15,7 +15,7 @@ from optik.compiled.cache import read_code
 from optik.compiled.fingerprint import VERSIONS
 from tests.optik.test_compile import INNER, REPOSITORY, write_two
 
-HERE = archive.Target(*cpu_target.target_context.codegen().magic_tuple())
+HERE = archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())
 RUN = """
 import json, sys
 from pathlib import Path
@@ -189,7 +189,7 @@ def test_another_processor_compiles(shipped, tmp_path, change):
 
 def test_a_version_of_the_system_does_not_count():
     mine = archive.Archive(Path(), VERSIONS, "arm64-apple-darwin23.1.0", "apple-m1", {}, {})
-    assert not mine.refusal(VERSIONS, archive.Target("arm64-apple-darwin24.0.0", "apple-m2", ""))
+    assert not mine.refusal(VERSIONS, archive.CompileTarget("arm64-apple-darwin24.0.0", "apple-m2", ""))
 
 
 def test_archives_are_read_from_the_package_only():
