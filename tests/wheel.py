@@ -25,7 +25,7 @@ from optik.compiled.fingerprint import VERSIONS
 
 context, shipped = cpu_target.target_context, archive.open_archive()
 context.refresh()
-assert not shipped.refusal(VERSIONS, archive.Target(*context.codegen().magic_tuple()))
+assert not shipped.refusal(VERSIONS, archive.CompileTarget(*context.codegen().magic_tuple()))
 for fingerprint, name in shipped.names.items():
     CompileResult._rebuild(context, *pickle.loads(shipped.read(fingerprint)))
 print(f"{len(shipped.names)} kernels load")

@@ -26,7 +26,7 @@ def test_the_list_says_why_a_kernel_was_compiled_here(
     typed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     request.addfinalizer(archive.open_archive.cache_clear)  # after the folder of archives is the package's again
-    cache, target = tmp_path / "cache", archive.Target(*cpu_target.target_context.codegen().magic_tuple())
+    cache, target = tmp_path / "cache", archive.CompileTarget(*cpu_target.target_context.codegen().magic_tuple())
     monkeypatch.setattr("numba.core.config.CACHE_DIR", str(cache))
     monkeypatch.setattr(archive, "ARCHIVES", tmp_path)
     monkeypatch.setenv("OPTIK_COMPILES", "native")
