@@ -8,7 +8,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export OPTIK_PEERS ?= $(abspath $(VENV))/peers
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs drawings soak newest mutants kernels wheel clean
+.PHONY: demo test lint docs tables soak newest mutants kernels wheel clean
 
 demo: $(VENV)/.core
 	$(BIN)/optik demo --out $(OUT)
@@ -47,9 +47,8 @@ wheel: kernels
 	@rm -f dist/*.whl
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
-# The drawings of docs/cell.md and the tables of docs/suites.md, from the objects that they show; tests compare them.
-drawings: $(VENV)/.core
-	$(BIN)/python -m docs.drawings.cell
+# The tables of docs/suites.md, from the settings that they show; a test compares them.
+tables: $(VENV)/.core
 	$(BIN)/python -m docs.suite_keys
 
 lint: $(VENV)/.dev
