@@ -21,16 +21,6 @@ class Finding:
     figures: tuple[tuple[str, str], ...] = ()  # names and values with units
 
 
-@dataclass(frozen=True)
-class Misprint:
-    """A misprint of the paper and the evidence for its correction."""
-
-    place: str  # equation or table
-    printed: str
-    corrected: str
-    evidence: str  # computed, with figures
-
-
 PAPER_TITLE = "Research on Trajectory Planning of a 6R Robotic Manipulator based on Jacobian Iteration"
 """Title of the paper."""
 
@@ -48,9 +38,9 @@ COUNTERPARTS = (
     Counterpart(
         "Fig. 1, 2, 7, 8, 9", "hardware, control system, workflow, set-up, photograph", "optik cell, and the suite cell"
     ),
-    Counterpart("Table 1, Fig. 3, eq. 1–2", "modified DH parameters, forward kinematics", "robot paper6r", "misprints"),
+    Counterpart("Table 1, Fig. 3, eq. 1–2", "modified DH parameters, forward kinematics", "robot paper6r"),
     Counterpart("Eq. 3–13, Fig. 4", "Jacobian iteration with damping λ and step size α", "method dls", "methods"),
-    Counterpart("Eq. 9, 12", "orientation error, step size", "misprints with their evidence", "misprints"),
+    Counterpart("Eq. 9, 12", "orientation error, step size", "corrected; page “The paper” of the documentation"),
     Counterpart("Eq. 11", "damping factor λ", "damping against the distance to a singularity", "damping"),
     Counterpart("Eq. 14, 15, Fig. 5", "straight line and its samples", "the line with its samples", "line"),
     Counterpart("Eq. 16, 17", "joint velocities, quintic segments", "time law quintic, among other laws", "laws"),

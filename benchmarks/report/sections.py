@@ -43,15 +43,6 @@ def badge(verdict: str) -> str:
     )
 
 
-def misprints(run: Run) -> dict[str, Any] | None:
-    """Show the paper's misprints with their evidence; nothing if the run only measures speed."""
-    if not run.on_paper:
-        return None
-    from benchmarks.experiments.misprints import evidence
-
-    return {"misprints": evidence(run.folder)}
-
-
 def limitations(run: Run) -> dict[str, Any]:
     """List the limitations of the results."""
     provenance = run.manifest["provenance"]
@@ -228,7 +219,6 @@ def failure_words(run: Run) -> str:
 
 CLOSING = (
     Section("The paper's claims", "claims", claims, _TEMPLATES / "claims.html.j2", 100),
-    Section("The paper's misprints", "misprints", misprints, _TEMPLATES / "misprints.html.j2", 110),
     Section("Known limitations", "limitations", limitations, _TEMPLATES / "limitations.html.j2", 120),
     Section("Acceptance targets", "asked", asked, order=125),
     Section("Provenance", "provenance", provenance, _TEMPLATES / "provenance.html.j2", 130),

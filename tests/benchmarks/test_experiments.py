@@ -1,4 +1,4 @@
-"""Claims and misprints are judged from rows; a verdict follows the data and its rule, and each can come out in three ways."""
+"""Claims are judged from rows; a verdict follows the data and its rule, and each can come out in three ways."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.claims import CLAIMS, judge
-from benchmarks.experiments.misprints import evidence
 from benchmarks.experiments.motion import on_the_line, smooth_joints
 from benchmarks.experiments.sweeps import damping_trade, start_and_step
 from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
@@ -263,21 +262,6 @@ def test_every_claim_is_judged_once_and_what_is_not_there_is_not_tested(small_ru
     assert all(f.rule and f.summary for f in findings.values())
 
 
-def test_the_evidence_on_eq_9_counts_the_run_s_rows(small_run: RunFolder) -> None:
-    rows = small_run.rows("budgets", "misprint")
-    last = rows.filter(pl.col("budget") == 100)
-    solved = last.filter((pl.col("method") == "corrected") & (pl.col("status") == "solved")).height
-    text = next(m.evidence for m in evidence(small_run) if m.place == "Eq. 9")
-    assert "as printed: 0 of 40 solved" in text
-    assert f"corrected: {solved} of 40 solved" in text
-
-
-def test_every_misprint_of_the_notes_has_evidence_with_figures(small_run: RunFolder) -> None:
-    places = [m.place for m in evidence(small_run)]
-    assert places == ["Table 1", "Eq. 5", "Eq. 9", "Eq. 6 and 12", "Eq. 14", "Eq. 16"]
-    assert all(any(c.isdigit() for c in m.evidence) for m in evidence(small_run))
-
-
 def test_a_suite_that_tests_none_of_the_claims_says_nothing_of_them(tmp_path: Path) -> None:
     block = {
         "id": "own", "robot": "ur5e", "set": "near_start", "options": {"count": 5}, "budgets": [5],
@@ -286,4 +270,3 @@ def test_a_suite_that_tests_none_of_the_claims_says_nothing_of_them(tmp_path: Pa
     folder = run_suite(suite_of("own", {"blocks": [block]}), tmp_path / "run")
     page = write_report(folder).read_text(encoding="utf-8")
     assert "claims" not in page.partition("<script")[0]
-    assert "misprint" not in page.partition("<script")[0]

@@ -119,7 +119,7 @@ def test_the_page_has_a_language_a_title_and_every_section(page: Page) -> None:
     assert page.all("html")[0]["lang"] == "en"
     assert "a small run" in page.text
     wanted = [
-        "methods", "error", "maps", "line", "motion", "laws", "paper", "claims", "misprints", "limitations", "provenance",
+        "methods", "error", "maps", "line", "motion", "laws", "paper", "claims", "limitations", "provenance",
     ]  # fmt: skip
     assert page.anchors == wanted
     linked = {a["href"] for a in page.all("a")}

@@ -256,7 +256,7 @@ def _paper(run: Run) -> dict[str, Any] | None:
         return None
     blocks: list[BudgetRows] = run.of("budgets")
     there = {
-        "misprints": True, "claims": True, "methods": blocks, "error": blocks,
+        "claims": True, "methods": blocks, "error": blocks,
         "damping": any(b.block.id == DAMPING_BLOCK for b in blocks),
         "maps": any(sheets_of(b) for b in comparisons(run)),
         **dict.fromkeys(("line", "motion", "laws"), any(plans.solved for plans in run.of("plans"))),
