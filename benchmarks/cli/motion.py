@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import sys
+import webbrowser
 from dataclasses import dataclass
-from functools import partial
-from ipaddress import ip_address
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -284,21 +282,19 @@ def _to_finite(values: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewCommand(Command):
-    """Show a motion, an execution or a failed plan in the browser.
+    """Show a motion, an execution or a failed plan in the browser, as one self-contained page.
 
-    With --html, write a self-contained page. Without it, serve the page until Ctrl-C. This command never moves a real arm.
+    The page is written beside the file, or to --html FILE. This command never moves a real arm.
     """
 
     plan: Path = argument(
         "PLAN", "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`."
     )
-    html: Path | None = option("Options", "Write a self-contained page, FILE.html, instead of serving one.")
+    html: Path | None = option("Options", "Write the page to FILE.html, and do not open it.")
     drive: str | None = option("Options", "Also execute the motion on a simulated drive: ideal or mujoco.")
-    host: str = option("Options", "Address to serve on; the default is reachable from this machine only.", "127.0.0.1")
-    port: int = option("Options", "Port to serve on; 0 for any free port.", 8080, min=0, max=65535)
 
     def run(self) -> None:
-        """Write the page or serve it."""
+        """Write the page, and open it."""
         from planners.cell.view.page import PAGE_SUFFIXES, write_page
 
         html, drive = self.html, self.drive
@@ -306,34 +302,10 @@ class ViewCommand(Command):
             raise InvalidInput("--drive", f"{drive}, which moves a real arm", "a simulated drive: ideal or mujoco")
         if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
             raise InvalidInput("--html", html, f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
-        shown = _read_recording(self.plan, drive)
-        if html is None:
-            self._serve(shown)
-        else:
-            write_page(_make_show(shown, drive), html)
-            out_console.print(f"written to {html}: open it in a browser", soft_wrap=True)
-
-    def _serve(self, shown: Motion | Plan | Show) -> None:
-        """Serve until the process is interrupted; with a drive, execute the plan."""
-        from planners.cell.drives import make_drive
-        from planners.cell.view.live import Viewer
-        from planners.plan import Plan
-
-        make = None if self.drive is None else partial(make_drive, self.drive, shown.robot, pace=1.0)
-        planned = shown if isinstance(shown, Plan) else None
-        viewer = Viewer(_make_show(shown), self.host, self.port, plan=planned, drive=make)
-        if not _is_local(self.host):
-            words = f"warning: everybody who can reach {self.host} can see this motion"
-            words += " and run the simulated drive" if self.drive else ""
-            err_console.print(words, style="yellow", soft_wrap=True)
-        out_console.print(f"{viewer.url} shows {shown.robot.name}; press Ctrl-C to stop", soft_wrap=True)
-        sys.stdout.flush()  # a program that starts this one reads the address
-        try:
-            viewer.serve()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            viewer.close()
+        page = html or self.plan.with_suffix(".html")
+        write_page(_make_show(_read_recording(self.plan, drive), drive), page)
+        opened = html is None and webbrowser.open(page.absolute().as_uri())
+        out_console.print(f"written to {page}{'' if opened else ': open it in a browser'}", soft_wrap=True)
 
 
 def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
@@ -348,14 +320,6 @@ def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
     if not execution:
         err_console.print(f"{drive}: {execution.reason}", style="yellow", soft_wrap=True)
     return show_execution(execution)
-
-
-def _is_local(host: str) -> bool:
-    """Say whether an address is reachable from this machine only."""
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 # ---------------------------------------------------------------- files

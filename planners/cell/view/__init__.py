@@ -1,6 +1,5 @@
-"""A motion to look at: in one page that plays it, or in the browser while a simulated drive executes it."""
+"""A motion to look at: one page that plays it."""
 
-from planners.cell.view.live import Viewer
 from planners.cell.view.page import write_page
 from planners.cell.view.show import Beam, Show, Track, show_execution, show_motion, show_outcome
 
@@ -8,7 +7,6 @@ __all__ = [
     "Beam",
     "Show",
     "Track",
-    "Viewer",
     "show_execution",
     "show_motion",
     "show_outcome",

@@ -60,8 +60,8 @@ def write_page(show: Show, file: str | os.PathLike[str]) -> None:
     write_atomically(file, lambda part: part.write_bytes(content))
 
 
-def make_page(show: Show, *, live: bool = False) -> str:
-    """Return the page, with the controls of a simulated drive if a server runs one."""
+def make_page(show: Show) -> str:
+    """Return the page."""
     import optik
 
     data, facts = describe_show(show)
@@ -73,13 +73,12 @@ def make_page(show: Show, *, live: bool = False) -> str:
         show=show,
         robot=show.robot,
         embedded=False,
-        live=live,
         facts=(*show.facts, *facts),
         legend=[(name, words) for name, words in legend.items() if there[name]],
         plots=list_plots(show.robot, data),
         version=optik.__version__,
         style=_asset("player.css") + _asset("page.css"),
-        script=_assets(*PLAYER, "plots.js", "page.js", *["live.js"] * live),
+        script=_assets(*PLAYER, "plots.js", "page.js"),
         data=_script(data),
     )
 
@@ -89,7 +88,7 @@ def embed_arm(robot: Robot, motions: Mapping[str, Track], path: Array, scene: Sc
     data, _, _ = describe_surroundings(robot, path, scene)
     data["motions"] = {name: describe_track(track) for name, track in motions.items()}
     legend = [("path", "path"), ("executed", "compared motion")] + ([("scene", "scene")] if scene else [])
-    player = _template("player.html.j2").render(embedded=True, live=False, robot=robot, legend=legend)
+    player = _template("player.html.j2").render(embedded=True, robot=robot, legend=legend)
     html = _script(f"<style>{_asset('player.css')}</style>{player}")
     script = f"const optikArm = (() => {{\n{_assets(*PLAYER)}\nconst HTML = {html};\n{_asset('embed.js')}}})();"
     return EmbeddedArm(script, str(_script(data)))

@@ -25,10 +25,9 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
     return { q, dq, poses, tool: Arm.origin(poses[arm.n + 1]), velocity: arm.velocity(poses, dq) };
   };
   const state = (time, name = shown.track) => describe(tracks[name].at(time));
-  let followed = null;
   const draw = () => {
     shown.frame = 0;
-    const now = followed ? describe(followed) : state(shown.time), other = tracks[second()] && second() !== shown.track ? state(shown.time, second()) : now;
+    const now = state(shown.time), other = tracks[second()] && second() !== shown.track ? state(shown.time, second()) : now;
     $("clock").textContent = `${decimals(shown.time, 3)} s of ${decimals(end(), 3)} s`;
     $("time").max = end();
     $("time").value = shown.time;
@@ -41,14 +40,8 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
   // ---- time
 
   const seek = time => {
-    followed = null;
     shown.time = Math.min(end(), Math.max(0, time));
     ask();
-  };
-  /** Show a configuration of another source, at a time of the motion. */
-  const follow = (time, q) => {
-    seek(time);
-    followed = { q, dq: q.map(() => NaN) };
   };
   const play = on => {
     shown.playing = on;
@@ -154,5 +147,5 @@ const Player = ($, data, arm, tracks, keys, drawn = () => null) => {
     ask();
   }).observe(canvas);
   begin();
-  return { shown, state, seek, follow, play, draw, ask, camera, get end() { return end(); } };
+  return { shown, state, seek, play, draw, ask, camera, get end() { return end(); } };
 };
