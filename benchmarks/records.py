@@ -97,12 +97,6 @@ class Store:
         except (pl.exceptions.PolarsError, OSError):
             raise _damaged(self.path / name) from None
 
-    def scan(self, names: list[str]) -> pl.LazyFrame:
-        """Return the rows of at least one table, all with the same columns, as a lazy frame."""
-        for name in names:
-            self._check(name)
-        return pl.scan_parquet([self.path / name for name in names], low_memory=True)
-
     def read_json(self, name: str) -> Any:
         """Read a JSON file; return None if it does not exist."""
         if not self.has(name):
@@ -252,7 +246,8 @@ class RunFolder(Store):
         InvalidInput
             A file is damaged.
         """
-        frames = [part for name in self.part_names(kind, block) if (part := self.read(name)) is not None]
+        parts = sorted(self.path.glob(rows_file(kind, block, "parquet", "*")))
+        frames = [part for file in parts if (part := self.read(self._name(file))) is not None]
         if not frames:
             return None
         rows, problems = pl.concat(frames, how="vertical_relaxed"), self.read(f"problems/{slug(block)}.parquet")
@@ -260,24 +255,6 @@ class RunFolder(Store):
             rows = rows.join(problems.drop("target", "start", strict=False), on="problem", maintain_order="left")
         keys = [key for key in ("method_index", "problem", "budget") if key in rows.columns]
         return rows.sort(keys, maintain_order=True) if "method_index" in keys else rows
-
-    def part_names(self, kind: str, block: str) -> list[str]:
-        """Return the names of the parts of the rows of a block, for `scan`.
-
-        Parameters
-        ----------
-        kind : str
-            Name of the kind of block.
-        block : str
-            Id of the block.
-
-        Returns
-        -------
-        list of str
-            In order; empty where there are none.
-        """
-        parts = sorted(self.path.glob(rows_file(kind, block, "parquet", "*")))
-        return [part.relative_to(self.path).as_posix() for part in parts]
 
 
 def rows_file(kind: str, block: str, ending: str = "parquet", part: str = "") -> str:

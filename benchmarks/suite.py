@@ -24,6 +24,12 @@ SUITES = "benchmarks.suites"
 ALIASES = {"blocks": "budgets", "line": "plans", "speed": "calls", "timing": "laws"}
 """Keys of a suite that differ from the name of their kind."""
 
+REMOVED = {
+    "answers": "[[blocks]] with a single budget, which stores every answer, too",
+    "first_use": "`python -X importtime -c 'import optik'`, or a timer of processes",
+}
+"""Kinds of block that were removed, and what replaces them."""
+
 OWN_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
     "seed": ("Seed of all random numbers, 0 or more.", "0"),
@@ -153,6 +159,8 @@ def _kind_keys(data: dict[str, Any]) -> dict[Kind, str]:
     for key in data:
         if key in OWN_KEYS:
             continue
+        if key in REMOVED:
+            raise InvalidInput("the suite", f"the key {key!r}, a kind of block that was removed", f"use {REMOVED[key]}")
         try:
             kind = load_kind(ALIASES.get(key, key))
         except UnknownName:

@@ -107,7 +107,7 @@ Tell = Callable[[str], None]
 """Called with a description of the next work, for the progress bar."""
 
 KINDS = {
-    **{name: f"benchmarks.blocks.ik.{name}" for name in ("budgets", "answers", "calls", "batch", "first_use")},
+    **{name: f"benchmarks.blocks.ik.{name}" for name in ("budgets", "calls", "batch")},
     **{name: f"benchmarks.blocks.timing.{name}" for name in ("plans", "laws", "freedom", "motion", "clearance")},
     "cell": "benchmarks.blocks.cell",
 }

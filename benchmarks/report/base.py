@@ -15,7 +15,7 @@ from benchmarks.records import MANIFEST, RunFolder
 from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
 from benchmarks.report.tables import Table
 from benchmarks.statistics import is_too_few
-from benchmarks.suite import Suite, suite_of
+from benchmarks.suite import REMOVED, Suite, suite_of
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
@@ -137,7 +137,8 @@ class Run:
             collect_plugins(None),
             forbid_code(),
         ):  # its files may be gone, and a report runs no code that a suite names
-            return suite_of(self.manifest["suite"], self.manifest["settings"])
+            settings = {key: value for key, value in self.manifest["settings"].items() if key not in REMOVED}
+            return suite_of(self.manifest["suite"], settings)
 
     def robot(self, name: str) -> Robot:
         """Return an arm of the suite: from the data stored in the run, or one that comes with optik."""

@@ -351,3 +351,11 @@ def test_coulomb_friction_is_drawn_either_way_only_where_a_joint_rests_or_revers
     (trace,) = plot.data
     np.testing.assert_array_equal(trace.x, [0, 1, 2, 3, 3, 2, 1, 0, np.nan, 6, 7, 8, 9, 9, 8, 7, 6, np.nan])
     np.testing.assert_array_equal(trace.y, [2, 3, 4, 5, 5, 0, -1, -2, np.nan, 8, 9, 10, 7, 7, 6, 5, 8, np.nan])
+
+
+def test_a_run_with_a_kind_of_block_that_was_removed_is_shown_without_it(small_run: RunFolder, tmp_path: Path) -> None:
+    shutil.copytree(small_run.path, tmp_path / "run")
+    manifest = json.loads((tmp_path / "run/run.json").read_text(encoding="utf-8"))
+    manifest["settings"]["first_use"] = {"robot": "paper6r", "solver": "dls"}
+    (tmp_path / "run/run.json").write_text(json.dumps(manifest), encoding="utf-8")
+    assert Run(RunFolder(tmp_path / "run")).suite.kinds == Run(small_run).suite.kinds

@@ -14,11 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.blocks.base import Compared, load_kind
-from benchmarks.blocks.ik.answers import compared_answers
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
-from benchmarks.report.compare import Difference, _difference, compare_runs
+from benchmarks.report.compare import Difference, compare_runs
 from optik.errors import InvalidInput
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]
@@ -141,27 +140,6 @@ def test_the_duration_of_a_plan_that_is_not_solved_is_not_compared() -> None:
         ("a", "the line", True, 2.0, None), ("b", "the line", False, None, None),
         ("all plans", "a", None, None, 0.1), ("all plans", "b", None, None, 0.1),
     ]  # fmt: skip
-
-
-def test_fresh_processes_and_recorded_answers_are_compared() -> None:
-    first_use, answers = load_kind("first_use"), load_kind("answers")
-    rows = pl.DataFrame({"method": ["import", "import", "first"], "problem": 0, "seconds": [1.0, 1.1, 3.0]})
-    x = first_use.compared_rows(None, rows)
-    y = first_use.compared_rows(None, rows.with_columns(pl.col("seconds") * 2.0))
-    (measure,) = first_use.compared
-    found = [_difference(measure, *(frame.filter(method="import") for frame in (x, z)), True) for z in (x, y)]
-    assert [one is not None and one[1] for one in found] == [
-        False,
-        True,
-    ]  # apart: no process of one is as slow as any other
-    part = {"inside": True, "position_error": 1e-9, "rotation_error": 1e-9, "seconds": 2e-6, "method": "lm"}
-    data = pl.DataFrame([part | {"problem": k, "position_error": 10.0 ** -(k + 2)} for k in range(6)])
-    frame = compared_answers(data.lazy(), 4)
-    assert frame.filter(pl.col("good").is_not_null()).sort("problem")["good"].to_list() == [False] * 4 + [True] * 2
-    assert frame.filter(pl.col("seconds").is_not_null()).sort("problem").select("problem", "seconds").rows() == [
-        (-2, pytest.approx(2e-6)), (-1, pytest.approx(2e-6)),
-    ]  # fmt: skip
-    assert {measure.column for measure in answers.compared} <= set(frame.columns)
 
 
 def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:

@@ -30,30 +30,18 @@ set = "near_start"
 budgets = [1, 3, 10, 30]
 options = { count = 12500 }
 methods = [{ solver = "dls", label = "dls 0.01", options = { damping = 0.01 } }, { solver = "dls" }]
-[[answers]]
-id = "answers"
-robot = "paper6r"
-set = "near_start"
-count = 50000
-part = 1000
-methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
 """
-"""Of iteration budgets 100,000 records in 50 parts, of recorded answers 100,000 in 100."""
+"""Of iteration budgets 100,000 records in 50 parts."""
 
 KILLS, INTERRUPTS = 20, 5
 """How often it is stopped."""
 
-TABLES = 1 + 50 + 100
-"""Of problem sets, of iteration budgets and of recorded answers."""
+TABLES = 1 + 50
+"""Of problem sets, and of iteration budgets."""
 
 
 def finished(out: Path) -> dict[str, tuple[int, int]]:
-    files = [
-        f
-        for top in ("rows/budgets", "rows/answers", "problems")
-        for f in (out / top).glob("*.parquet")
-        if f.name[0] != "."
-    ]
+    files = [f for top in ("rows/budgets", "problems") for f in (out / top).glob("*.parquet") if f.name[0] != "."]
     return {f.relative_to(out).as_posix(): (f.stat().st_ino, f.stat().st_mtime_ns) for f in files}
 
 

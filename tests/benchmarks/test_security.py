@@ -89,8 +89,8 @@ STARTS = {
     "workers": "import sys\n"
     "from benchmarks.run import run_suite\nfrom benchmarks.suite import suite_of\n"
     "if __name__ == '__main__':\n"
-    "    suite = suite_of('toy', {'answers': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'count': 10,\n"
-    "                                          'part': 5, 'methods': [{'solver': 'lm'}]}]})\n"
+    "    suite = suite_of('toy', {'blocks': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'budgets': [5],\n"
+    "                                         'options': {'count': 10}, 'methods': [{'solver': 'dls'}]}]})\n"
     "    assert run_suite(suite, sys.argv[1], part_timeout=60.0).manifest()['complete']\n",
 }
 """Scripts, each in a folder of its own as that of an installed command, that start child processes."""

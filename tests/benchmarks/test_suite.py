@@ -60,10 +60,9 @@ SPEED: dict[str, Any] = {
     "batch": [
         {
             "id": "many", "robot": "paper6r", "set": "near_start", "solver": "dls",
-            "targets": [{"measure": "extra_memory_mb", "at_most": 200}],
+            "targets": [{"measure": "million_per_second", "at_least": 0.2}],
         }
     ],
-    "first_use": {"robot": "paper6r", "solver": "dls", "targets": [{"measure": "import_s", "at_most": 0.3}]},
 }  # fmt: skip
 
 
@@ -126,8 +125,8 @@ TIMING: dict[str, Any] = {
         (SPEED, ["batch", 0, "solver"], "dlss", UnknownName, "dls"),
         (SPEED, ["batch", 0, "id"], "warm", InvalidInput, "id"),
         (SPEED, ["batch", 0, "targets", 0, "measure"], "median_us", InvalidInput, "million_per_second"),
-        (SPEED, ["first_use", "solver"], "dlss", UnknownName, "dls"),
-        (SPEED, ["first_use", "robots"], 1, InvalidInput, "robots"),
+        (SPEED, ["first_use"], {"robot": "paper6r", "solver": "dls"}, InvalidInput, "removed"),
+        (SPEED, ["answers"], [{"id": "a"}], InvalidInput, "removed"),
         (TIMING, ["timing", 0], 1, InvalidInput, "timing block"),
         (TIMING, ["timing", 0, "line"], 1, InvalidInput, "'line'"),
         (TIMING, ["timing", 0, "lines", 0, "robot"], "paper7r", UnknownName, "paper6r"),

@@ -18,7 +18,6 @@ from benchmarks.blocks.cell.iso import ISO_TYPES
 from benchmarks.blocks.cell.laws import LAW_TYPES
 from benchmarks.blocks.cell.spots import SPOT_TYPES
 from benchmarks.blocks.cell.trials import EXECUTION_TYPES
-from benchmarks.blocks.ik.answers import ANSWER_TYPES
 from benchmarks.blocks.ik.batch import measure
 from benchmarks.blocks.timing.clearance import ROW_TYPES
 from benchmarks.blocks.timing.freedom import FREEDOM_TYPES
@@ -219,7 +218,6 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
         "`rows/budgets/": set(pl.read_parquet(small_run.path / "rows/budgets/misprint--*.parquet").columns),
         "`rows/calls/": set(pl.read_parquet(own / "run/rows/calls/ik--*.parquet").columns),
         "`rows/batch/": set(measure(settings)[0]),
-        "`rows/answers/": {*ANSWER_TYPES, "solved"},
         "`rows/clearance/": set(ROW_TYPES),
         "`rows/freedom/": set(FREEDOM_TYPES),
         "`rows/laws/": set(pl.read_parquet(own / "run/rows/laws/laws--*.parquet").columns),

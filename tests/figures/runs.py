@@ -30,13 +30,6 @@ set = "near_start"
 budgets = [1, 3, 10, 30]
 options = { count = 6000 }
 methods = [{ solver = "dls", label = "dls 0.01", options = { damping = 0.01 } }, { solver = "dls" }]
-[[answers]]
-id = "answers"
-robot = "paper6r"
-set = "near_start"
-count = 8000
-part = 400
-methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
 [[cell]]
 id = "laws"
 what = "laws"
@@ -85,12 +78,6 @@ set = "near_start"
 budgets = [1, 10]
 options = {{ count = 40 }}
 methods = [{{ solver = "dls" }}{solver}]
-[[answers]]
-id = "answers"
-robot = "paper6r"
-set = "near_start"
-count = 40
-methods = [{{ solver = "lm" }}{solver}]
 [[speed]]
 id = "warm"
 robot = "paper6r"
@@ -116,12 +103,12 @@ peers = [{{ peer = "toppra_spline", label = "splines" }}{law}]
 
 MILLION = """
 seed = 11
-[[answers]]
-id = "answers"
+[[blocks]]
+id = "budgets"
 robot = "paper6r"
 set = "near_start"
-count = 500000
-part = 2500
+budgets = [1, 3, 10, 30]
+options = { count = 125000 }
 methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
 """
 KILLS, MOST_TRIES, SPEED_RATIO = 10, 20, 1.6
@@ -226,7 +213,6 @@ def deadly() -> Row:
     unequal, crashed, others = [], {}, 0
     for kind, block in (
         ("budgets", "budgets"),
-        ("answers", "answers"),
         ("calls", "warm"),
         ("calls", "hard"),
         ("laws", "lines"),

@@ -1,16 +1,13 @@
-"""Batches: many IK problems in one call, timed in a fresh process, in which its memory can be measured.
+"""Batches: many IK problems in one call, timed in a fresh process.
 
 ``python -m benchmarks.blocks.ik.batch SETTINGS`` is that process: it prints its rows as JSON.
 """
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import json
 import sys
 import time
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -43,17 +40,10 @@ def solved_rate(rows: pl.DataFrame) -> float:
     return 1e-6 * float(np.median(rows["solved"].to_numpy() / rows["seconds"].to_numpy()))
 
 
-def extra_memory(rows: pl.DataFrame) -> float:
-    """Return the memory beyond inputs and outputs [MB], the largest of the repeats."""
-    extra = rows["extra_memory_mb"].cast(pl.Float64).drop_nulls().to_numpy()
-    return float(extra.max()) if len(extra) else float("nan")
-
-
 MEASURES = (
     Column("success", "solved", "%", show="exact",
            of=lambda rows: 100.0 * (rows["solved"].to_numpy() / rows["count"].to_numpy()).min()),
     Column("million_per_second", "solved per second", "million", of=solved_rate),
-    Column("extra_memory_mb", "memory beyond inputs and outputs", "MB", of=extra_memory),
 )  # fmt: skip
 """Measures that a target of a batch can name, on the rows with its largest number of threads."""
 
@@ -61,7 +51,7 @@ MEASURES = (
 
 
 def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
-    """Time every batch, and measure its memory beyond inputs and outputs."""
+    """Time every batch."""
     robot = load(settings["robot"])
     problems = build_method(SETS, settings["set"], "problem set", robot, settings["seed"], **settings["options"])
     targets, starts = np.ascontiguousarray(problems.targets), np.ascontiguousarray(problems.starts)
@@ -72,12 +62,9 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
     for threads in settings["threads"]:
         solver.solve_batch(targets[:FIRST_PROBLEMS], starts[:FIRST_PROBLEMS], threads=threads)
         for repeat in range(settings["repeats"]):
-            before = reset_peak()
             begin = time.perf_counter()
             answer = solver.solve_batch(targets, starts, threads=threads)
             seconds = time.perf_counter() - begin
-            peak = memory("VmHWM")
-            size = sum(part.nbytes for part in answer if isinstance(part, np.ndarray))
             rows.append(
                 {
                     "method": f"{threads} threads",
@@ -89,7 +76,6 @@ def measure(settings: dict[str, Any]) -> list[dict[str, Any]]:
                     "solved": _count_solved(robot, targets, answer.q),
                     "claimed": int(np.asarray(answer.solved).sum()),
                     "iterations": float(np.mean(answer.iterations)),
-                    "extra_memory_mb": None if before is None or peak is None else peak - before - size / 1e6,
                     "problems_sha256": sha256,
                 }
             )
@@ -105,28 +91,6 @@ def _count_solved(robot: Robot, targets: Array, q: Array) -> int:
         inside, position, rotation = judge_configurations(robot, targets[here], q[here])
         count += int((inside & (position <= 1e-6) & (rotation <= 1e-6)).sum())
     return count
-
-
-def reset_peak() -> float | None:
-    """Return free memory to the system and reset its peak; return the memory in use [MB], None if it is not known."""
-    gc.collect()
-    try:
-        # glibc keeps freed memory: arrays that are put there would seem to cost nothing
-        ctypes.CDLL(None).malloc_trim(0)
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except (OSError, AttributeError):
-        return None
-    return memory("VmRSS")
-
-
-def memory(field: str) -> float | None:
-    """Return a figure of this process in ``/proc/self/status`` [MB]."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    found = [line for line in lines if line.startswith(f"{field}:")]
-    return float(found[0].split()[1]) * 1.024e-3 if found else None
 
 
 # ---------------------------------------------------------------- the kind
@@ -166,8 +130,6 @@ class _Batch(Kind):
     def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
         """Return the repeats with the largest number of threads."""
         most = rows.filter(pl.col("threads") == pl.col("threads").max())
-        if target.measure == "extra_memory_mb" and np.isnan(extra_memory(most)):
-            return most.clear(), "not reported by this system"
         return most, f"{most['count'][0]:,} problems, {most['threads'][0]} threads, {len(most)} times"
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
 from benchmarks.blocks.columns import mean, median_with_range
-from benchmarks.blocks.ik.batch import extra_memory, solved_rate
+from benchmarks.blocks.ik.batch import solved_rate
 from benchmarks.report.base import KindReport, Run, Section, Winner
 from benchmarks.report.ik.calls import SPEED
 from benchmarks.report.tables import Cell, Column, Table, table_of
@@ -23,11 +22,6 @@ def _rate(part: pl.DataFrame) -> tuple[float, float, float]:
     return solved_rate(part), float(rates.min()), float(rates.max())
 
 
-def _extra(part: pl.DataFrame) -> float | None:
-    extra = extra_memory(part)
-    return None if np.isnan(extra) else extra
-
-
 BATCH_COLUMNS = (
     Column("label", "Method", show="text"),
     Column("batch", "Batch", show="text"),
@@ -37,7 +31,6 @@ BATCH_COLUMNS = (
     Column("solved", "solved", "%", "more", "share",
            of=lambda part: percentage(int(part["solved"].to_numpy().min()), int(part["count"][0]))),
     Column("seconds", "median time", "s", "less", of=median_with_range("seconds")),
-    Column("extra", "peak extra memory", "MB", "less", of=_extra),
     Column("false_claims", "false success claims", "", "less", "count", aside=True,
            of=lambda part: int((part["claimed"] - part["solved"]).clip(lower_bound=0).to_numpy().max())),
     Column("robot", "arm", show="text", aside=True),
@@ -57,8 +50,7 @@ def _tables(run: Run) -> list[Table]:
     groups = [group for b in run.of("batch") for group in _groups(b)]
     note = (
         "One call for all targets, in a separate process; medians and ranges over the repeats. The success rate is the lowest "
-        "of the repeats, with Wilson's 95 % interval, by optik's forward kinematics inside the limits. Extra memory is the "
-        "peak of the process during the call, without its memory before and without the answers."
+        "of the repeats, with Wilson's 95 % interval, by optik's forward kinematics inside the limits."
     )
     return [table_of("speed-batches", "Batches", BATCH_COLUMNS, groups, note)] if groups else []
 
