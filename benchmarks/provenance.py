@@ -5,8 +5,10 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import statistics
 import subprocess
 import sys
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,23 @@ def provenance(seed: int, workers: int) -> dict[str, Any]:
         "seed": seed,
         "byteorder": sys.byteorder,
     }
+
+
+REFERENCE_LOOPS = {"short": (1_000, 301), "long": (300_000, 7)}
+"""Steps of the reference computations, about 40 µs and 12 ms, and how often each is timed: load interrupts long work."""
+
+
+def time_reference() -> dict[str, float | None]:
+    """Return the median times of fixed computations [s], and the load average, to tell a slow machine from slow code."""
+    found: dict[str, float | None] = {"load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None}
+    for name, (loops, repeats) in REFERENCE_LOOPS.items():
+        seconds = []
+        for _ in range(repeats):
+            begin = time.perf_counter()
+            sum(i * i for i in range(loops))
+            seconds.append(time.perf_counter() - begin)
+        found[name] = statistics.median(seconds)
+    return found
 
 
 def version_here(package: str) -> str | None:

@@ -60,12 +60,8 @@ def _meaning(field: Any) -> str:
 
 def fill(text: str) -> str:
     """The page with its tables written anew, each between its marks."""
-    return re.sub(
-        r"(<!-- keys: ([\w ]+) -->\n).*?(\n<!-- end -->)",
-        lambda mark: mark[1] + draw_table(mark[2]) + mark[3],
-        text,
-        flags=re.DOTALL,
-    )
+    marks = r"(<!-- keys: ([\w ]+) -->\n)(?:\|.*\n)*(<!-- end -->)"
+    return re.sub(marks, lambda mark: f"{mark[1]}{draw_table(mark[2])}\n{mark[3]}", text)
 
 
 if __name__ == "__main__":

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -15,7 +18,9 @@ from pydantic import Field, model_validator
 from benchmarks.blocks.columns import Column
 from benchmarks.records import JOURNAL, Journal, RunFolder, rows_file
 from benchmarks.settings import LISTED, Flag, Settings, check_different, key, numbered, read
+from optik.arm.library import load
 from optik.errors import InvalidInput, UnknownName
+from optik.plugins.files import is_path, split_links
 
 
 def measure_named(measures: Sequence[Column], name: str, where: str) -> Column:
@@ -121,6 +126,8 @@ class Block(Settings):
     """Name of the block in errors, before its id."""
     measures: ClassVar[tuple[Column, ...]] = ()
     """Measures that its targets can name."""
+    not_problems: ClassVar[frozenset[str]] = frozenset()
+    """Further settings that do not change its problems."""
 
     id: str = key("Names the block's files.")
     title: str = Field(default_factory=lambda given: given["id"], description="Name of the block in reports.")
@@ -160,6 +167,31 @@ class Block(Settings):
     def groups(self) -> tuple[str, ...]:
         """Groups of its problems that a target can name."""
         return ()
+
+
+NOT_PROBLEMS = frozenset({
+    "id", "title", "targets", "methods", "laws", "peers", "solvers", "budgets", "sweep", "rounds", "repeats", "reference",
+    "evaluation_budgets", "example",
+})  # fmt: skip
+"""Settings of blocks that do not change their problems."""
+
+
+def hash_problems(block: Block, seed: int) -> str:
+    """Return the SHA-256 of what makes the problems of a block: its settings, the content of its arms and files, the seed."""
+    given = block.model_dump(mode="json", exclude=set(NOT_PROBLEMS | block.not_problems))
+    content = [block.noun, seed, _with_content(given), [load(name).to_dict() for name in block.robots]]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _with_content(value: Any) -> Any:
+    """Return settings with the digest of each file in place of its path."""
+    if isinstance(value, dict):
+        return {key: _with_content(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_content(inner) for inner in value]
+    if isinstance(value, str) and is_path(value) and (file := Path(split_links(value)[0])).is_file():
+        return hashlib.sha256(file.read_bytes()).hexdigest() + split_links(value)[1]
+    return value
 
 
 @dataclass(frozen=True)
@@ -244,6 +276,7 @@ class Compared:
     scale: float = 1.0  # from the column to the unit
     only: str = ""  # column of truth values: problems are compared where it is true in both runs
     rounds: tuple[str, str] | tuple[()] = ()  # columns of the least and the largest value of a call's rounds
+    clock: bool = False  # a time of computing, which depends on the machine and its load
     exact: bool = False  # every run gives the same value up to rounding: any change counts, without a test
 
     @property

@@ -295,10 +295,11 @@ class ReportCommand(JsonCommand):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareCommand(JsonCommand):
-    """Compare two runs of the same blocks: better, worse or within noise.
+    """Compare two runs of the same blocks: better, worse, the machine, or within noise.
 
-    Equal problems are compared in pairs by McNemar's and Wilcoxon's tests with Holm's correction. A time must also differ
-    by more than the spread between rounds. The exit status is 1 if B is worse than A by more than the threshold.
+    Equal problems are compared in pairs by McNemar's and Wilcoxon's tests with Holm's correction. Blocks with other problems
+    are not compared. A time must also differ by more than the spread between rounds. If a reference computation took another
+    time, too, that ratio is "the machine". The exit status is 1 if B is worse than A by more than the threshold.
     """
 
     first: Path = argument("A", "Folder of the first run.")
@@ -330,7 +331,9 @@ class CompareCommand(JsonCommand):
         else:
             self._print(found)
             verdicts = [d.verdict for d in found.differences]
-            counts = ", ".join(f"{verdicts.count(word)} {word}" for word in ("better", "worse", "within noise"))
+            counts = ", ".join(
+                f"{verdicts.count(word)} {word}" for word in ("better", "worse", "the machine", "within noise")
+            )
             out_console.print(f"{counts}; worse by more than {self.threshold:g}: {worse}", soft_wrap=True)
         if worse:
             raise typer.Exit(1)
@@ -340,7 +343,7 @@ class CompareCommand(JsonCommand):
         from benchmarks.report.numbers import number
 
         table = Table("block", "method", "measure", "A", "B", "change", "")
-        looks = {"better": "green", "worse": "red"}
+        looks = {"better": "green", "worse": "red", "the machine": "yellow"}
         for d in found.differences:
             if self.show_all or d.verdict in looks:
                 change = f"{d.change:+.2f} {'points' if d.unit == '%' else '%'}"

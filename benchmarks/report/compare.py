@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import Block, Compared, Kind
+from benchmarks.provenance import REFERENCE_LOOPS
 from benchmarks.records import slug
 from benchmarks.report.base import Run
 from benchmarks.report.numbers import quoted
@@ -20,17 +20,19 @@ from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code
 from optik.types import Array
 
-BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT = "better", "worse", "within noise"
-"""Verdicts."""
+BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT, MACHINE_VERDICT = "better", "worse", "within noise", "the machine"
+"""Verdicts. The last is of a time whose change is that of the reference computation on the machine."""
+
+SHORT_WORK, SECONDS = 1e-3, {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
+"""Work that takes less [s] is compared with the short reference computation; and the units of times [s]."""
+SAME_SPEED = 0.05
+"""Relative difference of the reference computation in two runs that counts as the same speed of the machine."""
 
 FALSE_ALARMS = 0.05
 """Probability that a comparison of two runs without any difference calls anything better or worse."""
 
 UNCHANGED = 1e-6
 """Relative difference of two values that counts as no change: iterative laws stop within it."""
-
-SAME_PROBLEMS = ("robot", "set", "options", "lines", "limits", "start_deg", "move_m", "samples")
-"""Keys of a block that determine its problems, with the suite's seed, for a run without a stored hash of them."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +52,16 @@ class Difference:
     high: float = math.nan
     """Ends of the 95 % interval of the change; NaN where there is none."""
     pairs: int = 0
-    """Problems that both runs have; 0 where the runs have different problems."""
+    """Problems that both runs have; 0 where a problem has several rows."""
     p: float = math.nan
     """p-value of the paired test, corrected for all that are compared; NaN where there is none."""
     noise: float = 0.0
     """Change [%] that rounds of the same calls show."""
+    machine: float = 1.0
+    """Time of the reference computation in the second run over that in the first; 1 where the measure is no time."""
     verdict: str = NOISE_VERDICT
     loss: float = 0.0
-    """By how much it is worse, in the units of `change`; negative where it is better."""
+    """By how much it is worse beyond the change of the machine, in the units of `change`; negative where it is better."""
 
 
 class SettingDifference(NamedTuple):
@@ -88,7 +92,11 @@ def compare_runs(a: Run, b: Run) -> Comparison:
     found = list(_differences(a, b, left_out))
     if not found:
         why = "; ".join(left_out) or "no block of one is a block of the other"
-        raise InvalidInput("runs", f"{a.folder.path} and {b.folder.path} ({why})", "two runs with a block in common")
+        raise InvalidInput(
+            "runs",
+            f"{a.folder.path} and {b.folder.path} ({why})",
+            "two runs with a block of the same problems",
+        )
     corrected = holm([d.p for d, _, _ in found])
     judged = tuple(_judged(d, m, p, far) for (d, m, far), p in zip(found, corrected, strict=True))
     return Comparison(judged, tuple(left_out), tuple(different_settings(a, b)))
@@ -136,9 +144,10 @@ def _of_block(
     if x is None or y is None:
         left_out.append(f"{block.id}: not run in both")
         return
-    paired = same_problems(a, block, b, other)
-    if not paired:
-        left_out.append(f"{block.id}: the problems differ, so nothing is paired and only large differences show")
+    if (why := different_problems(a, kind, block, b, other)) is not None:
+        left_out.append(f"{block.id}: {why}")
+        return
+    machines = {name: _compare_machines(a, b, name) for name in REFERENCE_LOOPS}
     labels = x["method"].unique(maintain_order=True).to_list()
     theirs = set(y["method"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
@@ -147,38 +156,54 @@ def _of_block(
         for measure in kind.compared:
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
             if measure.column in mine.columns and measure.column in other_rows.columns:
-                found = _difference(measure, mine, other_rows, paired)
+                found = _difference(measure, mine, other_rows, machines if measure.clock else {})
                 if found is not None:
                     yield replace(found[0], block=block.id, label=str(label)), measure, found[1]
 
 
-def same_problems(a: Run, block: Block, b: Run, other: Block) -> bool:
-    """Return whether two blocks have the same problems: by their hash, else by the settings that determine them."""
-    stored = [run.folder.read_json(f"problems/{slug(one.id)}.json") for run, one in ((a, block), (b, other))]
-    if all(isinstance(about, dict) and "sha256" in about for about in stored) and (
-        stored[0].get("sha256_of")
-        == stored[1].get("sha256_of")  # not over all of them, where motions are still to be drawn
-    ):
-        return bool(stored[0]["sha256"] == stored[1]["sha256"])
-    settings = [
-        json.dumps([run.suite.seed, *(getattr(one, key, None) for key in SAME_PROBLEMS)], default=str, sort_keys=True)
-        for run, one in ((a, block), (b, other))
-    ]
-    return settings[0] == settings[1]
+def different_problems(a: Run, kind: Kind, block: Block, b: Run, other: Block) -> str | None:
+    """Return why two blocks are not known to have the same problems, or None: both hashes must be there and equal."""
+    made = [run.manifest.get("problems", {}).get(f"{kind.name}/{one.id}") for run, one in ((a, block), (b, other))]
+    if None in made:
+        return "a run of an older version has no hash of its problems, so that they are taken as different"
+    stored = [run.folder.read_json(f"problems/{slug(one.id)}.json") or {} for run, one in ((a, block), (b, other))]
+    whole = stored[0].get("sha256_of") == stored[1].get("sha256_of")  # not where motions are still to be sampled
+    if made[0] != made[1] or (whole and stored[0].get("sha256") != stored[1].get("sha256")):
+        return "the problems differ"
+    return None
 
 
-def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: bool) -> tuple[Difference, bool] | None:
+class MachineChange(NamedTuple):
+    """Time of a reference computation in the second run over that in the first, and the larger spread within a run."""
+
+    ratio: float = 1.0
+    spread: float = 0.0
+
+
+def _compare_machines(a: Run, b: Run, name: str) -> MachineChange:
+    """Return the change of a reference computation; its ratio is 1 within `SAME_SPEED`."""
+    x, y = (np.array([one[name] for one in run.manifest.get("reference", [])]) for run in (a, b))
+    if not (x.size and y.size):
+        return MachineChange()
+    ratio = float(np.median(y) / np.median(x))
+    spread = max(float((v.max() - v.min()) / np.median(v)) for v in (x, y))
+    return MachineChange(1.0 if abs(ratio - 1.0) <= max(SAME_SPEED, spread) else ratio, spread)
+
+
+def _difference(
+    measure: Compared, a: pl.DataFrame, b: pl.DataFrame, machines: dict[str, MachineChange]
+) -> tuple[Difference, bool] | None:
     """Return one measure of one label; None if there is nothing to compare."""
     column, repeated = measure.column, any(frame["problem"].is_duplicated().any() for frame in (a, b))
     a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
-    if paired and not repeated:
+    if not repeated:
         a, b = _in_pairs(a, b, measure.only)
     elif measure.only:
         a, b = (frame.filter(measure.only) for frame in (a, b))
     if a.is_empty() or b.is_empty():
         return None
     x, y = (frame[column].to_numpy() for frame in (a, b))
-    pairs = len(a) if paired and not repeated else 0
+    pairs = 0 if repeated else len(a)
     if measure.exact:
         return _exact(measure, measure.scale * x.astype(float), measure.scale * y.astype(float), pairs)
     if measure.is_share:
@@ -187,7 +212,9 @@ def _difference(measure: Compared, a: pl.DataFrame, b: pl.DataFrame, paired: boo
     noise = max(_spread(measure, frame) for frame in (a, b))
     if repeated:
         noise = max(noise, *((float(v.max() - v.min()) / float(np.median(v))) for v in (x, y)))
-    return _values(measure, x, y, pairs, noise)
+    seconds = float(np.median(x)) * SECONDS.get(measure.unit, 1.0)
+    machine = machines.get("short" if seconds < SHORT_WORK else "long", MachineChange())
+    return _values(measure, x, y, pairs, max(noise, machine.spread), machine.ratio)
 
 
 def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame, pl.DataFrame]:
@@ -217,15 +244,15 @@ def _shares(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Differen
     return base, low_a > high_b or low_b > high_a
 
 
-def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float) -> tuple[Difference, bool]:
+def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float, machine: float) -> tuple[Difference, bool]:
     a, b = float(np.median(x)), float(np.median(y))
-    base = Difference("", "", measure.words, measure.unit, a, b, 0.0, pairs=pairs, noise=100.0 * noise)
+    base = Difference("", "", measure.words, measure.unit, a, b, 0.0, pairs=pairs, noise=100.0 * noise, machine=machine)
     if pairs and (x > 0).all() and (y > 0).all():
         ratio, low, high = ratio_interval(y, x)
-        p = 1.0 if np.array_equal(x, y) else signed_rank(y, x)
+        p = 1.0 if np.array_equal(x, y) else signed_rank(y / machine, x)
         return replace(base, change=_percent(ratio), low=_percent(low), high=_percent(high), p=p), False
     ratio = b / a if a else math.nan
-    apart = float(y.min()) > float(x.max()) or float(y.max()) < float(x.min())
+    apart = float(y.min()) > machine * float(x.max()) or float(y.max()) < machine * float(x.min())
     return replace(base, change=_percent(ratio)), apart and len(x) > 1 and len(y) > 1
 
 
@@ -243,10 +270,15 @@ def _percent(ratio: float) -> float:
 
 def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Difference:
     """Return the verdict: a difference must be significant in its test and exceed the spread of repeated rounds."""
-    loss = d.change if measure.better == "less" else -d.change
+    change = d.change if d.machine == 1.0 else _percent((1.0 + d.change / 100.0) / d.machine)
+    loss = change if measure.better == "less" else -change
     shown = apart if math.isnan(p) else p < FALSE_ALARMS
-    beyond = abs(d.change) > d.noise and d.change != 0.0
-    verdict = NOISE_VERDICT if not (shown and beyond) else (WORSE_VERDICT if loss > 0 else BETTER_VERDICT)
+    if d.machine != 1.0 and loss < 0.0 and (change * d.change <= 0.0 or abs(d.change) <= 100.0 * SAME_SPEED):
+        shown = False  # a machine that was slower makes no code faster
+    if shown and abs(change) > d.noise and change != 0.0:
+        verdict = WORSE_VERDICT if loss > 0 else BETTER_VERDICT
+    else:
+        verdict = MACHINE_VERDICT if d.machine != 1.0 and abs(d.change) > max(d.noise, abs(change)) else NOISE_VERDICT
     return replace(d, p=p, loss=loss, verdict=verdict)
 
 

@@ -10,7 +10,8 @@ from contextlib import closing, contextmanager, nullcontext, suppress
 from functools import partial
 from typing import Any
 
-from benchmarks.blocks.base import Kind, Part, add_keys
+from benchmarks.blocks.base import Kind, Part, add_keys, hash_problems
+from benchmarks.provenance import time_reference
 from benchmarks.records import JOURNAL, Journal, RunFolder, failures, record_failures, update_manifest
 from benchmarks.run.cluster import Cluster
 from benchmarks.run.manifest import Lock, begun, new_manifest, resumed
@@ -128,6 +129,7 @@ class _Session:
         self._prepared: list[tuple[Kind, Any, Any]] = []
         self._alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
         self._done = self._total = 0
+        self._reference: list[dict[str, float | None]] = []
         self._lacking: set[str] = set()
 
     def prepare(self) -> None:
@@ -135,6 +137,8 @@ class _Session:
         self._tell(0, 1, "problem sets")
         suite = self._suite
         self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
+        hashes = {f"{kind.name}/{block.id}": hash_problems(block, suite.seed) for kind, block in suite.pairs()}
+        update_manifest(self._folder, problems=hashes)
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
         if outside:
             update_manifest(self._folder, robots={short_name(name): load(name).to_dict() for name in outside})
@@ -184,6 +188,7 @@ class _Session:
     def do_alone(self) -> None:
         """Run the blocks that are timed alone, one after another, in this process."""
         for kind, block in self._alone:
+            self._reference.append(time_reference())
             failure = self._timed(kind, block)
             if failure is not None:
                 self._lacking.add(kind.file(block))
@@ -211,7 +216,9 @@ class _Session:
 
     def finish(self) -> None:
         """Record whether the run is complete."""
-        update_manifest(self._folder, complete=not self._lacking)
+        self._reference.append(time_reference())
+        before = self._folder.manifest().get("reference", [])  # of the run before it was interrupted
+        update_manifest(self._folder, complete=not self._lacking, reference=[*before, *self._reference])
 
 
 # ---------------------------------------------------------------- blocks that are timed alone

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.blocks.base import Compared, load_kind
+from benchmarks.blocks.base import Compared, hash_problems, load_kind
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
 from benchmarks.report.compare import Difference, compare_runs
 from optik.errors import InvalidInput
+from tests.oracles import REPOSITORY
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]
 
@@ -142,14 +143,102 @@ def test_the_duration_of_a_plan_that_is_not_solved_is_not_compared() -> None:
     ]  # fmt: skip
 
 
-def test_other_problems_are_not_paired(small_run: RunFolder, tmp_path: Path) -> None:
-    changed = other(small_run, tmp_path / "seed", "misprint--01*", failing(40))
-    about = changed.read_json("problems/misprint.json")
-    changed.write_json("problems/misprint.json", about | {"sha256": "another"})
+@pytest.mark.parametrize("what", ["settings", "targets", "no hash"])
+def test_other_problems_are_not_compared(small_run: RunFolder, tmp_path: Path, what: str) -> None:
+    changed = other(small_run, tmp_path / "other", "misprint--01*", failing(40))
+    about, manifest = changed.read_json("problems/misprint.json"), changed.manifest()
+    if what == "targets":
+        changed.write_json("problems/misprint.json", about | {"sha256": "another"})
+    else:
+        manifest["problems"]["budgets/misprint"] = "another"
+        if what == "no hash":
+            del manifest["problems"]
+        changed.write_json("run.json", manifest)
+    words = "no hash of its problems" if what == "no hash" else "the problems differ"
+    if what == "no hash":
+        with pytest.raises(InvalidInput, match=words):
+            compare_runs(Run(small_run), Run(changed))
+        return
     found = compare_runs(Run(small_run), Run(changed))
-    assert any(words.startswith("misprint: the problems differ") for words in found.left_out)
-    assert all((d.pairs == 0 and math.isnan(d.p)) == (d.block == "misprint") for d in found.differences)
-    assert of(found.differences, "misprint", "corrected", "solved").verdict == "worse"
+    assert [text for text in found.left_out if words in text] == [f"misprint: {words}"]
+    assert {d.block for d in found.differences} == {"workspace", "line"}
+
+
+PLAN: dict[str, Any] = {"robot": "paper6r", "start_deg": [20, -35, 40, 25, 50, -30], "move_m": [0, 0, 0.1],
+                        "solvers": ["lm"], "laws": ["smooth"]}  # fmt: skip
+IK: dict[str, Any] = {"id": "a", "robot": "paper6r", "set": "near_start", "options": {"count": 5}, "budgets": [5],
+                      "methods": [{"solver": "dls"}]}  # fmt: skip
+TIMED: dict[str, Any] = {"id": "a", "lines": [{"robot": "paper6r", "kind": "regular", "count": 3}],
+                         "limits": [{"velocity": 2.0, "jerk": 100.0}], "laws": [{"law": "smooth"}]}  # fmt: skip
+CONTACT: dict[str, Any] = {"id": "a", "robot": "panda", "scene": "table", "count": 5}
+OTHER: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+    ("plans", PLAN, {"scene": "plates"}), ("plans", PLAN, {"payload": 1.0}),
+    ("plans", PLAN, {"move_m": [0, 0, 0.2]}), ("plans", PLAN, {"robot": "ur5e"}),
+    ("budgets", IK, {"options": {"count": 6}}), ("budgets", IK, {"set": "hard"}), ("budgets", IK, {"robot": "puma560"}),
+    ("laws", TIMED, {"limits": [{"velocity": 2.0, "jerk": 50.0}]}),
+    ("laws", TIMED, {"lines": [{"robot": "paper6r", "kind": "regular", "count": 4}]}),
+    ("clearance", CONTACT, {"scene": "plates"}), ("clearance", CONTACT, {"margin": 0.01}), ("clearance", CONTACT, {"count": 6}),
+]  # fmt: skip
+EQUAL: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+    ("plans", PLAN, {"laws": ["quintic"]}), ("budgets", IK, {"budgets": [5, 10]}),
+    ("budgets", IK, {"methods": [{"solver": "lm"}], "title": "x"}), ("laws", TIMED, {"rounds": 2}),
+]  # fmt: skip
+
+
+def test_the_hash_of_the_problems_is_that_of_what_makes_them() -> None:
+    def hashed(kind: str, settings: dict[str, Any], seed: int = 1) -> str:
+        return hash_problems(load_kind(kind).settings(settings), seed)
+
+    for kind, settings, change in OTHER:
+        assert hashed(kind, settings) != hashed(kind, settings | change), (kind, change)
+    for kind, settings, change in EQUAL:
+        assert hashed(kind, settings) == hashed(kind, settings | change), (kind, change)
+    assert hashed("budgets", IK) != hashed("budgets", IK, seed=2)
+
+
+def test_the_content_of_a_robot_s_file_counts_and_not_its_name(tmp_path: Path) -> None:
+    found = []
+    for name, limit in (("one", "2.0"), ("two", "2.0"), ("three", "2.5")):
+        text = (REPOSITORY / "examples" / "arm.toml").read_text(encoding="utf-8")
+        (tmp_path / name).mkdir()
+        file = tmp_path / name / "arm.toml"
+        file.write_text(text + f"\n# {limit}\n", encoding="utf-8")
+        found.append(hash_problems(load_kind("budgets").settings(IK | {"robot": str(file)}), 1))
+    assert found[0] == found[1] != found[2]
+
+
+@pytest.mark.parametrize(
+    ("factor", "machine", "verdict"),
+    [
+        (1.4, 1.4, "the machine"),
+        (1.2, 1.0, "worse"),
+        (0.84, 0.7, "worse"),
+        (1.2 * 1.4, 1.4, "worse"),
+        (1.0, 1.4, "within noise"),
+        (0.5, 1.4, "better"),
+        (1.04, 1.04, "within noise"),
+    ],
+)
+def test_a_change_of_time_that_the_reference_explains_is_the_machine(
+    small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, machine: float, verdict: str
+) -> None:
+    kind = type(load_kind("budgets"))
+    monkeypatch.setattr(kind, "compared", (Compared("time", "µs", "less", "position_error", 1e6, clock=True),))
+    noise = 0.03 * np.random.default_rng(3).uniform(-1.0, 1.0, 10_000)
+
+    def noisy(rows: pl.DataFrame) -> pl.DataFrame:
+        return rows.with_columns(position_error=pl.col("position_error") * factor * (1.0 + noise[: rows.height]))
+
+    changed = other(small_run, tmp_path / "changed", "misprint--01*", noisy if factor != 1.04 else slower(1.0))
+    manifest = changed.manifest()
+    manifest["reference"] = [
+        one | {name: machine * one[name] for name in ("short", "long")} for one in manifest["reference"]
+    ]
+    changed.write_json("run.json", manifest)
+    found = compare_runs(Run(small_run), Run(changed))
+    d = of(found.differences, "misprint", "corrected", "time")
+    assert d.verdict == verdict
+    assert bool([one for one in found.worse_than(5.0) if one.label == "corrected"]) == (verdict == "worse")
 
 
 def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, copied: RunFolder, tmp_path: Path) -> None:

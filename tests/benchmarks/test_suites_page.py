@@ -258,6 +258,9 @@ def test_the_page_has_every_key_and_every_option_of_every_set(keys: dict[str, li
 def test_the_tables_of_keys_are_those_of_the_models() -> None:
     assert set(re.findall(r"<!-- keys: ([\w ]+) -->", PAGE)) == set(suite_keys.TABLES)
     assert suite_keys.fill(PAGE) == PAGE, "make tables"
+    empty = re.sub(r"(<!-- keys: budgets -->\n)(?:\|.*\n)*", r"\1", PAGE)
+    assert empty != PAGE
+    assert suite_keys.fill(empty) == PAGE, "marks without a table between them are filled, too"
 
 
 def test_an_address_without_a_port_gets_one_line_the_error(capsys: pytest.CaptureFixture[str]) -> None:

@@ -281,9 +281,9 @@ def names_of(node: ast.Assign | ast.AnnAssign) -> list[str]:
     return [n.id for n in flat if isinstance(n, ast.Name) and n.id.isupper() and len(n.id) > 1 and n.id not in SHARED]
 
 
-def test_a_constants_name_has_one_meaning() -> None:
-    count = Counter(name for path in FILES for name in {name for name, _ in constants(path)})
-    assert sorted(name for name, times in count.items() if times > 1) == []
+def test_a_constants_name_has_one_meaning_in_its_folder() -> None:
+    count = Counter((path.parent, name) for path in FILES for name in {name for name, _ in constants(path)})
+    assert sorted(f"{relative(folder)}: {name}" for (folder, name), times in count.items() if times > 1) == []
 
 
 def test_every_constant_says_why() -> None:

@@ -101,6 +101,7 @@ class BatchBlock(ProblemBlock):
 
     noun = "batch"
     measures = MEASURES
+    not_problems = frozenset({"solver", "solver_options", "threads"})
 
     solver: SolverName = key("The IK method.")
     solver_options: Options = key("Options of the method.", {})
@@ -115,7 +116,7 @@ class _Batch(Kind):
     title = "Batches"
     block = BatchBlock
     order = 30
-    compared = (Compared("time of a batch", "s", "less", "seconds"),)
+    compared = (Compared("time of a batch", "s", "less", "seconds", clock=True),)
 
     def prepare(self, block: BatchBlock, seed: int) -> None:
         check_set(block)

@@ -186,8 +186,8 @@ class _Calls(Kind):
     order = 20
     compared = (
         Compared("solved", "%", "more", "solved"),
-        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("least_ns", "most_ns")),
-        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("least_ns", "most_ns")),
+        Compared("time (both solved)", "µs", "less", "ns", 1e-3, "solved", ("least_ns", "most_ns"), clock=True),
+        Compared("time of any call", "µs", "less", "ns", 1e-3, "", ("least_ns", "most_ns"), clock=True),
     )
 
     def prepare(self, block: CallBlock, seed: int) -> None:

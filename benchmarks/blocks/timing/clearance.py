@@ -281,7 +281,7 @@ class _Clearance(Kind):
     order = 65
     compared = (
         Compared("missed contacts", "%", "less", "missed", only="contact"),
-        Compared("time of a judgement", "ms", "less", "ms"),
+        Compared("time of a judgement", "ms", "less", "ms", clock=True),
     )
 
     def prepare(self, block: ClearanceBlock, seed: int) -> None:

@@ -325,7 +325,7 @@ class _Freedom(Kind):
         Compared("motions found", "%", "more", "solved", exact=True),
         Compared("certificate valid", "%", "more", "certified", exact=True),
         Compared("duration", "s", "less", "duration", only="solved"),
-        Compared("time of a plan", "ms", "less", "ms", only="solved"),
+        Compared("time of a plan", "ms", "less", "ms", only="solved", clock=True),
     )
 
     def prepare(self, block: FreedomBlock, seed: int) -> None:

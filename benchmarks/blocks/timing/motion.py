@@ -275,7 +275,7 @@ class _Motion(Kind):
     compared = (
         Compared("motions solved", "%", "more", "solved", exact=True),
         Compared("duration", "s", "less", "duration", only="solved"),
-        Compared("CPU time of a plan", "ms", "less", "ms", only="solved"),
+        Compared("CPU time of a plan", "ms", "less", "ms", only="solved", clock=True),
     )
 
     def prepare(self, block: MotionBlock, seed: int) -> None:

@@ -230,7 +230,7 @@ class _Plans(Kind):
     compared = (
         Compared("motion found", "%", "more", "solved", exact=True),
         Compared("duration", "s", "less", "duration", exact=True),
-        Compared("time of a whole plan", "ms", "less", "seconds", 1e3),
+        Compared("time of a whole plan", "ms", "less", "seconds", 1e3, clock=True),
     )
 
     def compared_rows(self, block: LineTask, rows: pl.DataFrame) -> pl.DataFrame:

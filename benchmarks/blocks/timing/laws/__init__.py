@@ -125,7 +125,7 @@ class _Laws(Kind):
         Compared("motions found", "%", "more", "solved"),
         Compared("within every limit", "%", "more", "keeps_all", only="solved"),
         Compared("duration", "s", "less", "duration", only="solved"),
-        Compared("time of the law", "ms", "less", "ms_law", only="solved"),
+        Compared("time of the law", "ms", "less", "ms_law", only="solved", clock=True),
     )
 
     def compared_rows(self, block: LawBlock, rows: pl.DataFrame) -> pl.DataFrame:
