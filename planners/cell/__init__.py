@@ -7,7 +7,6 @@ from planners.cell.drives import Drive, SimulatedDrive, drives, make_drive
 from planners.cell.drives.base import Execution, ExecutionStatus, Fault, FaultKind, Moment
 from planners.cell.drives.ideal import IdealDrive
 from planners.cell.drives.mujoco import MujocoDrive
-from planners.cell.drives.options import LateHost, LostEncoder, Stall, WrongSetpoint
 from planners.cell.drives.ros import RosDrive
 from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
@@ -36,8 +35,6 @@ __all__ = [
     "Gripper",
     "HeldObject",
     "IdealDrive",
-    "LateHost",
-    "LostEncoder",
     "Moment",
     "MujocoDrive",
     "Outcome",
@@ -55,10 +52,8 @@ __all__ = [
     "Sighting",
     "SimulatedDrive",
     "Spot",
-    "Stall",
     "Step",
     "Transport",
-    "WrongSetpoint",
     "calibrate",
     "crossings",
     "cube_poses",

@@ -22,8 +22,8 @@ from planners.cell import (
     split_errors,
 )
 from planners.cell.drives import make_drive
-from planners.cell.drives.options import LostEncoder, Stall
 from tests import oracles
+from tests.planners.faulty import FaultyIdeal, LostEncoder, Stall
 from tests.seeds import shift_seed
 
 ARM = optik.load("paper6r")
@@ -36,7 +36,7 @@ EXACT = PanTiltLaser(BESIDE)
 
 
 def ideal(robot=ARM, **options):
-    return make_drive("ideal", robot, q=START, **options)
+    return FaultyIdeal(robot, START, **options)
 
 
 def cell_of(laser=EXACT, drive=None, **options) -> Cell:
@@ -132,7 +132,7 @@ FAILURES: dict[str, tuple[str, CellStatus, str, Callable[[], Outcome]]] = {
     "reach": ("target", CellStatus.NO_PLAN, "out of reach", lambda: cell_of().move_to_spot(Spot(0.0, 0.0, 5.0))),
     "encoder": (
         "target", CellStatus.FAULT, "encoder of joint3",
-        lambda: cell_of(drive=ideal(disturbances=(LostEncoder(2, 0.0),))).move_to_spot(EXACT.reading(SPOT)),
+        lambda: cell_of(drive=ideal(faults=(LostEncoder(2, 0.0),))).move_to_spot(EXACT.reading(SPOT)),
     ),
     "half turn": (
         "line", CellStatus.NO_PLAN, "180",
@@ -148,7 +148,7 @@ FAILURES: dict[str, tuple[str, CellStatus, str, Callable[[], Outcome]]] = {
     ),
     "stall": (
         "execution", CellStatus.FAULT, "joint1",
-        lambda: cell_of(drive=ideal(disturbances=(Stall(0, 0.1),))).move_to_spot(EXACT.reading(SPOT)),
+        lambda: cell_of(drive=ideal(faults=(Stall(0, 0.1),))).move_to_spot(EXACT.reading(SPOT)),
     ),
     "stop": ("execution", CellStatus.STOPPED, "", lambda: cell_of().move_to_spot(EXACT.reading(SPOT), stop=0.05)),
     "unseen tool": (
@@ -216,7 +216,7 @@ def test_after_a_stop_the_same_task_is_the_rest_of_the_same_line() -> None:
 
 
 def test_after_a_fault_the_task_goes_on_along_its_path() -> None:
-    cell = cell_of(drive=ideal(disturbances=(Stall(0, 0.1, until=0.5),)))
+    cell = cell_of(drive=ideal(faults=(Stall(0, 0.1, until=0.5),)))
     first = cell.move_to_spot(cell.read(SPOT))
     assert first.status is CellStatus.FAULT and np.linalg.norm(first.tool - SPOT) > 0.01
     again = cell.resume(first)

@@ -1,4 +1,4 @@
-"""Set-points, and what a simulated drive does with them: encoders, stops, faults, late hosts, refusals."""
+"""Set-points, and what a simulated drive does with them: encoders, stops, faults, refusals."""
 
 import time
 from dataclasses import replace
@@ -18,20 +18,16 @@ from planners.cell import (
     ExecutionStatus,
     FaultKind,
     IdealDrive,
-    LateHost,
-    LostEncoder,
     Moment,
-    Stall,
-    WrongSetpoint,
     fit_periods,
     make_setpoints,
 )
-from planners.cell.drives._checks import GREATEST_STEP
 from planners.cell.drives._run import EncoderMonitor
 from planners.following.follow import PlanFailure
 from planners.trajectory.controller import simulate_controller
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
+from tests.planners.faulty import FaultyIdeal, LostEncoder, Stall
 from tests.planners.stops import stops
 from tests.seeds import shift_seed
 
@@ -61,8 +57,8 @@ def goal() -> Any:
     return line().trajectory(line().trajectory.end)
 
 
-def run(*disturbances: Any, **options: Any) -> tuple[IdealDrive, Execution]:
-    drive = IdealDrive(paper6r(), disturbances=disturbances, **options)
+def run(*faults: Any, **options: Any) -> tuple[IdealDrive, Execution]:
+    drive = FaultyIdeal(paper6r(), faults=faults, **options)
     return drive, drive.execute(line())
 
 
@@ -304,38 +300,6 @@ def test_an_arm_that_was_moved_since_its_stop_is_not_resumed() -> None:
 
 
 # ---------------------------------------------------------------- faults
-@pytest.mark.parametrize(("by", "what"), [(0.1, "velocity limit"), (10.0, "position limits"), (np.nan, "not a number")])
-def test_a_setpoint_outside_the_limits_is_refused_before_the_arm_sees_it(by: float, what: str) -> None:
-    drive, execution = run(WrongSetpoint(0.15, "joint4", by))
-    assert execution.status is ExecutionStatus.FAULT and execution.fault is not None
-    assert execution.fault.kind is FaultKind.SETPOINT and execution.fault.joint == "joint4"
-    assert execution.fault.t == pytest.approx(0.152) and what in execution.reason and execution.advice
-    at_rest_within_limits(execution)
-    beside = execution.q - execution.motion(np.minimum(execution.t, execution.motion.end))
-    assert np.abs(beside).max() < 2e-6
-    assert execution.motion.end - execution.stop_plan.trajectory.end == pytest.approx(0.148)
-    again = drive.resume(execution)
-    assert again and again.before is None
-    np.testing.assert_allclose(again.q[-1], goal(), rtol=0.0, atol=1e-9)
-
-
-def test_a_wrong_setpoint_within_the_limits_is_followed_and_said() -> None:
-    _, execution = run(WrongSetpoint(0.15, 0, 1e-4))
-    assert execution and "1e-04" in execution.notes[0].replace("0.0001", "1e-04")
-    beside = execution.q - execution.motion(execution.t)
-    assert 0.9e-4 < np.abs(beside).max() < 1.1e-4
-
-
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_setpoint_is_refused_just_beyond_a_step_at_the_velocity_limit(sign: float) -> None:
-    stream, row, joint = make_setpoints(fit_periods(line(), PERIOD), PERIOD), 30, 3
-    most = float(np.broadcast_to(paper6r().limits.velocity, 6)[joint]) * PERIOD * GREATEST_STEP
-    for share, kind in ((0.99, None), (1.01, FaultKind.SETPOINT)):
-        by = stream.q[row - 1, joint] + sign * share * most - stream.q[row, joint]
-        _, execution = run(WrongSetpoint(row * PERIOD, joint, by), following=10.0)
-        assert (execution.fault.kind if execution.fault else None) is kind
-
-
 def test_a_joint_is_found_just_beyond_the_tolerance_where_it_comes_to_rest() -> None:
     stall, joint = Stall("joint2", 0.6 * line().trajectory.end), 1
     wide = run(stall, encoder=np.inf, end_tolerance=10.0, following=10.0)[1]
@@ -385,7 +349,7 @@ def test_a_lost_encoder_stops_the_arm_and_is_repaired_before_it_goes_on() -> Non
     at_rest_within_limits(execution)
     assert np.isnan(execution.measured[:, 2]).any() and not np.isnan(execution.measured[:, :2]).any()
     assert drive.resume(execution)
-    lost = IdealDrive(paper6r(), START, disturbances=(LostEncoder("joint3", 0.0),))
+    lost = FaultyIdeal(paper6r(), START, faults=(LostEncoder("joint3", 0.0),))
     assert np.isnan(lost.measure()[2])
     refused = lost.execute(line())
     assert refused.status is ExecutionStatus.REFUSED and "joint3" in refused.reason
@@ -436,27 +400,6 @@ def test_an_encoder_that_is_lost_at_the_last_tick_is_a_fault(frozen: bool) -> No
     assert execution.fault.joint == "joint3" and execution.fault.t == pytest.approx(end)
 
 
-@pytest.mark.parametrize("ticks", [1, 9])
-def test_a_host_that_is_late_for_less_than_it_sent_ahead_is_only_counted(ticks: int) -> None:
-    _, execution = run(LateHost(0.1, ticks))
-    assert execution and execution.late == ticks
-    np.testing.assert_array_equal(execution.q, run()[1].q)
-
-
-def test_a_host_that_stays_late_is_stopped_for() -> None:
-    drive, execution = run(LateHost(0.1, 10))
-    assert execution.fault is not None and execution.fault.kind is FaultKind.LATE_HOST
-    assert execution.fault.joint is None and execution.late == 10
-    assert execution.fault.t == pytest.approx(0.1 + 9 * PERIOD)
-    at_rest_within_limits(execution)
-    assert drive.resume(execution)
-
-
-def test_a_host_that_has_sent_everything_is_not_late() -> None:
-    _, execution = run(LateHost(line().trajectory.end - 0.02, 100))
-    assert execution and execution.late == 0
-
-
 def test_a_watcher_that_takes_long_makes_ticks_late_where_the_pace_is_real() -> None:
     def slow(moment: Moment) -> None:
         if 0.1 < moment.t < 0.11:
@@ -495,8 +438,7 @@ def test_a_plan_that_begins_in_motion_or_is_too_fast_for_the_arm_is_refused() ->
         ("period", {"period": 0.0}), ("ahead", {"ahead": 0}), ("hold", {"hold": "yes"}), ("encoder", {"encoder": -1.0}),
         ("encoder", {"encoder": [1.0, 2.0]}), ("encoder_noise", {"encoder_noise": np.nan}), ("pace", {"pace": 0.0}),
         ("following", {"following": 0.0}), ("start_tolerance", {"start_tolerance": np.nan}), ("step", {"step": 0.01}),
-        ("seed", {"seed": -1}), ("q", {"q": [0.0]}), ("q", {"q": [100.0] * 6}), ("joint", {"disturbances": (Stall("x", 0.0),)}),
-        ("disturbances", {"disturbances": ("late",)}), ("ticks", {"disturbances": (LateHost(0.0, 0),)}),
+        ("seed", {"seed": -1}), ("q", {"q": [0.0]}), ("q", {"q": [100.0] * 6}),
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_meant_are_refused(argument: str, options: dict[str, Any]) -> None:

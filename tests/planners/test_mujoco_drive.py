@@ -10,10 +10,11 @@ import optik
 from optik.arm.inertia import Inertia
 from optik.errors import InvalidInput, MissingDependency
 from planners import plan
-from planners.cell import LostEncoder, MujocoDrive, Stall, make_drive
+from planners.cell import MujocoDrive, make_drive
 from planners.cell.drives._run import Commands
 from planners.cell.drives._servo import NEW_WEIGHT, POSITION_GAIN, VELOCITY_GAIN, compute_gains, pack_gains, servo
 from planners.timing import make_law
+from tests.planners.faulty import FaultyMujoco, LostEncoder, Stall
 from tests.seeds import shift_seed
 
 START = np.deg2rad([20.0, -35.0, 40.0, 25.0, 50.0, -30.0])
@@ -164,7 +165,7 @@ def test_coarse_encoders_cost_accuracy(usual):
 
 
 def test_a_blocked_joint_stands_still_and_the_arm_can_go_on(usual):
-    drive = MujocoDrive(usual.robot, disturbances=(Stall("joint1", 0.2, 0.6),))
+    drive = FaultyMujoco(usual.robot, faults=(Stall("joint1", 0.2, 0.6),))
     done = drive.execute(usual)
     assert done.fault is not None and done.fault.joint == "joint1"
     stands = done.q[(done.t > 0.21) & (done.t < 0.6), 0]
@@ -178,7 +179,7 @@ def test_a_blocked_joint_stands_still_and_the_arm_can_go_on(usual):
 
 @pytest.mark.parametrize("feedforward", [True, pytest.param(False, marks=pytest.mark.soak)])
 def test_a_joint_with_a_lost_encoder_goes_on_by_the_model_and_is_braked_at_rest(usual, feedforward):
-    drive = MujocoDrive(usual.robot, feedforward=feedforward, disturbances=(LostEncoder("joint2", 0.2),))
+    drive = FaultyMujoco(usual.robot, feedforward=feedforward, faults=(LostEncoder("joint2", 0.2),))
     done = drive.execute(usual)
     assert done.fault is not None and done.fault.joint == "joint2"
     assert np.abs(errors(done)).max() <= (1e-4 if feedforward else 1e-2)
@@ -188,7 +189,7 @@ def test_a_joint_with_a_lost_encoder_goes_on_by_the_model_and_is_braked_at_rest(
 def test_a_joint_without_encoder_is_braked_at_rest_though_its_weight_is_unknown():
     plant = pendulum().with_inertia(mass=[3.0])
     for disturbances, moved in (((), (1e-4, 1.0)), ((LostEncoder("joint1", 0.0),), (0.0, 1e-5))):
-        drive = MujocoDrive(pendulum(), [0.3], plant=plant, disturbances=disturbances, following=1.0)
+        drive = FaultyMujoco(pendulum(), [0.3], plant=plant, faults=disturbances, following=1.0)
         assert moved[0] <= np.abs(held(drive, 0.3, 100) - 0.3).max() <= moved[1]
 
 
@@ -208,7 +209,7 @@ def test_a_servo_goes_on_with_the_first_reading_of_an_encoder_that_returns():
 
 
 def test_an_arm_goes_on_after_its_encoder_has_returned(usual):
-    drive = MujocoDrive(usual.robot, disturbances=(LostEncoder("joint2", 0.1, 0.3),))
+    drive = FaultyMujoco(usual.robot, faults=(LostEncoder("joint2", 0.1, 0.3),))
     done = drive.execute(usual)
     assert done.fault is not None and done.fault.joint == "joint2"
     drive.settling = 0.5
@@ -218,7 +219,7 @@ def test_an_arm_goes_on_after_its_encoder_has_returned(usual):
 
 
 def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
-    drive = MujocoDrive(usual.robot, disturbances=(LostEncoder("joint1", 0.2, 0.5, frozen=True),))
+    drive = FaultyMujoco(usual.robot, faults=(LostEncoder("joint1", 0.2, 0.5, frozen=True),))
     done = drive.execute(usual)
     assert done.fault is not None and done.fault.joint == "joint1"
     assert np.abs(done.dq[-1]).max() <= 1e-4
@@ -229,7 +230,7 @@ def test_a_frozen_encoder_is_found_and_its_joint_braked(usual):
 @pytest.mark.parametrize("joint", range(6))
 def test_with_a_frozen_encoder_the_fault_is_named_and_the_arm_really_comes_to_rest(usual, joint):
     rng = np.random.default_rng(joint)
-    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(joint, rng.uniform(0.0, 0.5), frozen=True),))
+    drive = FaultyMujoco(usual.robot, START, faults=(LostEncoder(joint, rng.uniform(0.0, 0.5), frozen=True),))
     done = drive.execute(usual)
     name = usual.robot.joint_names[joint]
     assert done.status == "fault" and done.fault.kind in ("encoder", "stall") and "encoder" in done.reason
@@ -241,7 +242,7 @@ def test_with_a_frozen_encoder_the_fault_is_named_and_the_arm_really_comes_to_re
 
 def test_an_arm_that_its_brakes_cannot_hold_is_said(usual, monkeypatch):
     monkeypatch.setattr(sys.modules["planners.cell.drives._simulated"], "BRAKING", 0.2)
-    drive = MujocoDrive(usual.robot, START, disturbances=(LostEncoder(1, 0.0, frozen=True),))
+    drive = FaultyMujoco(usual.robot, START, faults=(LostEncoder(1, 0.0, frozen=True),))
     monkeypatch.setattr(drive, "_put_brakes_on", lambda: None)
     done = drive.execute(usual)
     assert done.status == "fault" and "moves at" in done.reason and "with all brakes applied" in done.notes[-1]

@@ -11,12 +11,13 @@ import pytest
 import optik
 from optik.types import Array
 from planners import JointLine, MotionLimits, Plan, Polyline, plan, replan
-from planners.cell import Execution, ExecutionStatus, FaultKind, IdealDrive, LostEncoder, WrongSetpoint
+from planners.cell import ExecutionStatus
 from planners.limits import Limit, PathPoints, ToolExtreme, kinds, register
 from planners.limits.inputs import LimitedMotion
 from planners.timing.base import StopKind
 from tests import oracles
 from tests.planners.cases import START, default_line, paper6r
+from tests.planners.faulty import FaultyIdeal, FaultyMujoco, LostEncoder
 
 MOVE = np.array([0.9, 0.3, -0.2, 0.2, 0.5, -1.1])
 PERIOD = 0.004
@@ -177,43 +178,8 @@ def moving() -> Plan:
     return found
 
 
-def refused_at(tick: int, q: Array = START) -> IdealDrive:
-    return IdealDrive(moving().robot, q, disturbances=(WrongSetpoint((tick - 0.5) * PERIOD, 0, np.nan),))
-
-
-def assert_fault(execution: Execution) -> None:
-    assert execution.status is ExecutionStatus.FAULT and execution.fault is not None
-    assert execution.fault.kind is FaultKind.SETPOINT
-    assert execution.motion is not None and np.abs(execution.dq[-1]).max() <= 1e-12
-    np.testing.assert_allclose(execution.motion(execution.motion.end), execution.q[-1], atol=1e-12)
-
-
-def test_a_refused_set_point_at_the_first_ticks_and_at_the_last_gives_an_execution() -> None:
-    last = round(IdealDrive(moving().robot).execute(moving()).plan.trajectory.end / PERIOD)
-    for tick in (1, 2, 3, last // 2, last - 1, last):
-        execution = refused_at(tick).execute(moving())
-        assert_fault(execution)
-        if tick == 1:
-            np.testing.assert_array_equal(execution.q, np.tile(START, (len(execution.q), 1)))
-            assert execution.stop_plan is not None and execution.stop_plan.certificate.is_valid
-        again = IdealDrive(moving().robot, execution.q[-1]).resume(execution)
-        assert again, again.reason
-        np.testing.assert_allclose(again.q[-1], START + MOVE, atol=1e-9)
-
-
-def test_a_refused_first_set_point_of_a_resumed_motion_gives_an_execution() -> None:
-    stopped = IdealDrive(moving().robot).execute(moving(), stop=0.2)
-    assert stopped.status is ExecutionStatus.STOPPED
-    for tick in (1, 2):
-        execution = refused_at(tick, stopped.q[-1]).resume(stopped)
-        assert_fault(execution)
-        again = IdealDrive(moving().robot, execution.q[-1]).resume(execution)
-        assert again, again.reason
-        np.testing.assert_allclose(again.q[-1], START + MOVE, atol=1e-9)
-
-
 def test_a_refused_execution_records_where_the_arm_is() -> None:
-    drive = IdealDrive(moving().robot, START, disturbances=(LostEncoder("joint2", 0.0),))
+    drive = FaultyIdeal(moving().robot, START, faults=(LostEncoder("joint2", 0.0),))
     refused = drive.execute(moving())
     assert refused.status is ExecutionStatus.REFUSED and "encoder of joint2 is lost" in refused.reason
     np.testing.assert_array_equal(refused.q, START[None])
@@ -222,10 +188,8 @@ def test_a_refused_execution_records_where_the_arm_is() -> None:
 
 def test_an_arm_with_a_frozen_encoder_ends_at_rest() -> None:
     pytest.importorskip("mujoco")
-    from planners.cell.drives.mujoco import MujocoDrive
-
     for at, joint in ((0.06, 0), (0.3, 1), (0.55, 3), (0.8, 0)):
         lost: Any = LostEncoder(joint, at, frozen=True)
-        execution = MujocoDrive(moving().robot, START, disturbances=(lost,)).execute(moving())
+        execution = FaultyMujoco(moving().robot, START, faults=(lost,)).execute(moving())
         assert execution.status is ExecutionStatus.FAULT
         assert np.abs(execution.dq[-1]).max() <= 1e-4, execution.notes

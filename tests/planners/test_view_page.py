@@ -14,9 +14,7 @@ from optik import se3
 from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.scene import Scene
 from optik.types import Array
-from planners.cell import Cell, Outcome, PanTiltLaser, Spot
-from planners.cell.drives import make_drive
-from planners.cell.drives.options import Stall
+from planners.cell import Cell, Outcome, PanTiltLaser, Spot, make_drive
 from planners.cell.view.page import MOST_PAGE, make_page, write_page
 from planners.cell.view.show import (
     Show,
@@ -28,6 +26,7 @@ from planners.cell.view.show import (
     thin_execution,
 )
 from tests.planners.cases import MOVE, START, paper6r
+from tests.planners.faulty import FaultyIdeal, Stall
 from tests.planners.motions import planned
 
 EVIL = "</script><script>alert('x')</script> & <b>bold</b>"
@@ -139,7 +138,7 @@ BESIDE = se3.pose(np.eye(3), [-0.6, 0.2, 0.1])
 
 def task(**options: Any) -> Outcome:
     robot = paper6r()
-    cell = Cell(robot, PanTiltLaser(BESIDE), make_drive("ideal", robot, q=START, **options))
+    cell = Cell(robot, PanTiltLaser(BESIDE), FaultyIdeal(robot, START, **options))
     return cell.move_to_spot(cell.read(robot.fk(START)[:3, 3] + MOVE), corrections=1, timing="ruckig")
 
 
@@ -162,7 +161,7 @@ def test_a_task_is_shown_with_all_its_executions_and_its_beam() -> None:
 
 
 def test_a_task_that_failed_is_shown_as_far_as_it_came() -> None:
-    stalled = show_outcome(task(disturbances=(Stall(0, 0.2),)))
+    stalled = show_outcome(task(faults=(Stall(0, 0.2),)))
     assert dict(stalled.facts)["Failed step"] == "execution"
     assert stalled.executed is not None
     robot = paper6r()

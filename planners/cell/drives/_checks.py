@@ -1,9 +1,8 @@
-"""Checks of drives: the plan before its start; set-points, encoders and the host of a simulated drive at every tick."""
+"""Checks of drives: the plan before its start; set-points and encoders of a simulated drive at every tick."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import ceil
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from optik.errors import InvalidInput, InvalidMotion
 from optik.types import Array
 from planners.cell.drives._run import DriveRun
 from planners.cell.drives.base import ExecutionStatus, Fault, FaultKind, StopRequest
-from planners.cell.drives.options import LateHost, LostEncoder, Options, WrongSetpoint
+from planners.cell.drives.options import Options
 from planners.certificate.certificate import Certificate, check_valid
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -108,31 +107,11 @@ def make_stop_test(stop: StopRequest | None) -> Callable[[float], bool]:
 # ---------------------------------------------------------------- at every tick
 
 
-def read_encoders(
-    actual: Array, options: Options, clock: float, noise: np.random.Generator, frozen: dict[int, float]
-) -> Array:
+def read_encoders(actual: Array, options: Options, noise: np.random.Generator) -> Array:
     """Return the readings of the encoders."""
     read = actual + options.noise * noise.standard_normal(actual.size) if options.noise else actual.copy()
     counts = np.where(options.resolution > 0.0, options.resolution, 1.0)
-    read = np.where(options.resolution > 0.0, np.round(read / counts) * counts, read)
-    for each in options.disturbances:
-        if isinstance(each, LostEncoder) and each.at <= clock < each.until:
-            joint = int(each.joint)
-            read[joint] = frozen.setdefault(joint, read[joint]) if each.frozen else np.nan
-    return read
-
-
-def judge_host(run: DriveRun, k: int, since: float, options: Options, robot: Robot) -> None:
-    """Check the host at tick k: it must not be late, and its set-points must be within the limits."""
-    for each in options.disturbances:
-        if run.stopping:
-            return
-        if isinstance(each, LateHost) and each.at >= since:
-            _judge_silence(run, k, max(_tick(each.at - since, options.period), 1), each.ticks, options)
-        elif isinstance(each, WrongSetpoint):
-            row = _tick(each.at - since, options.period)
-            if 1 <= row <= run.last and (row == k + options.ahead or (k == 0 and row <= options.ahead)):
-                _judge_setpoint(run, row, each, robot)
+    return np.asarray(np.where(options.resolution > 0.0, np.round(read / counts) * counts, read))
 
 
 def judge(run: DriveRun, k: int, read: Array, options: Options, robot: Robot) -> None:
@@ -231,43 +210,6 @@ def judge_end(run: DriveRun) -> tuple[ExecutionStatus, str, str]:
         begun = run.motion.end - run.stop.trajectory.end
         return ExecutionStatus.STOPPED, f"stopped on request; the stop began at t = {begun:.6g} s", RESUME_ADVICE
     return ExecutionStatus.DONE, "", ""
-
-
-# ---------------------------------------------------------------- the host
-
-
-def _tick(t: float, period: float) -> int:
-    """Return the first tick that is not before a time."""
-    return ceil(t / period - 1e-9)
-
-
-def _judge_silence(run: DriveRun, k: int, first: int, ticks: int, options: Options) -> None:
-    """Count a tick without a message; it is a fault if the drive has no further set-point."""
-    if not first <= k < first + ticks or k + options.ahead > run.last:
-        return
-    run.late += 1
-    if k == first - 1 + options.ahead:
-        what = f"the host was silent for {options.ahead} ticks, and the drive ran out of set-points"
-        advice = "make the host faster, or send more set-points ahead (ahead=); then resume"
-        run.fail(Fault(FaultKind.LATE_HOST, k * options.period, None, what, advice), k)
-
-
-def _judge_setpoint(run: DriveRun, row: int, wrong: WrongSetpoint, robot: Robot) -> None:
-    """Reject a wrong set-point that is outside the limits; accept one that is within them."""
-    joint, before = int(wrong.joint), run.stream.q[row - 1]
-    name, unit, t = robot.joint_names[joint], joint_unit(robot, joint), row * run.stream.period
-    value = run.stream.q[row, joint] + wrong.by
-    low, high = robot.limits.lower[joint], robot.limits.upper[joint]
-    step, most = abs(value - before[joint]), _velocity_limits(robot)[joint] * run.stream.period * GREATEST_STEP
-    if low <= value <= high and step <= most:
-        run.stream.q[row, joint] = value
-        run.notes.append(f"the set-point {row} of {name} was {wrong.by:g} {unit} off, within the limits")
-        return
-    outside = f"it is outside the position limits [{low:.6g}, {high:.6g}] {unit}"
-    jumps = f"it is {step:.6g} {unit} from the previous one, but the velocity limit allows {most:.6g} {unit} per period"
-    what = "it is not a number" if np.isnan(value) else outside if not low <= value <= high else jumps
-    reason = f"the set-point {value:.6g} {unit} of {name} for t = {t:.6g} s was refused: {what}"
-    run.fail(Fault(FaultKind.SETPOINT, t, name, reason, "find out why the host sent it; then resume"), row - 1)
 
 
 def _velocity_limits(robot: Robot) -> Array:

@@ -20,7 +20,7 @@ from planners.cell.drives import _checks
 from planners.cell.drives._run import Commands, DriveRun, Steps, interpolate
 from planners.cell.drives._stop import refuse, resume_execution
 from planners.cell.drives.base import Drive, Execution, Moment, StopRequest, Watcher
-from planners.cell.drives.options import Stall, make_options
+from planners.cell.drives.options import make_options
 from planners.cell.drives.setpoints import fit_periods, make_setpoints
 from planners.certificate.violation import Allow, check_allow
 from planners.plan import Plan
@@ -32,8 +32,8 @@ BRAKING = 10.0
 class SimulatedDrive(Drive):
     """A drive with a simulated arm. A plant is a subclass with `_place`, `_advance` and `_actual`.
 
-    At tick k the drive has the set-points up to k + ahead, and the certified stop from the last of them. After a request, a
-    fault or a silent host, the arm continues to that set-point and then along that stop.
+    At tick k the drive has the set-points up to k + ahead, and the certified stop from the last of them. After a request or a
+    fault, the arm continues to that set-point and then along that stop.
 
     Parameters
     ----------
@@ -73,7 +73,6 @@ class SimulatedDrive(Drive):
         self.clock = 0.0
         """Total time of all executions so far [s]."""
         self._noise = np.random.default_rng(seed)
-        self._frozen: dict[int, float] = {}
         self._stuck: int | None = None  # the joint that does not follow, because of which the execution is stopped
         self._placed = False
         if q is not None:
@@ -100,6 +99,14 @@ class SimulatedDrive(Drive):
     def _put_brakes_on(self) -> None:
         """Apply the brakes to all joints from now on, if the plant has brakes."""
 
+    def _find_blocked(self) -> Flags:
+        """Return which joints do not move now (n,); a subclass may have such faults."""
+        return np.zeros(self.robot.n, dtype=np.bool_)
+
+    def _misread(self, read: Array) -> Array:
+        """Return readings (n,) with those of false encoders replaced, NaN for a lost one; a subclass may have such faults."""
+        return read
+
     def _remarks(self) -> tuple[str, ...]:
         """Return the notes of every execution on this plant: defaults used for unknown values."""
         return ()
@@ -110,7 +117,7 @@ class SimulatedDrive(Drive):
         """Return the encoders' configuration now (n,) [rad, m]; NaN for a joint whose encoder is lost."""
         if not self._placed:
             raise InvalidInput("q", "none, and no plan executed yet", "the arm's initial configuration")
-        return _checks.read_encoders(self._actual(), self.options, self.clock, self._noise, self._frozen)
+        return self._misread(_checks.read_encoders(self._actual(), self.options, self._noise))
 
     def execute(
         self, plan: Plan, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
@@ -160,14 +167,13 @@ class SimulatedDrive(Drive):
                 watch(Moment(t, run.stream.q[min(k, run.last)].copy(), reading.copy(), self._actual().copy()))
             if k >= run.last + self._held_ticks() and self._comes_to_rest(run, k, reading):
                 break
-            _checks.judge_host(run, k, since, self.options, self.robot)
             _checks.judge(run, k, reading, self.options, self.robot)
             self._stuck = run.stuck
             if not run.stopping and stop_test(t):
                 run.requested = True
                 run.stop_at(k + self.options.ahead)
             now = interpolate(run.stream, k, self.steps, self.options.hold)
-            run.record(t, now.t[1:], self._advance(now, self._stalled()))
+            run.record(t, now.t[1:], self._advance(now, self._find_blocked()))
             k += 1
         run.extend(k)
         _checks.judge_rest(run, k, reading, self._actual(), self.options, self.robot)
@@ -200,14 +206,6 @@ class SimulatedDrive(Drive):
             time.sleep(early)
         elif -early > self.period / self.options.pace:
             run.late += 1
-
-    def _stalled(self) -> Flags:
-        """Return which joints are blocked now (n,)."""
-        stalled = np.zeros(self.robot.n, dtype=bool)
-        for each in self.options.disturbances:
-            if isinstance(each, Stall) and each.at <= self.clock < each.until:
-                stalled[each.joint] = True
-        return stalled
 
     def _put(self, q: ArrayLike) -> None:
         """Put the arm at rest at a configuration inside its limits."""

@@ -37,15 +37,13 @@ class ExecutionStatus(StrEnum):
 class FaultKind(StrEnum):
     """The kind of a fault.
 
-    SETPOINT: a set-point outside the limits. STALL: a joint that does not follow. ENCODER: a lost or frozen encoder.
-    LATE_HOST: a host whose set-points arrive too late. CONNECTION: a lost connection. CONTROLLER: a controller that rejected
+    STALL: a joint that does not follow. ENCODER: a lost or frozen encoder.
+    CONNECTION: a lost connection. CONTROLLER: a controller that rejected
     a goal or ended it.
     """
 
-    SETPOINT = "setpoint"
     STALL = "stall"
     ENCODER = "encoder"
-    LATE_HOST = "late_host"
     CONNECTION = "connection"
     CONTROLLER = "controller"
 

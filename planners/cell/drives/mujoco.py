@@ -19,7 +19,6 @@ from planners.cell.drives._run import Commands, DriveRun, Steps
 from planners.cell.drives._servo import BANDWIDTH, DAMPING, Gains, check_step, compute_gains, pack_gains, servo
 from planners.cell.drives._simulated import SimulatedDrive
 from planners.cell.drives.base import Execution
-from planners.cell.drives.options import LostEncoder
 
 CREEP = 1e-5
 """Velocity scale of the tanh that smooths the feed-forward of Coulomb friction [rad/s, m/s]: the velocity of a joint at rest
@@ -161,7 +160,9 @@ class MujocoDrive(SimulatedDrive):
 
     def _advance(self, commands: Commands, stalled: Flags) -> Steps:
         data, m, n = self._data, self.steps, self.robot.n
-        lost, frozen, instead = self._lost()
+        true = np.array(data.qpos)
+        instead = self._misread(true)
+        false, lost = instead != true, np.isnan(instead)
         self._brake(commands, stalled, lost)
         rows = np.empty((m, 3, n))
         rows[:, 0], rows[:, 1] = commands.q[:-1], commands.dq[:-1] - 0.5 * self._step * commands.ddq[:-1]
@@ -171,12 +172,12 @@ class MujocoDrive(SimulatedDrive):
         off = (
             np.zeros((m, n)) if self.options.noise == 0.0 else self.options.noise * self._noise.standard_normal((m, n))
         )
-        clean = self.options.noise == 0.0 and not (lost | frozen).any()
+        clean = self.options.noise == 0.0 and not false.any()
         mass_matrices(self._chain, self._load.bodies, commands.q[:1], self._M)
         q, dq, torque = np.empty((3, m, n))
         M, tuned, state, h, at, motors = self._M[0], self._tuned, self._state, self._step, data.qpos, data.ctrl
         for j, row in enumerate(rows):
-            read = at if clean else np.where(lost | frozen, instead, at + off[j])
+            read = at if clean else np.where(false, instead, at + off[j])
             servo(tuned, M, row, read, state, h, motors)
             self._mujoco.mj_step(self._model, data)
             q[j], dq[j], torque[j] = at, data.qvel, motors
@@ -185,17 +186,6 @@ class MujocoDrive(SimulatedDrive):
             raise InvalidInput("bandwidth, damping, plant", "a simulation that diverged", wanted)
         self._now = torque[-1].copy()
         return Steps(q, dq, torque)
-
-    def _lost(self) -> tuple[Flags, Flags, Array]:
-        """Return which encoders are lost, which are frozen, and the readings of the frozen ones."""
-        lost, frozen = np.zeros((2, self.robot.n), dtype=bool)
-        instead = np.full(self.robot.n, np.nan)
-        for each in self.options.disturbances:
-            if isinstance(each, LostEncoder) and each.at <= self.clock < each.until:
-                joint = int(each.joint)
-                (frozen if each.frozen else lost)[joint] = True
-                instead[joint] = self._frozen.get(joint, np.nan) if each.frozen else np.nan
-        return lost, frozen, instead
 
     def _brake(self, commands: Commands, stalled: Flags, lost: Flags) -> None:
         """Set each joint's friction torque: its own, the brake's, or that of a blocked joint."""

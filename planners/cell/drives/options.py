@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf, pi
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -14,82 +13,6 @@ from optik.check import check_count, check_flag, check_number, real_array
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives.setpoints import PERIOD
-
-
-@dataclass(frozen=True)
-class Stall:
-    """A blocked joint, which does not move.
-
-    Attributes
-    ----------
-    joint : str or int
-        Its name or its index.
-    at, until : float
-        Start and end on the drive's clock (`SimulatedDrive.clock`) [s].
-    """
-
-    joint: str | int
-    at: float
-    until: float = inf
-
-
-@dataclass(frozen=True)
-class LostEncoder:
-    """A lost encoder, which reads NaN, or a frozen one, which repeats its last reading.
-
-    Attributes
-    ----------
-    joint : str or int
-        Its name or its index.
-    at, until : float
-        Start and end on the drive's clock [s].
-    frozen : bool
-        Whether it repeats its last reading.
-    """
-
-    joint: str | int
-    at: float
-    until: float = inf
-    frozen: bool = False
-
-
-@dataclass(frozen=True)
-class LateHost:
-    """A late host: it sends nothing for some ticks, then all missed set-points.
-
-    Attributes
-    ----------
-    at : float
-        Start of the silence on the drive's clock [s].
-    ticks : int
-        Number of silent ticks.
-    """
-
-    at: float
-    ticks: int
-
-
-@dataclass(frozen=True)
-class WrongSetpoint:
-    """One wrong set-point of the host.
-
-    Attributes
-    ----------
-    at : float
-        Time on the drive's clock from which the first set-point is wrong [s].
-    joint : str or int
-        Its name or its index.
-    by : float
-        Its error [rad, m]; NaN for an invalid number.
-    """
-
-    at: float
-    joint: str | int
-    by: float
-
-
-Disturbance = Stall | LostEncoder | LateHost | WrongSetpoint
-"""One of the ``disturbances`` of a simulated drive."""
 
 ENCODER = 2.0**20
 """Default counts per turn of an encoder: the 20 bits of common absolute encoders behind the gear."""
@@ -120,14 +43,13 @@ class Options(NamedTuple):
     start: Array  # largest difference of reading and a plan's start
     end: Array  # largest difference of set-point and reading at rest
     pace: float | None  # seconds of the motion per second of real time [1]; None for as fast as possible
-    disturbances: tuple[Disturbance, ...]
 
 
 def make_options(
     robot: Robot, *, period: float = PERIOD, ahead: int = HELD_AHEAD, hold: bool = False,
     encoder: float | ArrayLike = ENCODER, encoder_noise: float = 0.0,
     following: ArrayLike | None = None, start_tolerance: ArrayLike | None = None,
-    end_tolerance: ArrayLike | None = None, pace: float | None = None, disturbances: tuple[Disturbance, ...] = (),
+    end_tolerance: ArrayLike | None = None, pace: float | None = None,
 ) -> Options:  # fmt: skip
     """Return the checked options of a simulated drive."""
     period = check_number(period, "period", "seconds above 0", above=0.0)
@@ -140,17 +62,8 @@ def make_options(
         _by_joint(robot, following, FOLLOWING, "following"),
         _by_joint(robot, start_tolerance, START_AWAY, "start_tolerance"),
         _by_joint(robot, end_tolerance, END_AWAY, "end_tolerance"),
-        pace, _check_disturbances(robot, disturbances),
+        pace,
     )  # fmt: skip
-
-
-def joint_index(robot: Robot, joint: str | int) -> int:
-    """Return the index of a joint, given by its name or its index."""
-    if isinstance(joint, str) and joint in robot.joint_names:
-        return robot.joint_names.index(joint)
-    if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < robot.n:
-        return joint
-    raise InvalidInput("joint", repr(joint)[:60], f"one of {', '.join(robot.joint_names)}, or an index below {robot.n}")
 
 
 def _by_joint(robot: Robot, value: ArrayLike | None, default: tuple[float, float], argument: str) -> Array:
@@ -176,21 +89,3 @@ def _resolution(robot: Robot, encoder: ArrayLike) -> Array:
     if array.shape == ():
         return np.where(robot.prismatic, SCALE if np.isfinite(array) else 0.0, turn)
     return np.where(robot.prismatic, np.where(np.isfinite(array), array, 0.0), turn)
-
-
-def _check_disturbances(robot: Robot, disturbances: tuple[Disturbance, ...]) -> tuple[Disturbance, ...]:
-    """Return the checked disturbances, with joints as indices."""
-    checked: list[Disturbance] = []
-    for each in disturbances:
-        if isinstance(each, Stall):
-            checked.append(Stall(joint_index(robot, each.joint), each.at, each.until))
-        elif isinstance(each, LostEncoder):
-            checked.append(LostEncoder(joint_index(robot, each.joint), each.at, each.until, each.frozen))
-        elif isinstance(each, WrongSetpoint):
-            checked.append(WrongSetpoint(each.at, joint_index(robot, each.joint), each.by))
-        elif isinstance(each, LateHost):
-            check_count(each.ticks, "ticks", 1)
-            checked.append(each)
-        else:
-            raise InvalidInput("disturbances", repr(each)[:60], "Stall, LostEncoder, LateHost or WrongSetpoint")
-    return tuple(checked)
