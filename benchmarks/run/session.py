@@ -216,9 +216,10 @@ class _Session:
 
     def finish(self) -> None:
         """Record whether the run is complete."""
-        self._reference.append(time_reference())
-        before = self._folder.manifest().get("reference", [])  # of the run before it was interrupted
-        update_manifest(self._folder, complete=not self._lacking, reference=[*before, *self._reference])
+        manifest = self._folder.manifest()
+        if not manifest["complete"] or self._lacking:  # of the sessions before, and of this one
+            times = [*manifest.get("reference", []), *self._reference, time_reference()]
+            update_manifest(self._folder, complete=not self._lacking, reference=times)
 
 
 # ---------------------------------------------------------------- blocks that are timed alone
