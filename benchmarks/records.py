@@ -177,7 +177,7 @@ def _entries(ledger: Path, _time: int, _size: int) -> dict[str, str]:
     return found
 
 
-FORMAT = "optik-run/3"
+FORMAT = "optik-run/4"
 """Name and version of the format of run folders, in ``run.json``."""
 
 MANIFEST = "run.json"

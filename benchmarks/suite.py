@@ -9,26 +9,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks.blocks.base import KINDS, Block, Kind, load_kind
+from benchmarks.blocks.base import GROUP, Kind, kind_names, load_kind
+from benchmarks.blocks.block import Block
 from benchmarks.records import slug
 from benchmarks.settings import check_different
 from optik.check import check_count
 from optik.errors import InvalidInput, UnknownName
 from optik.plugins.files import is_path
 from optik.plugins.usage import UsedPlugin, collect_plugins
-from optik.registry import data_file
+from optik.registry import check_name, data_file
 
 SUITES = "benchmarks.suites"
 """The package in which a suite is found by its name."""
 
-ALIASES = {"blocks": "budgets", "line": "plans", "speed": "calls", "timing": "laws"}
-"""Keys of a suite that differ from the name of their kind."""
-
 REMOVED = {
-    "answers": "[[blocks]] with a single budget, which stores every answer, too",
+    "answers": "[[budgets]] with a single budget, which stores every answer, too",
     "first_use": "`python -X importtime -c 'import optik'`, or a timer of processes",
+    "blocks": "[[budgets]]",
+    "speed": "[[calls]]",
+    "line": '[[timing]] with lines = [{ kind = "line", … }] and detail = true',
 }
-"""Kinds of block that were removed, and what replaces them."""
+"""Keys of earlier versions, and what replaces them."""
 
 OWN_KEYS = {
     "title": ("Heading of the report.", "the suite's name"),
@@ -87,7 +88,7 @@ class Suite:
         """Return every block with its kind, in the order of execution."""
         for kind in self.kinds:
             for block in self.of(kind.name):
-                yield kind, block
+                yield kind.of(block), block
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -135,48 +136,33 @@ def load_suite(name: str, *, allow_plugins: bool = False) -> Suite:
 
 def suite_of(name: str, data: dict[str, Any]) -> Suite:
     """Check the settings of a suite and return it."""
-    keys = _kind_keys(data)
-    kinds = sorted(keys, key=lambda kind: (kind.order, kind.name))
-    asked = {kind.name: _blocks(kind, keys[kind], data[keys[kind]]) for kind in kinds}
+    kinds = sorted(map(_kind, (key for key in data if key not in OWN_KEYS)), key=lambda kind: (kind.order, kind.name))
+    asked = {kind.name: _blocks(kind, data[kind.name]) for kind in kinds}
     if not any(asked.values()):
-        raise InvalidInput(f"suite {name!r}", "no blocks", f"something to run: {', '.join(_known_keys())}")
-    ids = [block.id for kind in kinds if not kind.single for block in asked[kind.name]]
+        raise InvalidInput(f"suite {name!r}", "no blocks", f"something to run: {', '.join(kind_names())}")
+    ids = [block.id for blocks in asked.values() for block in blocks]
     check_different(ids, "blocks", "id")
     _check_files(ids)
     check_count(data.get("seed", 0), "seed", 0)
     return Suite(name, str(data.get("title", name)), int(data.get("seed", 0)), tuple(kinds), asked, data)
 
 
-def _known_keys() -> list[str]:
-    """Return the keys of all kinds of blocks in a suite."""
-    written = {kind: key for key, kind in ALIASES.items()}
-    return [written.get(kind, kind) for kind in KINDS]
+def _kind(key: str) -> Kind:
+    """Return the kind of block that a key of a suite names."""
+    if key in REMOVED:
+        raise InvalidInput("the suite", f"the key {key!r} of an earlier version", f"use {REMOVED[key]}")
+    if is_path(key):
+        raise InvalidInput("the suite", f"the key {key!r}", "a kind of block of an installed package, not a file")
+    try:
+        return load_kind(check_name(GROUP, key, "kind of block"))
+    except UnknownName:
+        raise UnknownName("key of a suite", key, (*OWN_KEYS, *kind_names())) from None
 
 
-def _kind_keys(data: dict[str, Any]) -> dict[Kind, str]:
-    """Return the key of every kind of block in a suite."""
-    found: dict[Kind, str] = {}
-    for key in data:
-        if key in OWN_KEYS:
-            continue
-        if key in REMOVED:
-            raise InvalidInput("the suite", f"the key {key!r}, a kind of block that was removed", f"use {REMOVED[key]}")
-        try:
-            kind = load_kind(ALIASES.get(key, key))
-        except UnknownName:
-            raise UnknownName("key of a suite", key, (*OWN_KEYS, *_known_keys())) from None
-        if kind in found:
-            raise InvalidInput("the suite", f"the keys {found[kind]!r} and {key!r}", f"one key for its {kind.name}")
-        found[kind] = key
-    return found
-
-
-def _blocks(kind: Kind, key: str, data: Any) -> tuple[Block, ...]:
-    """Return all blocks of a kind: a single table, or a list of tables."""
-    if kind.single:
-        return (kind.settings(data),)
+def _blocks(kind: Kind, data: Any) -> tuple[Block, ...]:
+    """Return all blocks of a kind."""
     if not isinstance(data, list):
-        raise InvalidInput(f"the suite: {key}", repr(data)[:60], f"a list of tables: [[{key}]]")
+        raise InvalidInput(f"the suite: {kind.name}", repr(data)[:60], f"a list of tables: [[{kind.name}]]")
     return tuple(kind.settings(item) for item in data)
 
 

@@ -9,12 +9,14 @@ from typing import Any
 
 from pydantic_core import PydanticUndefined
 
-from benchmarks.blocks.base import KINDS, Target, load_kind
+from benchmarks.blocks.base import GROUP, load_kind
+from benchmarks.blocks.block import Target
 from benchmarks.blocks.cell.settings import BLOCKS, CellBlock, CellMethod, Noise
 from benchmarks.blocks.entries import IKPeer, Law, LawPeer, Method
-from benchmarks.blocks.timing.freedom import FreeSet
-from benchmarks.blocks.timing.laws.settings import Example, LimitSet, LineSet
+from benchmarks.blocks.freedom import FreeSet
+from benchmarks.blocks.timing.settings import Example, LimitSet, LineSet
 from benchmarks.settings import Settings
+from optik.registry import own_names
 
 PAGE = Path(__file__).with_name("suites.md")
 """The page."""
@@ -23,7 +25,7 @@ OF_EVERY_BLOCK = {"id", "title", "targets"}
 """Keys that the page explains once."""
 
 TABLES: dict[str, type[Settings]] = {
-    **{name: load_kind(name).block for name in KINDS if KINDS[name].startswith("benchmarks.") and name != "cell"},
+    **{name: load_kind(name).block for name in own_names(GROUP) if name != "cell"},
     "cell": CellBlock, **{f"cell {what}": block for what, block in BLOCKS.items()}, "noise": Noise,
     "method": Method, "cell method": CellMethod, "peer": IKPeer, "law": Law, "peer of timing": LawPeer,
     "lines": LineSet, "limits of timing": LimitSet, "example": Example, "free set": FreeSet, "target": Target,

@@ -23,7 +23,7 @@ suite = suite_of(
     {
         "title": "The paper's iteration and the default on our arm",
         "seed": 1,
-        "speed": [
+        "calls": [
             {
                 "id": "random",
                 "title": "Random reachable targets, one start",

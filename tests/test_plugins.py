@@ -27,6 +27,8 @@ from benchmarks.cli.app import app
 from benchmarks.peers.ik.base import build_peer
 from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.problems.base import ProblemSet
+from benchmarks.report.page import write_report
+from benchmarks.run import run_suite
 from benchmarks.run.pool import Pool, ThisProcess, attempt
 from benchmarks.suite import load_suite
 from optik import registry
@@ -510,7 +512,7 @@ SUITE = Path(__file__).parent / "in_the_package.toml"
 def broken():
     return 1 / 0
 """
-SUITE = '[[blocks]]\nid = "a"\nrobot = "ur5e"\nset = "near_start"\nmethods = [{ solver = "lm" }]\nbudgets = [1]\n'
+SUITE = '[[budgets]]\nid = "a"\nrobot = "ur5e"\nset = "near_start"\nmethods = [{ solver = "lm" }]\nbudgets = [1]\n'
 
 
 @pytest.fixture
@@ -750,3 +752,12 @@ def test_the_package_of_the_examples_works_as_installed(tmp_path: Path, monkeypa
     target, options = arm.fk([0.1] * 3), {"tolerance": optik.Tolerance(1e-3, 1e-3), "max_iterations": 2000}
     assert optik.solve_ik(arm, target, [0.2] * 3, "random_search", **options)
     assert registry.data_file("benchmarks.suites", "fast_arms", "suite").name == "fast_arms.toml"
+    suite = load_suite("fast_arms")
+    assert ("benchmarks.blocks", "reach") in {plugin[:2] for plugin in suite.plugins}
+    run = run_suite(suite, tmp_path / "run")
+    rows = run.rows("reach", "station")
+    assert rows.columns == ["block", "method", "problem", "reached", "ms"] and len(rows) == 400
+    lm, dls = (rows.filter(method=name)["reached"].sum() for name in ("lm", "dls"))
+    assert 200 >= lm > dls > 100
+    page = write_report(run).read_text(encoding="utf-8")
+    assert '<section id="reach">' in page and "of the box reached" in page

@@ -48,7 +48,7 @@ Payload = Annotated[float | tuple[float, float] | None, BeforeValidator(_payload
 """Mass of the payload [kg], or the lightest and the heaviest; by default that of the robot's own file."""
 
 
-SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "timing" / "scenes").glob("*.toml"))}
+SCENES = {file.stem: str(file) for file in sorted((Path(__file__).parent / "scenes").glob("*.toml"))}
 """Files of the built-in scenes by name."""
 
 

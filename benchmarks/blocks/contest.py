@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blocks.base import Entry
+from benchmarks.blocks.block import Entry
 from optik.errors import OptikError
 from optik.plugins.files import is_path
 

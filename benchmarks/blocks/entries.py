@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import polars as pl
 from pydantic import AfterValidator, Field, model_validator
 
-from benchmarks.blocks.base import Block, Entry
+from benchmarks.blocks.block import Block, Entry
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.settings import (

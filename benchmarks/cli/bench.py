@@ -34,7 +34,7 @@ title = {title}
 seed = 1
 
 # Inverse kinematics, single calls: success rates, errors and times.
-[[speed]]
+[[calls]]
 id = "ik"
 robot = {robot}
 set = "random_reachable"  # or: {sets}
@@ -42,7 +42,7 @@ options = {{ count = 200, starts = ["near", "random"] }}  # starts: near, far, r
 methods = [{{ solver = "lm" }}, {{ solver = "dls", options = {{ max_restarts = 20 }} }}]  # or: {methods}
 # peers = [{{ peer = "roboticstoolbox" }}]  # methods of other packages: {peers}
 # rounds = 3  # timed rounds; the time of a problem is their median
-# [[speed.targets]]  # an acceptance target, which the report checks
+# [[calls.targets]]  # an acceptance target, which the report checks
 # method = "lm"
 # measure = "success"
 # at_least = 99
@@ -57,7 +57,7 @@ limits = [{{ velocity = 2.0, acceleration = 10.0, jerk = 100.0 }}]  # of every j
 laws = [{{ law = "optimal" }}, {{ law = "smooth" }}]  # or: {laws}
 # Your own seam: lines = [{{ robot = {robot}, kind = "file", path = "seam.csv" }}]
 
-# Success against iterations: [[blocks]] with budgets = [5, 20, 100]. All keys: docs/suites.md
+# Success against iterations: [[budgets]] with budgets = [5, 20, 100]. All keys: docs/suites.md
 """
 """Template of `optik bench new`."""
 
@@ -144,7 +144,7 @@ class NewCommand(RobotCommand):
 
 def _suite_text(file: Path, robot: str, name: str, joints: int) -> str:
     """Return the text of a suite."""
-    from benchmarks.blocks.timing.laws.settings import MOTION_KINDS
+    from benchmarks.blocks.timing.settings import MOTION_KINDS
     from optik.registry import own_names
 
     def others(group: str, *taken: str) -> str:

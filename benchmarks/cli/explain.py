@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 from pydantic_core import PydanticUndefined
 
-from benchmarks.blocks.base import Block
+from benchmarks.blocks.block import Block
 from benchmarks.blocks.entries import IKPeer, LawPeer, ProblemBlock, check_set
-from benchmarks.blocks.timing.laws.motions import path_in_file
-from benchmarks.blocks.timing.laws.settings import LawBlock
+from benchmarks.blocks.timing.motions import path_in_file
+from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.settings import NAMED_KEYS, Entries, Settings, naming
-from benchmarks.suite import ALIASES, OWN_KEYS, Suite
+from benchmarks.suite import OWN_KEYS, Suite
 from optik.errors import InvalidInput, OptikError
 from optik.plugins.files import is_path
 from optik.plugins.options import NO_DEFAULT, ParameterDoc, defaults, find_nearest_name, read_parameter_docs
@@ -43,13 +43,9 @@ def explain(suite: Suite, folder: Path) -> list[Explained]:
         for key, (meaning, default) in OWN_KEYS.items()
     ]
     for key, data in suite.settings.items():
-        kind = next((kind for kind in suite.kinds if kind.name == ALIASES.get(key, key)), None)
-        if kind is None:
-            continue
-        blocks, tables = suite.of(kind.name), [data] if kind.single else data
-        for block, table in zip(blocks, tables, strict=True):
+        for block, table in zip(suite.of(key), data, strict=True) if key in suite.asked else ():
             with collect_plugins(folder):
-                found += _table(type(block), table, key if kind.single else f"{key}.{block.id}")
+                found += _table(type(block), table, f"{key}.{block.id}")
                 _check(block)
     return found
 

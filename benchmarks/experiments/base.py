@@ -39,7 +39,7 @@ COUNTERPARTS = (
         "Fig. 1, 2, 7, 8, 9", "hardware, control system, workflow, set-up, photograph", "optik cell, and the suite cell"
     ),
     Counterpart("Table 1, Fig. 3, eq. 1–2", "modified DH parameters, forward kinematics", "robot paper6r"),
-    Counterpart("Eq. 3–13, Fig. 4", "Jacobian iteration with damping λ and step size α", "method dls", "methods"),
+    Counterpart("Eq. 3–13, Fig. 4", "Jacobian iteration with damping λ and step size α", "method dls", "budgets"),
     Counterpart("Eq. 9, 12", "orientation error, step size", "corrected; page “The paper” of the documentation"),
     Counterpart("Eq. 11", "damping factor λ", "damping against the distance to a singularity", "damping"),
     Counterpart("Eq. 14, 15, Fig. 5", "straight line and its samples", "the line with its samples", "line"),
@@ -54,7 +54,7 @@ COUNTERPARTS = (
     Counterpart("§5: error about linear in the distance", "claim (c)", "verdict; curves of each axis", "error"),
     Counterpart("§3.2: small and large λ", "claim (d)", "verdict; table by stratum", "damping"),
     Counterpart("§4.2: start and step size", "claim (e)", "verdict with its rule", "claims"),
-    Counterpart("§3.3: smooth velocities", "claim (f)", "verdict; joint motion", "motion"),
-    Counterpart("§4.1: on the line, orientation constant", "claim (g)", "verdict; tool motion", "motion"),
+    Counterpart("§3.3: smooth velocities", "claim (f)", "verdict; joint motion", "joints"),
+    Counterpart("§4.1: on the line, orientation constant", "claim (g)", "verdict; tool motion", "joints"),
 )
 """Parts of the paper in its order, then its claims."""

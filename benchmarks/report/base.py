@@ -9,11 +9,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blocks.base import KINDS, BlockRows, Kind, Outcome, load_kind
+from benchmarks.blocks.base import GROUP, BlockRows, Kind, load_kind
+from benchmarks.blocks.block import Outcome
 from benchmarks.experiments.base import UNTESTED, Finding
-from benchmarks.records import MANIFEST, RunFolder
+from benchmarks.records import MANIFEST, RunFolder, slug
 from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
-from benchmarks.report.tables import Table
+from benchmarks.report.tables import Column, Table, table_of
 from benchmarks.statistics import is_too_few
 from benchmarks.suite import REMOVED, Suite, suite_of
 from optik.arm.library import load
@@ -21,7 +22,7 @@ from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.plugins.files import forbid_code, is_path
 from optik.plugins.usage import collect_plugins
-from optik.registry import short_name
+from optik.registry import own_names, short_name
 
 QUESTION = Path(__file__).parent / "templates" / "question.html.j2"
 """Template of a section that answers a question: an answer, plots, tables, then text."""
@@ -114,9 +115,29 @@ class KindReport:
 
 
 def load_report(kind: Kind) -> KindReport:
-    """Find the report of a kind of block."""
-    found: KindReport = import_module(KINDS[kind.name].replace(".blocks.", ".report.")).REPORT
-    return found
+    """Find the report of a kind of block: in the module of its name in this folder, or in the kind's own module."""
+    ours = kind.name in own_names(GROUP)
+    module = import_module(f"benchmarks.report.{kind.name}" if ours else type(kind).__module__)
+    found: KindReport | None = getattr(module, "REPORT", None)
+    return found or plain_report(kind)
+
+
+def plain_report(kind: Kind) -> KindReport:
+    """Return the report of a kind that has none of its own: for each block a table of its measures, a row for each method."""
+    columns = (Column("label", "Method", show="text"), *(one for one in kind.block.measures if not one.relative))
+
+    def tables(run: Run) -> list[Table]:
+        return [
+            table_of(f"{kind.name}-{slug(b.block.id)}", b.block.title, columns,
+                     (({"label": str(label)}, rows) for (label,), rows in b.rows.group_by("method", maintain_order=True)))
+            for b in run.of(kind.name)
+        ]  # fmt: skip
+
+    def build(run: Run) -> dict[str, Any] | None:
+        return {"tables": run.tables_of(kind.name)} if run.of(kind.name) else None
+
+    section = Section(kind.title, kind.name, build)
+    return KindReport((section,), lambda blocks: (kind.title.lower(),), tables=tables)
 
 
 @dataclass(frozen=True)

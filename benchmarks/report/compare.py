@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from benchmarks.blocks.base import Block, Compared, Kind
+from benchmarks.blocks.base import Field, Kind
+from benchmarks.blocks.block import Block
 from benchmarks.provenance import REFERENCE_LOOPS
 from benchmarks.records import slug
 from benchmarks.report.base import Run
@@ -122,7 +123,7 @@ def _flat(value: Any, key: str) -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
-def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Difference, Compared, bool]]:
+def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Difference, Field, bool]]:
     """Yield every difference, and whether unpaired values differ by more than their noise."""
     others = {(kind.name, block.id): block for kind, block in b.suite.pairs()}
     for kind, block in a.suite.pairs():
@@ -138,12 +139,14 @@ def _differences(a: Run, b: Run, left_out: list[str]) -> Iterator[tuple[Differen
 
 def _of_block(
     kind: Kind, first: tuple[Run, Block], second: tuple[Run, Block], left_out: list[str]
-) -> Iterator[tuple[Difference, Compared, bool]]:
+) -> Iterator[tuple[Difference, Field, bool]]:
     (a, block), (b, other) = first, second
-    x, y = (kind.rows_to_compare(run.folder, one) for run, one in (first, second))
-    if x is None or y is None:
+    read = [(one, kind.rows(run.folder, one)) for run, one in (first, second)]
+    there = [kind.compared_rows(one, rows) for one, rows in read if rows is not None]
+    if len(there) < 2:
         left_out.append(f"{block.id}: not run in both")
         return
+    x, y = there
     if (why := different_problems(a, kind, block, b, other)) is not None:
         left_out.append(f"{block.id}: {why}")
         return
@@ -153,12 +156,12 @@ def _of_block(
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
     left_out += [f"{block.id}: {quoted(label)} is in one run only" for label in missing]
     for label in (label for label in labels if label in theirs):
-        for measure in kind.compared:
+        for name, field in kind.compared.items():
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
-            if measure.column in mine.columns and measure.column in other_rows.columns:
-                found = _difference(measure, mine, other_rows, machines if measure.clock else {})
+            if name in mine.columns and name in other_rows.columns:
+                found = _difference(name, field, mine, other_rows, machines if field.clock else {})
                 if found is not None:
-                    yield replace(found[0], block=block.id, label=str(label)), measure, found[1]
+                    yield replace(found[0], block=block.id, label=str(label)), field, found[1]
 
 
 def different_problems(a: Run, kind: Kind, block: Block, b: Run, other: Block) -> str | None:
@@ -191,10 +194,10 @@ def _compare_machines(a: Run, b: Run, name: str) -> MachineChange:
 
 
 def _difference(
-    measure: Compared, a: pl.DataFrame, b: pl.DataFrame, machines: dict[str, MachineChange]
+    column: str, measure: Field, a: pl.DataFrame, b: pl.DataFrame, machines: dict[str, MachineChange]
 ) -> tuple[Difference, bool] | None:
     """Return one measure of one label; None if there is nothing to compare."""
-    column, repeated = measure.column, any(frame["problem"].is_duplicated().any() for frame in (a, b))
+    repeated = any(frame["problem"].is_duplicated().any() for frame in (a, b))
     a, b = (frame.filter(pl.col(column).is_not_null()) for frame in (a, b))
     if not repeated:
         a, b = _in_pairs(a, b, measure.only)
@@ -204,12 +207,12 @@ def _difference(
         return None
     x, y = (frame[column].to_numpy() for frame in (a, b))
     pairs = 0 if repeated else len(a)
-    if measure.exact:
+    if measure.exact or (pairs == 1 and not measure.clock):
         return _exact(measure, measure.scale * x.astype(float), measure.scale * y.astype(float), pairs)
     if measure.is_share:
         return _shares(measure, x, y, pairs)
     x, y = measure.scale * x.astype(float), measure.scale * y.astype(float)
-    noise = max(_spread(measure, frame) for frame in (a, b))
+    noise = max(_spread(column, measure, frame) for frame in (a, b))
     if repeated:
         noise = max(noise, *((float(v.max() - v.min()) / float(np.median(v))) for v in (x, y)))
     seconds = float(np.median(x)) * SECONDS.get(measure.unit, 1.0)
@@ -224,18 +227,18 @@ def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame
     return a.join(b, on="problem", how="semi").sort("problem"), b.join(a, on="problem", how="semi").sort("problem")
 
 
-def _spread(measure: Compared, rows: pl.DataFrame) -> float:
+def _spread(column: str, measure: Field, rows: pl.DataFrame) -> float:
     """Return half the relative spread of the rounds of a call: the median over all calls."""
     if not measure.rounds or not set(measure.rounds) <= set(rows.columns):
         return 0.0
-    timed = rows.filter(pl.all_horizontal(pl.col(measure.column, *measure.rounds) > 0))
+    timed = rows.filter(pl.all_horizontal(pl.col(column, *measure.rounds) > 0))
     if timed.is_empty():
         return 0.0
-    value, least, most = (timed[name].to_numpy().astype(float) for name in (measure.column, *measure.rounds))
+    value, least, most = (timed[name].to_numpy().astype(float) for name in (column, *measure.rounds))
     return float(np.median((most - least) / (2.0 * value)))
 
 
-def _shares(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
+def _shares(measure: Field, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
     before, after = (100.0 * float(v.mean()) for v in (x, y))
     base = Difference("", "", measure.words, measure.unit, before, after, after - before, pairs=pairs)
     if pairs:
@@ -244,7 +247,7 @@ def _shares(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Differen
     return base, low_a > high_b or low_b > high_a
 
 
-def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float, machine: float) -> tuple[Difference, bool]:
+def _values(measure: Field, x: Array, y: Array, pairs: int, noise: float, machine: float) -> tuple[Difference, bool]:
     a, b = float(np.median(x)), float(np.median(y))
     base = Difference("", "", measure.words, measure.unit, a, b, 0.0, pairs=pairs, noise=100.0 * noise, machine=machine)
     if pairs and (x > 0).all() and (y > 0).all():
@@ -256,7 +259,7 @@ def _values(measure: Compared, x: Array, y: Array, pairs: int, noise: float, mac
     return replace(base, change=_percent(ratio)), apart and len(x) > 1 and len(y) > 1
 
 
-def _exact(measure: Compared, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
+def _exact(measure: Field, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
     """Compare values without noise: a change beyond rounding counts."""
     a, b = (100.0 * float(v.mean()) if measure.is_share else float(np.median(v)) for v in (x, y))
     change = b - a if measure.is_share else _percent(b / a if a else math.nan)
@@ -268,7 +271,7 @@ def _percent(ratio: float) -> float:
     return 100.0 * (ratio - 1.0)
 
 
-def _judged(d: Difference, measure: Compared, p: float, apart: bool) -> Difference:
+def _judged(d: Difference, measure: Field, p: float, apart: bool) -> Difference:
     """Return the verdict: a difference must be significant in its test and exceed the spread of repeated rounds."""
     change = d.change if d.machine == 1.0 else _percent((1.0 + d.change / 100.0) / d.machine)
     loss = change if measure.better == "less" else -change

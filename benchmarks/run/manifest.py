@@ -193,7 +193,7 @@ def _with_session(sessions: list[dict[str, Any]], now: dict[str, Any]) -> list[d
 
 @contextmanager
 def begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
-    """Lock a folder, and begin or resume a run in it; remove a new run that fails before its first table."""
+    """Lock a folder, and begin or resume a run in it; remove a new run that fails before its first other file."""
     existed, fresh = folder.path.exists(), _is_empty(folder)
     try:
         with locked(folder.path) as lock:
@@ -201,9 +201,10 @@ def begun(folder: RunFolder, manifest: dict[str, Any]) -> Iterator[Lock]:
                 _begin(folder, manifest)
                 yield lock
             except Exception:
-                if fresh and not any(folder.path.rglob("*.parquet")):
-                    for name in (MANIFEST, LEDGER):
-                        (folder.path / name).unlink(missing_ok=True)
+                begun_with = (folder.path / MANIFEST, folder.path / LEDGER)
+                if fresh and all(file in begun_with or _LEFT_AT_START.fullmatch(file.name) for file in _files(folder)):
+                    for file in begun_with:
+                        file.unlink(missing_ok=True)
                 raise
     finally:
         if not existed and folder.path.is_dir() and not any(folder.path.iterdir()):
@@ -221,6 +222,10 @@ def _begin(folder: RunFolder, manifest: dict[str, Any]) -> None:
         raise
     except OSError as error:
         raise OutputError(folder.path, f"cannot be written ({error.strerror})") from None
+
+
+def _files(folder: RunFolder) -> Iterator[Path]:
+    return (file for file in folder.path.rglob("*") if file.is_file())
 
 
 def _is_empty(folder: RunFolder) -> bool:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 
-from benchmarks.blocks.base import Kind, Part
+from benchmarks.blocks.base import Shard, Work
 from optik.errors import OptikError
 from optik.plugins.files import expect
 
@@ -268,69 +268,69 @@ MOST_CRASHES = 3
 
 
 class Done(NamedTuple):
-    """The result of a part."""
+    """The result of a shard."""
 
-    part: Part
+    shard: Shard
     rows: pl.DataFrame | None  # None if it failed and its work defines no rows for crashes
     crashes: list[str]  # reasons of failures
 
 
-def solve_parts(parts: Iterable[tuple[Kind, Part]], pool: Pool) -> Generator[Done]:
-    """Run parts, and yield their results.
+def solve_shards(shards: Iterable[Shard], pool: Pool) -> Generator[Done]:
+    """Run shards, and yield their results.
 
     Work that crashes its process or exceeds its time limit is repeated apart. If it fails again, or raises an error, it is
     divided until the problems that cause the failure are found. These get the rows of the method `crashed` of the work.
     """
-    source, division = iter(parts), _Division(pool)
-    in_hand: dict[Future[Any], tuple[Kind, Part]] = {}
+    source, division = iter(shards), _Division(pool)
+    in_hand: dict[Future[Any], Shard] = {}
     try:
         while True:
-            for kind, part in islice(source, pool.room - len(in_hand)):
-                in_hand[pool.submit(solve, kind, part.work)] = kind, part
+            for shard in islice(source, pool.room - len(in_hand)):
+                in_hand[pool.submit(solve, shard.work)] = shard
             if not in_hand:
                 return
             for future in [*pool.wait(in_hand)]:
-                kind, part = in_hand.pop(future)
-                yield division.done(kind, part, pool.outcome(future))
+                yield division.done(in_hand.pop(future), pool.outcome(future))
     finally:
         for future in in_hand:
             future.cancel()
 
 
-def solve(kind: Kind, work: Any) -> pl.DataFrame:
+def solve(work: Work) -> pl.DataFrame:
     """Return the rows of some work."""
-    rows: Any = kind.solve(work)
+    rows: Any = work.solve()
     if not isinstance(rows, pl.DataFrame):
         raise TypeError(f"solve() returned a {type(rows).__name__} instead of a DataFrame")
     return rows
 
 
 class _Division:
-    """The division of parts that failed."""
+    """The division of shards that failed."""
 
     def __init__(self, pool: Pool) -> None:
         self._pool = pool
         self._crashes: Counter[tuple[str, str]] = Counter()
 
-    def done(self, kind: Kind, part: Part, outcome: pl.DataFrame | Failure) -> Done:
-        """Return the result of a part."""
+    def done(self, shard: Shard, outcome: pl.DataFrame | Failure) -> Done:
+        """Return the result of a shard."""
         if isinstance(outcome, Failure) and outcome.again:
-            outcome = self._pool.run_apart(solve, kind, part.work)
+            outcome = self._pool.run_apart(solve, shard.work)
         crashes: list[str] = []
-        frames = self._rows(kind, part, part.work, outcome, crashes)
+        frames = self._rows(shard, shard.work, outcome, crashes)
         rows = frames[0] if len(frames) == 1 else pl.concat(frames, how="vertical_relaxed") if frames else None
-        return Done(part, rows, crashes)
+        return Done(shard, rows, crashes)
 
-    def _rows(self, kind: Kind, part: Part, work: Any, outcome: Any, crashes: list[str]) -> list[pl.DataFrame]:
+    def _rows(self, shard: Shard, work: Any, outcome: Any, crashes: list[str]) -> list[pl.DataFrame]:
         """Return the rows of work in the order of its problems, divided if it failed, and add the reasons of failures."""
         if isinstance(outcome, pl.DataFrame):
             return [outcome]
-        owner, dividable = getattr(work, "owner", ""), hasattr(work, "crashed")
-        method = kind.name, owner or part.label
-        halves = work.halves() if dividable and self._crashes[method] < MOST_CRASHES else ()
+        owner = work.owner
+        method = shard.block, owner or shard.label
+        halves = work.halves() if self._crashes[method] < MOST_CRASHES else ()
         if halves:
-            pairs = ((half, self._pool.run_apart(solve, kind, half)) for half in halves)
-            return [frame for half, came in pairs for frame in self._rows(kind, part, half, came, crashes)]
+            pairs = ((half, self._pool.run_apart(solve, half)) for half in halves)
+            return [frame for half, came in pairs for frame in self._rows(shard, half, came, crashes)]
         self._crashes[method] += 1
         crashes.append(f"{owner}: {outcome.why}" if owner else outcome.why)
-        return [work.crashed()] if dividable else []
+        rows = work.crashed()
+        return [] if rows is None else [rows]

@@ -1,4 +1,4 @@
-"""Run a suite: first parts in any process, then blocks that are timed alone."""
+"""Run a suite: first shards in any process, then blocks that are timed alone."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
-from benchmarks.blocks.base import Kind, Part, add_keys, hash_problems
+from benchmarks.blocks.base import Kind, Session, Shard, Tell, add_keys, silent
+from benchmarks.blocks.block import hash_problems
 from benchmarks.provenance import time_reference
 from benchmarks.records import JOURNAL, Journal, RunFolder, failures, record_failures, update_manifest
 from benchmarks.run.cluster import Cluster
 from benchmarks.run.manifest import Lock, begun, new_manifest, resumed
-from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_parts, words_of_error
+from benchmarks.run.pool import IN_FLIGHT, Child, Failure, Pool, Processes, ThisProcess, solve_shards, words_of_error
 from benchmarks.suite import Suite, suite_of
 from optik.arm.library import load
 from optik.check import check_count, check_number
@@ -93,10 +94,10 @@ def run_suite(
     recorded = manifest["plugins"]
     with closing(_pool(workers, executor, dask, part_timeout, recorded)) as pool, begun(folder, manifest) as lock:
         expect(recorded)
-        run = _Session(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
+        run = _Run(suite, folder, lock, recorded, progress or (lambda done, total, what: None))
         with compiled_aside(suite) if isinstance(pool, Processes) else nullcontext():
             run.prepare()
-            run.do_parts(pool)
+            run.do_shards(pool)
         pool.close()  # timed blocks share this machine with no worker
         run.do_alone()
         run.finish()
@@ -119,15 +120,14 @@ def _pool(
     return Processes(workers, recorded, limit or PART_SECONDS)
 
 
-class _Session:
+class _Run:
     """A run in progress."""
 
     def __init__(
         self, suite: Suite, folder: RunFolder, lock: Lock, recorded: list[dict[str, str]], tell: Progress
     ) -> None:
         self._suite, self._folder, self._lock, self._recorded, self._tell = suite, folder, lock, recorded, tell
-        self._prepared: list[tuple[Kind, Any, Any]] = []
-        self._alone = [(kind, block) for kind, block in suite.pairs() if kind.alone]
+        self._sessions: list[Session] = []
         self._done = self._total = 0
         self._reference: list[dict[str, float | None]] = []
         self._lacking: set[str] = set()
@@ -135,22 +135,24 @@ class _Session:
     def prepare(self) -> None:
         """Prepare every block, and record the robots that do not come with optik, so that a report needs no other files."""
         self._tell(0, 1, "problem sets")
-        suite = self._suite
-        self._prepared = [(kind, block, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()]
+        suite, folder = self._suite, self._folder
+        self._sessions = [
+            Session(kind, block, suite.seed, folder, kind.prepare(block, suite.seed)) for kind, block in suite.pairs()
+        ]
         hashes = {f"{kind.name}/{block.id}": hash_problems(block, suite.seed) for kind, block in suite.pairs()}
-        update_manifest(self._folder, problems=hashes)
+        update_manifest(folder, problems=hashes)
         outside = [name for name in suite.robots if name not in own_names("optik.robots")]
         if outside:
-            update_manifest(self._folder, robots={short_name(name): load(name).to_dict() for name in outside})
+            update_manifest(folder, robots={short_name(name): load(name).to_dict() for name in outside})
 
-    def do_parts(self, pool: Pool) -> None:
-        """Run all unfinished parts; a part that crashed the main process runs in a worker process."""
-        self._total = len(self._alone)
+    def do_shards(self, pool: Pool) -> None:
+        """Run the unfinished shards that any process may do; one that crashed the main process runs in a worker process."""
+        self._total = sum(one.kind.alone for one in self._sessions)
         deadly = []
-        for kind, part in self._todo():
+        for shard in self._todo():
             self._total += 1
-            if pool.is_here and self._lock.crashes(part.file) >= DEATHS:
-                deadly.append((kind, part))
+            if pool.is_here and self._lock.crashes(shard.file) >= DEATHS:
+                deadly.append(shard)
         with closing(self._process(PART_SECONDS)) as apart:
             self._solve(deadly, apart)
         self._solve(self._marked() if pool.is_here else self._todo(), pool)
@@ -159,55 +161,55 @@ class _Session:
         """Return a pool with one worker process, which starts with its first work."""
         return Processes(1, self._recorded, limit)
 
-    def _todo(self) -> Iterator[tuple[Kind, Part]]:
-        """Yield unfinished parts one by one, because each holds its problems in memory."""
-        for kind, block, given in self._prepared:
-            for part in kind.parts(block, given, self._folder):
-                if not self._folder.has(part.file) and part.file not in self._lacking:
-                    yield kind, part
+    def _todo(self) -> Iterator[Shard]:
+        """Yield unfinished shards one by one, because each holds its problems in memory."""
+        for session in (one for one in self._sessions if not one.kind.alone):
+            for shard in unfinished(session):
+                if shard.file not in self._lacking:
+                    yield shard
 
-    def _marked(self) -> Iterator[tuple[Kind, Part]]:
-        """Yield parts for this process, and record each while it runs."""
-        for kind, part in self._todo():
-            self._tell(self._done, self._total, part.label)
-            with self._lock.at_work(part.file):
-                yield kind, part
+    def _marked(self) -> Iterator[Shard]:
+        """Yield shards for this process, and record each while it runs."""
+        for shard in self._todo():
+            self._tell(self._done, self._total, shard.label)
+            with self._lock.at_work(shard.file):
+                yield shard
 
-    def _solve(self, parts: Iterable[tuple[Kind, Part]], pool: Pool) -> None:
-        """Run parts, and write their rows and failures."""
-        with closing(solve_parts(parts, pool)) as results:  # so that a second Ctrl-C, from Polars, is not lost in it
-            for part, rows, crashes in results:
+    def _solve(self, shards: Iterable[Shard], pool: Pool) -> None:
+        """Run shards, and write their rows and failures."""
+        with closing(solve_shards(shards, pool)) as results:  # so that a second Ctrl-C, from Polars, is not lost in it
+            for shard, rows, crashes in results:
                 if rows is None:
-                    self._lacking.add(part.file)
+                    self._lacking.add(shard.file)
                 else:
-                    self._folder.write(part.file, add_keys(part.block, rows))
-                record_failures(self._folder, part.file, part.label, crashes)
+                    self._folder.write(shard.file, add_keys(shard.block, rows))
+                record_failures(self._folder, shard.file, shard.label, crashes)
                 self._done += 1
-                self._tell(self._done, self._total, part.label)
+                self._tell(self._done, self._total, shard.label)
 
     def do_alone(self) -> None:
         """Run the blocks that are timed alone, one after another, in this process."""
-        for kind, block in self._alone:
+        for session in (one for one in self._sessions if one.kind.alone):
             self._reference.append(time_reference())
-            failure = self._timed(kind, block)
+            file, title = session.kind.file(session.block), session.block.title
+            failure = self._timed(session, file, title)
             if failure is not None:
-                self._lacking.add(kind.file(block))
-            record_failures(self._folder, kind.file(block), block.title, [failure.why] if failure else [])
+                self._lacking.add(file)
+            record_failures(self._folder, file, title, [failure.why] if failure else [])
             self._done += 1
         self._tell(self._done, self._total, "done")
 
-    def _timed(self, kind: Kind, block: Any) -> Failure | None:
+    def _timed(self, session: Session, file: str, title: str) -> Failure | None:
         """Complete a block; return its failure, or None. A block that has failed may crash: it runs in another process."""
-        name, seed, folder = kind.file(block), self._suite.seed, self._folder
-        failed = (name, block.title) in [(one["file"], one["label"]) for one in failures(folder)]
-        apart = failed or self._lock.crashes(name) > 0
-        with self._lock.at_work(name):
+        failed = (file, title) in [(one["file"], one["label"]) for one in failures(self._folder)]
+        apart = failed or self._lock.crashes(file) > 0
+        with self._lock.at_work(file):
             if apart:
-                self._tell(self._done, self._total, f"{block.title}, in a separate process")
+                self._tell(self._done, self._total, f"{title}, in a separate process")
                 with closing(self._process(None)) as pool:
-                    return run_block_apart(pool, kind, block, seed, folder)
+                    return run_block_apart(pool, session)
             try:
-                kind.run(block, seed, folder, partial(self._tell, self._done, self._total))
+                complete(session, partial(self._tell, self._done, self._total))
             except OptikError:
                 raise
             except Exception as error:  # a method or a peer may raise any
@@ -222,19 +224,36 @@ class _Session:
             update_manifest(self._folder, complete=not self._lacking, reference=times)
 
 
+def unfinished(session: Session) -> Iterator[Shard]:
+    """Yield the shards of a block whose file does not exist."""
+    kind, block = session.kind, session.block
+    for shard in kind.shards(block, session):
+        file = kind.file(block, "parquet", shard.name)
+        if not session.folder.has(file):
+            yield replace(shard, file=file, block=block.id)
+
+
 # ---------------------------------------------------------------- blocks that are timed alone
 
 
-def run_block_apart(pool: Pool, kind: Kind, block: Any, seed: int, folder: RunFolder) -> Failure | None:
+def complete(session: Session, tell: Tell) -> None:
+    """Do the unfinished shards of a block that is timed alone."""
+    with Journal(session.folder, session.kind.file(session.block, JOURNAL)) as journal:
+        for shard in unfinished(replace(session, journal=journal, tell=tell)):
+            tell(shard.label)
+            session.folder.write(shard.file, add_keys(shard.block, shard.solve()))
+
+
+def run_block_apart(pool: Pool, session: Session) -> Failure | None:
     """Complete a block without the methods that crash their process; return the failure, or None.
 
     A method that crashed is tried a second time, because the first crash may have another cause. After the second crash it is
     recorded as crashed, and the block continues with the other methods.
     """
-    name = kind.file(block, JOURNAL)
+    folder, name = session.folder, session.kind.file(session.block, JOURNAL)
     ends = Counter([Journal(folder, name).left])
     while True:
-        failure: Failure | None = pool.run_apart(_complete, kind, block, seed, folder)
+        failure: Failure | None = pool.run_apart(complete, session, silent)
         if failure is None or not failure.again:
             return failure
         journal = Journal(folder, name)
@@ -246,11 +265,6 @@ def run_block_apart(pool: Pool, kind: Kind, block: Any, seed: int, folder: RunFo
             journal.blame(label, failure.why)
 
 
-def _complete(kind: Kind, block: Any, seed: int, folder: RunFolder) -> None:
-    """Complete a block in a worker process."""
-    kind.run(block, seed, folder, lambda what: None)
-
-
 @contextmanager
 def compiled_aside(suite: Suite) -> Iterator[None]:
     """Run the first calls of all blocks that are timed alone in a second process, which ends with the context.
@@ -258,7 +272,7 @@ def compiled_aside(suite: Suite) -> Iterator[None]:
     The main process samples problems meanwhile. The only result are compiled kernels in the cache on disk. If the second
     process fails, the main process compiles them.
     """
-    if suite.plugins or not any(kind.warms for kind in suite.kinds):
+    if suite.plugins or all(type(kind).warm is Kind.warm for kind in suite.kinds):
         yield
         return
     aside = Child(target=_first_calls, args=(suite.name, dict(suite.settings)), daemon=True)

@@ -9,8 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 
+from benchmarks.blocks.base import Session, load_kind
 from benchmarks.cli.app import main
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
@@ -22,7 +24,7 @@ START = [20, -35, 40, 25, 50, -30]
 SMALL: dict[str, Any] = {
     "title": "a small run",
     "seed": 7,
-    "blocks": [
+    "budgets": [
         {
             "id": "workspace",
             "robot": "paper6r",
@@ -46,19 +48,31 @@ SMALL: dict[str, Any] = {
             ],
         },
     ],
-    "line": {
-        "robot": "paper6r",
-        "start_deg": START,
-        "move_m": [-0.12, 0.0, 0.20],
-        "solvers": ["dls"],
-        "laws": ["quintic", "ruckig", "toppra"],
-        "samples": 31,
-    },
+    "timing": [
+        {
+            "id": "line",
+            "title": "The line",
+            "detail": True,
+            "lines": [{"robot": "paper6r", "kind": "line", "start_deg": START, "move_m": [-0.12, 0.0, 0.20]}],
+            "limits": [{"label": "own", **dict.fromkeys(("velocity", "acceleration", "jerk", "torque"), "robot")}],
+            "solvers": ["dls"],
+            "laws": [{"law": "quintic"}, {"law": "ruckig"}, {"law": "toppra"}],
+            "samples": 31,
+        }
+    ],
 }
 
 
 def small(**changes: Any) -> Suite:
     return suite_of("small", copy.deepcopy(SMALL) | changes)
+
+
+def solved(kind: str, settings: dict[str, Any], folder: Path, seed: int = 0) -> pl.DataFrame:
+    """The rows of all shards of one block."""
+    block = load_kind(kind).settings(settings)
+    of = load_kind(kind).of(block)
+    session = Session(of, block, seed, RunFolder(folder), of.prepare(block, seed))
+    return pl.concat([shard.solve() for shard in of.shards(block, session)])
 
 
 @pytest.fixture(scope="session")

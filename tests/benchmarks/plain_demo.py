@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -135,15 +134,11 @@ def claim_d(run: Path, group: str, method: str) -> tuple[float, float]:
 
 def durations(run: Path) -> dict[str, tuple[float, bool]]:
     """Duration of every law by the first IK method, and whether it keeps every limit."""
-    plans = json.loads((run / "rows/plans/line.json").read_text())["plans"]
+    rows = pl.read_parquet(run / "rows/timing" / "line--*.parquet").to_dicts()
     out = {}
-    for p in (p for p in plans if p["solver"] == plans[0]["solver"] and p["status"] == "solved"):
-        c = p["certificate"]
-        keeps = min(c["position_margin"]) >= -1e-9
-        for field in ("velocity", "acceleration", "jerk"):
-            for value, ratio, limit in zip(c[field]["value"], c[field]["ratio"], p["limits"][field], strict=True):
-                keeps &= limit is None or (value is not None and ratio is not None and ratio <= 1.0)
-        out[p["law"]] = p["duration"], keeps
+    for row in (row for row in rows if row["solver"] == rows[0]["solver"] and row["status"] == "solved"):
+        ratios = [row[field] for field in ("velocity", "acceleration", "jerk", "torque")]
+        out[row["method"]] = row["duration"], max(ratios) <= 1.0 and "position" not in row["breaks"]
     return out
 
 

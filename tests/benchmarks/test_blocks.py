@@ -6,13 +6,13 @@ import pickle
 
 import pytest
 
-from benchmarks.blocks.base import KINDS, Kind, load_kind
+from benchmarks.blocks.base import GROUP, Kind, kind_names, load_kind
 from benchmarks.report.base import load_report
-from benchmarks.suite import ALIASES, suite_of
+from benchmarks.suite import suite_of
 from optik.errors import InvalidInput, UnknownName
-from tests.benchmarks.conftest import SMALL
+from optik.registry import own_names
 
-OURS = [name for name, module in KINDS.items() if module.startswith("benchmarks.")]
+OURS = sorted(own_names(GROUP))
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -33,12 +33,12 @@ def test_every_kind_keeps_the_contract(name: str) -> None:
         kind.settings("no table")
 
 
-def test_a_kind_has_the_key_of_its_name_and_perhaps_an_older_one() -> None:
-    assert set(ALIASES.values()) <= set(OURS)
-    older = suite_of("x", {"blocks": SMALL["blocks"], "line": SMALL["line"]})
-    newer = suite_of("x", {"budgets": SMALL["blocks"], "plans": SMALL["line"]})
-    assert newer.asked == older.asked
-    with pytest.raises(InvalidInput, match="'blocks' and 'budgets'"):
-        suite_of("x", {"blocks": SMALL["blocks"], "budgets": SMALL["blocks"]})
-    with pytest.raises(UnknownName, match="did you mean speed"):
-        suite_of("x", {"sped": []})
+def test_a_key_of_an_earlier_version_names_the_new_one() -> None:
+    assert set(OURS) <= set(kind_names())
+    for key, now in (("blocks", "budgets"), ("speed", "calls"), ("line", "timing")):
+        with pytest.raises(InvalidInput, match=rf"\[\[{now}\]\].*{key}"):
+            suite_of("x", {key: []})
+    with pytest.raises(UnknownName, match="did you mean calls"):
+        suite_of("x", {"cals": []})
+    with pytest.raises(InvalidInput, match="installed package"):
+        suite_of("x", {"./calls.py": []})

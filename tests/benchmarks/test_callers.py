@@ -16,9 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks.base import Entry
+from benchmarks.blocks.block import Entry
 from benchmarks.blocks.contest import reseed
-from benchmarks.blocks.ik.rounds import Caller, callers_of, timed_part
+from benchmarks.blocks.rounds import Caller, callers_of, timed_part
 from benchmarks.cli.app import app
 from benchmarks.peers.ik import worker as workers
 from benchmarks.peers.ik.base import Absent, NotInstalled, Peer, build_peer, different_model
@@ -85,7 +85,7 @@ def test_a_method_that_does_not_support_the_arm_is_refused_and_the_others_run() 
     block = suite_of(
         "x",
         {
-            "speed": [
+            "calls": [
                 {
                     "id": "a", "robot": "panda", "set": "near_start",
                     "methods": [{"solver": "dls"}, {"solver": "closed_form", "options": {"backend": "eaik"}}],
@@ -104,7 +104,7 @@ def test_a_method_that_does_not_support_the_arm_is_refused_and_the_others_run() 
 
 
 def test_wrong_options_are_no_refusal() -> None:
-    from benchmarks.blocks.ik.rounds import build_ours
+    from benchmarks.blocks.rounds import build_ours
 
     with pytest.raises(InvalidInput, match="dampnig"):
         build_ours(Entry("x", "dls", {"dampnig": 1.0}), ARM)

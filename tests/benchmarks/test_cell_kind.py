@@ -14,11 +14,12 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.cell.iso import ISO_TYPES, IsoWork
-from benchmarks.blocks.cell.laws import LAW_TYPES
+from benchmarks.blocks.base import Session, Trials, load_kind
+from benchmarks.blocks.cell import EXECUTED
+from benchmarks.blocks.cell.iso import Iso
+from benchmarks.blocks.cell.laws import Laws
 from benchmarks.blocks.cell.settings import Noise, figures_of, read_block
-from benchmarks.blocks.cell.spots import SPOT_TYPES, SpotsWork, answers_along, errors_of, plan_through
+from benchmarks.blocks.cell.spots import Spots, SpotTrials, answers_along, errors_of, plan_through
 from benchmarks.blocks.cell.trials import facts_of, plant_of, trial_of
 from benchmarks.experiments.base import FAILS, HOLDS, PARTLY, UNTESTED
 from benchmarks.experiments.executed import executed_claims, needed_budgets
@@ -87,7 +88,7 @@ def test_two_workers_give_the_rows_of_one(run: RunFolder, tmp_path: Path) -> Non
 def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunFolder) -> None:
     spots = rows(run, "spots")
     assert spots.columns[:3] == ["block", "method", "problem"]
-    assert set(spots.columns) >= {*SPOT_TYPES, "group", "known", "x", "y", "z", "distance"}
+    assert set(spots.columns) >= {*Spots.fields, "group", "known", "x", "y", "z", "distance"}
     assert spots.group_by("method").len().sort("method").rows() == [
         ("dls, 1 iteration", 5), ("dls, 3 iterations", 5), ("dls, at each pose, 1 iteration", 1),
         ("dls, at each pose, 3 iterations", 1), ("line", 2),
@@ -112,7 +113,7 @@ def test_every_trial_is_executed_and_its_error_is_the_sum_of_its_parts(run: RunF
 
 def test_the_cycles_are_those_of_the_standard_and_the_laws_have_both_durations(run: RunFolder) -> None:
     iso = rows(run, "iso")
-    assert set(iso.columns) == {"block", *ISO_TYPES}
+    assert set(iso.columns) == {"block", *Iso.fields}
     poses = iso.filter((pl.col("test") == "pose") & pl.col("noise"))
     assert poses.sort("cycle", maintain_order=True)["problem"].to_list() == [5, 4, 3, 2, 1]
     still = figures_of(iso.filter(~pl.col("noise")))
@@ -120,7 +121,7 @@ def test_the_cycles_are_those_of_the_standard_and_the_laws_have_both_durations(r
     assert {f.reason for f in still} == {NO_NOISE}
     assert max(f.accuracy for f in still) < 1e-5
     laws = rows(run, "laws")
-    assert set(laws.columns) == {"block", *LAW_TYPES}
+    assert set(laws.columns) == {"block", *Laws.fields}
     assert laws.select("method", "timed").rows() == [
         ("smooth", "own"), ("smooth", "same"), ("quintic", "own"), ("quintic", "same")
     ]  # fmt: skip
@@ -175,7 +176,8 @@ def parts_of(block: str, tmp_path: Path) -> list[Any]:
     kind, settings = load_kind("cell"), next(one for one in small().of("cell") if one.id == block)
     folder = RunFolder(tmp_path / "run")
     (tmp_path / "run").mkdir(exist_ok=True)
-    return list(kind.parts(settings, kind.prepare(settings, 7), folder))
+    own = kind.of(settings)
+    return list(own.shards(settings, Session(own, settings, 7, folder, own.prepare(settings, 7))))
 
 
 @pytest.mark.parametrize("block", ["spots", "laws"])
@@ -187,7 +189,7 @@ def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(block: 
         halves = () if one.owner else one.halves()
         todo += halves
         alone += [] if halves else [one]
-    assert sorted(one.owner for one in alone) == sorted(one.label for one in work.entries)
+    assert sorted(one.owner for one in alone) == sorted(work.labels)
     own = pl.concat([one.solve() for one in alone])
     whole = work.solve()
     if block == "laws":  # the duration that is common to all laws is known only if all are planned
@@ -196,7 +198,7 @@ def test_work_that_is_divided_has_the_rows_of_the_whole_method_by_method(block: 
         own, whole = own.filter(timed="own"), whole.filter(timed="own")
     keys = [key for key in ("problem", "method", "repeat") if key in own.columns]
     assert own.sort(keys).equals(whole.sort(keys))
-    assert {row["method"] for one in alone for row in one.lost()} == set(whole["method"])
+    assert {row["method"] for one in alone for row in one.kind.keys(one)} == set(whole["method"])
 
 
 @pytest.mark.soak
@@ -218,20 +220,21 @@ def test_a_method_that_ends_its_process_costs_its_own_rows_alone(tmp_path: Path)
 
 def test_a_process_that_ends_leaves_rows_that_say_so(run: RunFolder) -> None:
     block = read_block(SMALL["cell"][0])
-    problems = np.arange(2)
-    work = SpotsWork(
-        block, "ideal", 7, 0, problems, np.tile(np.eye(4), (2, 1, 1)), np.zeros(6),
-        ((True, False, True), (True, False, False)), (),
-    )  # type: ignore[arg-type]  # fmt: skip
+    work = SpotTrials(
+        EXECUTED["spots"], block, 7, (0, 1), tuple(method.label for method in block.methods), repeat=0,
+        targets=np.tile(np.eye(4), (2, 1, 1)), start=np.zeros(6), given=((True, False, True), (True, False, False)),
+        pictured=(),
+    )  # type: ignore[attr-defined]  # fmt: skip
     crashed = work.crashed()
-    assert crashed.columns == list(SPOT_TYPES)
+    assert crashed.columns == list(Spots.fields)
     assert crashed.select("problem", "method", "status").rows() == [
         (0, "dls, 1 iteration", "crashed"), (0, "dls, 3 iterations", "crashed"), (0, "line", "crashed"),
         (1, "dls, 1 iteration", "crashed"), (1, "dls, 3 iterations", "crashed"),
     ]  # fmt: skip
     halves = pl.concat([part.crashed() for part in work.halves()])
     assert halves.sort("problem", maintain_order=True).equals(crashed)
-    assert IsoWork(block, "ideal", 7, "pose", 0, True).crashed()["status"].to_list() == ["crashed"]  # type: ignore[arg-type]
+    cycle = Trials(EXECUTED["iso"], read_block(SMALL["cell"][1]), 7, (0,), ("with noise",)).crashed()
+    assert cycle.select("status", "test", "cycle").rows() == [("crashed", "pose", 0)]
 
 
 # ---------------------------------------------------------------- settings
@@ -291,7 +294,8 @@ def test_a_wrong_value_is_one_line_that_names_it(data: Any, error: type[Exceptio
 def test_what_only_trying_shows_is_refused_before_anything_is_written(data: Any, says: str) -> None:
     kind = load_kind("cell")
     with pytest.raises(InvalidInput, match=says):
-        kind.prepare(kind.settings(data), 0)
+        block = kind.settings(data)
+        kind.of(block).prepare(block, 0)
 
 
 # ---------------------------------------------------------------- the claims

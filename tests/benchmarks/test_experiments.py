@@ -15,7 +15,7 @@ from benchmarks.experiments.claims import CLAIMS, judge
 from benchmarks.experiments.motion import on_the_line, smooth_joints
 from benchmarks.experiments.sweeps import damping_trade, start_and_step
 from benchmarks.experiments.workspace import fit, linear_error, more_iterations, within_two_millimetres
-from benchmarks.records import RunFolder, rows_file
+from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
@@ -32,10 +32,10 @@ class Rows(RunFolder):
         self.blocks, self.plan = blocks, plan
 
     def rows(self, kind: str, block: str) -> pl.DataFrame | None:
-        return self.blocks.get(block)
+        return self.blocks.get(block) if kind == "budgets" else None if self.plan is None else pl.DataFrame([self.plan])
 
-    def read_json(self, name: str) -> Any:
-        return {"plans": [self.plan]} if self.plan and name == rows_file("plans", "line", "json") else None
+    def manifest(self) -> dict[str, Any]:
+        return {"settings": {"timing": [{"id": "line", "detail": True, "samples": 3}]}}
 
 
 def few(d: Array) -> Array:
@@ -216,16 +216,13 @@ def planned(
     *, ratio: float = 0.5, jump: float = 0.0, off: float = 1e-7, turned: float = 1e-7, at_samples: float = 1e-7
 ) -> Rows:
     """A plan with the quintic law: worst value over limit, a jump of the velocity, deviation between and at the samples."""
-    extreme = {"value": [ratio], "ratio": [ratio], "time": [0.0]}
-    certificate = {
-        **dict.fromkeys(("velocity", "acceleration", "jerk"), extreme), "joint_names": ["a"],
-        "continuous": 0 if jump else 2, "path_error": {"distance": off, "angle": turned, "t_distance": 0.0, "t_angle": 0.0},
-    }  # fmt: skip
+    fields = [(f, f"{f}_joint", f"{f}_time") for f in ("velocity", "acceleration", "jerk")]
+    worst = {name: value for names in fields for name, value in zip(names, (ratio, "a", 0.0), strict=True)}
     return Rows(
         {},
-        {
-            "law": "quintic", "status": "solved", "certificate": certificate, "length": 0.2, "samples": 151,
-            "jumps": {"position": [0.0], "velocity": [jump], "acceleration": [0.0], "jerk": [5.0]},
+        worst | {
+            "method": "quintic", "status": "solved", "length": 0.2, "continuous": 0 if jump else 2,
+            "jumps": [0.0, jump, 0.0, 5.0], "distance": off, "angle": turned, "distance_time": 0.0, "angle_time": 0.0,
             "ik_position_error": at_samples, "ik_rotation_error": at_samples,
         },
     )  # fmt: skip
@@ -267,6 +264,6 @@ def test_a_suite_that_tests_none_of_the_claims_says_nothing_of_them(tmp_path: Pa
         "id": "own", "robot": "ur5e", "set": "near_start", "options": {"count": 5}, "budgets": [5],
         "methods": [{"solver": "lm"}],
     }  # fmt: skip
-    folder = run_suite(suite_of("own", {"blocks": [block]}), tmp_path / "run")
+    folder = run_suite(suite_of("own", {"budgets": [block]}), tmp_path / "run")
     page = write_report(folder).read_text(encoding="utf-8")
     assert "claims" not in page.partition("<script")[0]

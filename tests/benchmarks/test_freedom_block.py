@@ -10,12 +10,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import Target, load_kind
-from benchmarks.blocks.timing.freedom import (
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.block import Target
+from benchmarks.blocks.freedom import (
     ALONG_INITIAL,
     CHOSEN,
     DRAKE,
-    FREEDOM_TYPES,
     SIMULTANEOUS,
     FreedomBlock,
     draw,
@@ -26,7 +26,7 @@ from benchmarks.peers import casadi_simultaneous
 from benchmarks.peers.ik.drake import METHOD as PEER
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
-from benchmarks.report.timing.freedom import REPORT
+from benchmarks.report.freedom import REPORT
 from benchmarks.run.session import run_suite
 from benchmarks.suite import load_suite
 from optik.errors import InvalidInput
@@ -55,7 +55,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def test_every_motion_has_a_certified_row_that_is_not_longer_than_before(run: Run) -> None:
     b = run.of("freedom")[0]
     rows = b.rows
-    assert set(FREEDOM_TYPES) <= set(rows.columns) and rows["problem"].to_list() == list(range(MOTIONS))
+    assert set(load_kind("freedom").compared) <= set(rows.columns) and rows["problem"].to_list() == list(range(MOTIONS))
     assert rows["certified"].all() and rows["solved"].all() and (rows["ratio"] <= 1.0 + 1e-9).all()
     assert np.allclose(rows["gain"], 1.0 - rows["duration"] / rows["fixed_duration"], atol=1e-12)
     assert rows["stop_duration"].is_not_null().to_list() == [False] * 3 + [True]

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.ik.rounds import Caller, Rounds, timed_part
+from benchmarks.blocks.rounds import Caller, Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
@@ -152,7 +152,7 @@ METHOD = Counts
 """
 
 CALLS = """
-[[speed]]
+[[calls]]
 id = "warm"
 robot = "paper6r"
 set = "near_start"
@@ -160,7 +160,7 @@ options = {{ count = 4, spreads = [0.1] }}
 rounds = 2
 methods = [{{ solver = "lm" }}]
 peers = [{{ peer = "{counts}" }}, {{ peer = "{deadly}" }}]
-[[speed]]
+[[calls]]
 id = "after"
 robot = "paper6r"
 set = "near_start"
@@ -234,7 +234,7 @@ def test_a_law_that_ends_the_process_costs_its_own_rows_alone(tmp_path: Path) ->
     second = run(tmp_path, suite)
     assert second.returncode == 0, second.stderr
     folder = RunFolder(tmp_path / "run")
-    rows = folder.rows("laws", "lines")
+    rows = folder.rows("timing", "lines")
     assert rows.select("method", "status").unique().sort("method").rows() == [
         ("deadly", "crashed"), ("quintic", "solved")
     ]  # fmt: skip

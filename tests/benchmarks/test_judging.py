@@ -14,12 +14,12 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.calls import CallRows, timed_by_first_round
-from benchmarks.blocks.ik.judgement import JUDGED_AT, judged, solved_at
+from benchmarks.blocks.calls import CallRows, timed_by_first_round
+from benchmarks.blocks.judgement import JUDGED_AT, judged, solved_at
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.ik.calls import block_winners, by_sigma, profile_costs
-from benchmarks.report.ik.calls_tables import block_tables
+from benchmarks.report.calls import block_winners, by_sigma, profile_costs
+from benchmarks.report.calls.tables import block_tables
 from benchmarks.report.tables import Table, shown_rows
 from benchmarks.run import run_suite
 from benchmarks.statistics import wilson
@@ -91,7 +91,7 @@ def suite_data(folder: Path, *, reverse: bool = False) -> dict[str, Any]:
         "methods": methods[::-1] if reverse else methods, "peers": peers[::-1] if reverse else peers, "rounds": 3,
         "evaluation_budgets": [3, 30],
     }  # fmt: skip
-    return {"title": "fair", "seed": 5, "speed": [block]}
+    return {"title": "fair", "seed": 5, "calls": [block]}
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def block(run: RunFolder) -> CallRows:
 
 def table(block: CallRows, ending: str = "") -> dict[str, dict[str, Any]]:
     """Rows of a table of the block by label."""
-    found = next(t for t in block_tables(block) if t.id == f"speed-block{ending}")
+    found = next(t for t in block_tables(block) if t.id == f"calls-block{ending}")
     return {str(row["label"]): dict(row) for row in found.rows}
 
 
@@ -492,6 +492,6 @@ def test_every_table_has_an_id_of_its_own_and_cells_of_its_columns(run: RunFolde
 @pytest.mark.parametrize("budgets", [[], [0], [1.5], [10, 10], "many"])
 def test_wrong_numbers_of_iterations_are_named(budgets: Any, cheats: Path) -> None:
     data = suite_data(cheats)
-    data["speed"][0]["evaluation_budgets"] = budgets
+    data["calls"][0]["evaluation_budgets"] = budgets
     with pytest.raises(InvalidInput, match="evaluation_budgets"):
         suite_of("fair", data)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.blocks.timing.laws import Motions, motion_hash
-from benchmarks.blocks.timing.laws.motions import LINE_LENGTHS, LINE_TURNS, draw_motion
-from benchmarks.blocks.timing.laws.settings import LINE_KINDS
+from benchmarks.blocks.timing import Motions, motion_hash
+from benchmarks.blocks.timing.motions import LINE_LENGTHS, LINE_TURNS, draw_motion
+from benchmarks.blocks.timing.settings import LINE_KINDS
 from benchmarks.records import RunFolder
 from benchmarks.suite import suite_of
 from optik import se3
@@ -62,7 +62,7 @@ def test_motions_are_recorded_by_their_hash_and_a_run_does_not_continue_with_oth
     limits = [{"velocity": 2.0, "acceleration": 10.0, "jerk": 100.0}]
     lines = [{"robot": "paper6r", "kind": "joints", "count": 3}]
     settings = {"id": "m", "lines": lines, "limits": limits, "laws": [{"law": "quintic"}]}
-    (block,) = suite_of("moves", {"timing": [settings]}).of("laws")
+    (block,) = suite_of("moves", {"timing": [settings]}).of("timing")
     folder = RunFolder(tmp_path)
     motions = Motions(folder, block, 7)
     drawn = [motions.draw(number) for number in (0, 1)]

@@ -15,9 +15,10 @@ import pytest
 from scipy.interpolate import PPoly
 
 import optik
-from benchmarks.blocks.base import Target, load_kind
-from benchmarks.blocks.timing import motion
-from benchmarks.blocks.timing.motion import MOTION_TYPES, OF_OMPL, OURS, PYROBOPLAN, ROUNDED, MotionBlock
+from benchmarks.blocks import motion
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.block import Target
+from benchmarks.blocks.motion import FIELDS, OF_OMPL, OURS, PYROBOPLAN, ROUNDED, MotionBlock
 from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.ik.drake import METHOD as DRAKE
 from benchmarks.peers.models import list_solids
@@ -25,7 +26,7 @@ from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.problems.motionbench import MotionProblem, write_problems
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report.base import Run
-from benchmarks.report.timing.motion import REPORT, unsolved_of
+from benchmarks.report.motion import REPORT, unsolved_of
 from benchmarks.run.session import run_suite
 from benchmarks.suite import Suite, load_suite
 from optik import Scene
@@ -66,7 +67,7 @@ def run(suite: Suite, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 def test_every_method_has_a_row_for_every_problem_and_durations_are_those_of_proved_motions(run: Run) -> None:
     rows = run.of("motion")[0].rows
-    assert set(MOTION_TYPES) <= set(rows.columns)
+    assert set(FIELDS) <= set(rows.columns)
     labels = [OURS, *(label for label in ROUNDED if label in rows["method"].to_list())]
     assert rows["method"].to_list() == labels * 3 and len(labels) >= 2
     assert rows["number"].to_list() == [n for n in (1, 1, 2) for _ in labels]
@@ -116,7 +117,7 @@ def test_a_peer_that_ended_the_process_has_rows_that_say_so_and_is_at_work_while
     monkeypatch.setattr(motion, "find_polyline", polyline)
     with Journal(folder, "rows/motion/table.journal") as journal:
         journal.crashed["OMPL, rounded"] = "its process ended: SIGSEGV"
-        found = dict(motion.solve(block, robot, limits, problem, journal))
+        found = dict(motion.solve_by_all(block, robot, limits, problem, journal))
     assert seen == [("vamp", "VAMP, rounded")] and found[OURS]["solved"]
     for label in ("OMPL, rounded", "OMPL, toppra"):
         assert (found[label]["status"], found[label]["reason"]) == ("crashed", "its process ended: SIGSEGV")
@@ -158,7 +159,7 @@ def test_peers_without_their_packages_have_no_rows(
     monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))
     hide(monkeypatch, "ompl", "vamp")
     problem = block.read_problems(robot, 0)[0][2]
-    labels = [label for label, _ in motion.solve(block, robot, block.limits.of(robot), problem)]
+    labels = [label for label, _ in motion.solve_by_all(block, robot, block.limits.of(robot), problem)]
     assert labels == [OURS, "own, rounded"]
 
 

@@ -28,7 +28,7 @@ PAPER, ATTEMPT, WHOLE = "dls λ=0.01", "lm, one attempt", "lm"
 def smaller(settings: dict[str, Any]) -> dict[str, Any]:
     """The suite with fewer problems, laws and samples, and the same methods."""
     settings = copy.deepcopy(settings)
-    for block in (*settings["blocks"], *settings["speed"]):
+    for block in (*settings["budgets"], *settings["calls"]):
         options = block["options"]
         if "spacing_m" in options:
             options |= {"spacing_m": 0.1, "offsets_m": [0.0], "normals": ["Y"]}
@@ -38,7 +38,8 @@ def smaller(settings: dict[str, Any]) -> dict[str, Any]:
             method["max_problems"] = 8 if method["solver"] == "ipopt" else 60 if method["label"] != PAPER else 200
             if method["label"] in (ATTEMPT, "dls α=0.25"):
                 method["max_problems"] = 200
-    settings["line"] |= {"laws": ["quintic", "ruckig", "toppra"], "samples": 31}
+    laws = [{"law": law} for law in ("quintic", "ruckig", "toppra")]
+    settings["timing"][0] |= {"laws": laws, "samples": 31, "plan": "ruckig"}
     return settings
 
 
@@ -61,13 +62,13 @@ def test_the_suite_has_every_ik_method_and_every_time_law() -> None:
     assert {m.name for m in suite.of("budgets")[0].methods} == own_names("optik.ik")
     assert {m.name for m in suite.of("calls")[0].methods} == own_names("optik.ik")
     assert {m.label for m in suite.of("calls")[0].methods} == {m.label for m in suite.of("budgets")[0].methods}
-    assert set(suite.of("plans")[0].laws) == own_names("planners.timing")
+    assert {law.name for law in suite.of("timing")[0].laws} == own_names("planners.timing")
 
 
 @pytest.mark.parametrize("block", ["workspace", "random", "damping", "step"])
 def test_rates_and_medians_are_what_the_files_hold(run: Run, block: str) -> None:
     found = plain_demo.rates(run.folder.path, block)
-    shown = {str(row["label"]): row for row in tables(run, "budgets")[f"methods-{block}"].rows}
+    shown = {str(row["label"]): row for row in tables(run, "budgets")[f"budgets-{block}"].rows}
     assert set(shown) == set(found)
     for label, expect in found.items():
         plain_demo.check_figures(shown[label], expect)
@@ -104,13 +105,13 @@ def test_the_winner_solves_most_of_the_targets_that_all_were_given(run: Run) -> 
 
 def test_the_fastest_law_is_the_shortest_of_those_that_keep_every_limit(run: Run) -> None:
     found = plain_demo.durations(run.folder.path)
-    w = winner(run, "plans", "line")
+    w = winner(run, "timing", "line")
     assert [(label, value) for label, value, _, _ in w.entries] == sorted(
         ((law, end) for law, (end, keeps) in found.items() if keeps), key=lambda entry: entry[1]
     )
-    shown: Any = {row["label"]: row for row in tables(run, "plans")["laws"].rows}
+    shown: Any = {row["label"]: row for row in tables(run, "timing")["laws"].rows}
     assert {law: row["duration"] for law, row in shown.items()} == {law: end for law, (end, _) in found.items()}
-    assert {law for law, row in shown.items() if row["breaks"] == "none"} == {
+    assert {law for law, row in shown.items() if row["broken"] == "none"} == {
         law for law, (_, keeps) in found.items() if keeps
     }
 
@@ -158,4 +159,4 @@ def test_the_page_names_the_paper_and_links_what_answers_it(run: Run, tmp_path: 
         assert not row.anchor or f'<section id="{row.anchor}"' in text, row
     for figure in ("(Fig. 5)", "(Fig. 6)", "Fig. 10", "(Fig. 11)", "(Fig. 12)", "(Fig. 13)"):
         assert figure in text
-    assert text.index('<section id="default"') < text.index('<section id="methods"')
+    assert text.index('<section id="default"') < text.index('<section id="budgets"')

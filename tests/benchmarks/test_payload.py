@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,17 @@ import pytest
 
 import optik
 from benchmarks.blocks.arms import SCENES, scene_named
-from benchmarks.blocks.base import Target, load_kind
-from benchmarks.blocks.timing.clearance import PROOF
-from benchmarks.blocks.timing.laws.motions import draw_motion
-from benchmarks.blocks.timing.laws.settings import LawBlock
-from benchmarks.blocks.timing.laws.timers import line_rows
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.block import Target
+from benchmarks.blocks.clearance import PROOF
+from benchmarks.blocks.timing.motions import draw_motion
 from benchmarks.blocks.timing.nearest import nearest_points, placed
+from benchmarks.blocks.timing.settings import LawBlock
+from benchmarks.blocks.timing.timers import line_rows
 from optik.errors import InvalidInput
 from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
 from planners import MotionLimits
+from tests.benchmarks.conftest import solved
 from tests.seeds import shift_seed
 
 BLOCK: dict[str, Any] = {
@@ -95,7 +98,7 @@ def test_limits_of_the_robot_itself_are_those_of_its_file() -> None:
 )
 def test_settings_that_cannot_be_meant_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InvalidInput, match=words):
-        load_kind("laws").prepare(block_of(peers=None, **changes), 0)
+        load_kind("timing").prepare(block_of(peers=None, **changes), 0)
 
 
 def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
@@ -106,7 +109,7 @@ def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
         }
     )  # fmt: skip
     for measure, value in (("median_ms_ratio", 0.15), ("median_duration_ratio", 1.0), ("worst_duration_ratio", 1.5)):
-        assert load_kind("laws").judge(rows, Target(measure=measure, method="a", to="b", at_most=1.0))[
+        assert load_kind("timing").judge(rows, Target(measure=measure, method="a", to="b", at_most=1.0))[
             0
         ] == pytest.approx(value)
 
@@ -114,11 +117,10 @@ def test_a_ratio_of_two_laws_is_of_the_motions_that_both_have() -> None:
 # ---------------------------------------------------------------- contact
 
 
-def test_sampling_that_is_too_coarse_misses_contacts_and_the_proof_none() -> None:
+def test_sampling_that_is_too_coarse_misses_contacts_and_the_proof_none(tmp_path: Path) -> None:
     pytest.importorskip("coal")
-    kind = load_kind("clearance")
     settings = {"id": "x", "robot": "panda", "scene": "plates", "count": 20, "joint_steps": [3.0, 0.02], "rates": []}
-    rows = kind.measure(kind.settings(settings), shift_seed(1), lambda what: None)
+    rows = solved("clearance", settings, tmp_path, shift_seed(1))
     by = {label: rows.filter(pl.col("method") == label) for label in (PROOF, "coal, 3 rad", "coal, 0.02 rad")}
     assert all(part.height == 20 for part in by.values())
     assert by[PROOF]["contact"].sum() >= 4

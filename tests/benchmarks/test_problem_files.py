@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import optik
-from benchmarks.blocks.timing.laws.motions import draw_motion
-from benchmarks.blocks.timing.laws.timers import line_rows
+from benchmarks.blocks.timing.motions import draw_motion
+from benchmarks.blocks.timing.timers import line_rows
 from benchmarks.problems.base import SETS, ProblemSet
 from benchmarks.records import RunFolder
 from benchmarks.run import run_suite
@@ -97,7 +97,7 @@ def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
 
 
 SUITE = """
-[[blocks]]
+[[budgets]]
 id = "own"
 robot = "paper6r"
 set = "file"
@@ -174,7 +174,7 @@ def test_seams_and_saved_motions_come_from_files(tmp_path: Path) -> None:
         + "".join(f'  {{ robot = "paper6r", kind = "file", path = "{n}" }},\n' for n in ("seam.csv", "line.csv"))
         + "]\n"
     )
-    block = load_suite(str(tmp_path / "own.toml")).of("laws")[0]
+    block = load_suite(str(tmp_path / "own.toml")).of("timing")[0]
     assert block.kinds == ("seam.csv", "line.csv")
     read = draw_motion("paper6r", "file", 0, path=str(seam))
     (row,) = line_rows(block, read)

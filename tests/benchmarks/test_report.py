@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import math
 import re
 import shutil
 from collections.abc import Callable
@@ -16,25 +17,20 @@ import numpy as np
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.arms import JOINT_LIMITS
+from benchmarks.blocks.base import add_keys, load_kind
 from benchmarks.records import RunFolder
 from benchmarks.report import write_report
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.boards import strict
 from benchmarks.report.figures import figure
 from benchmarks.report.numbers import number
-from benchmarks.report.timing.plans import limitations
-from benchmarks.report.timing.plans.motion import add_friction
-from benchmarks.report.timing.plans.tables import (
-    _limit_words,
-    broken_limits,
-    law_control,
-    line_plans,
-    ratio_words,
-    worst,
-)
+from benchmarks.report.timing import limitations
+from benchmarks.report.timing.joints import add_friction
+from benchmarks.report.timing.line import broken_limits, describe_limits, law_control
 from benchmarks.run import run_suite
 from optik.errors import InvalidInput
+from planners.limits import MotionLimits
 from tests.benchmarks import plain_demo
 from tests.benchmarks.browser import Browser
 from tests.benchmarks.conftest import SMALL, small
@@ -119,7 +115,7 @@ def test_the_page_has_a_language_a_title_and_every_section(page: Page) -> None:
     assert page.all("html")[0]["lang"] == "en"
     assert "a small run" in page.text
     wanted = [
-        "methods", "error", "maps", "line", "motion", "laws", "paper", "claims", "limitations", "provenance",
+        "budgets", "error", "maps", "line", "joints", "laws", "paper", "claims", "limitations", "provenance",
     ]  # fmt: skip
     assert page.anchors == wanted
     linked = {a["href"] for a in page.all("a")}
@@ -144,8 +140,8 @@ def test_every_board_is_strict_json_with_finite_numbers(page: Page) -> None:
 
 
 def test_every_method_and_plan_is_shown(page: Page) -> None:
-    labels = {m["label"] for b in SMALL["blocks"] for m in b["methods"]}
-    assert labels | set(SMALL["line"]["laws"]) <= set(page.words)
+    labels = {m["label"] for b in SMALL["budgets"] for m in b["methods"]}
+    assert labels | {one["law"] for one in SMALL["timing"][0]["laws"]} <= set(page.words)
     assert "optik bench run small --out RUN" in page.text
 
 
@@ -166,52 +162,34 @@ def shown_rows(folder: RunFolder, kind: str, table: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize("block", ["workspace", "misprint"])
 def test_the_method_table_is_what_the_files_hold(small_run: RunFolder, block: str) -> None:
-    shown = shown_rows(small_run, "budgets", f"methods-{block}")
+    shown = shown_rows(small_run, "budgets", f"budgets-{block}")
     given = plain_demo.given_to_all(plain_demo.block(small_run.path, block), list(shown))
-    assert set(shown) == {m["label"] for b in SMALL["blocks"] if b["id"] == block for m in b["methods"]}
+    assert set(shown) == {m["label"] for b in SMALL["budgets"] if b["id"] == block for m in b["methods"]}
     for method, mine in given.items():
         assert mine["problem"].size
         plain_demo.check_figures(shown[method], plain_demo.figures(mine))
 
 
 def test_durations_are_the_plans(page: Page, small_run: RunFolder) -> None:
-    for p in small_run.read_json("rows/plans/line.json")["plans"]:
-        assert f" {p['law']} {number(p['duration'], 4)} " in page.text
-
-
-def certificate(value: list[float | None], ratio: list[float | None]) -> dict[str, Any]:
-    fine = {"value": [1.0, 1.0], "ratio": [0.5, 0.5], "time": [0.0, 0.0]}
-    jerk = {"value": value, "ratio": ratio, "time": [0.1, 0.2]}
-    joints = {"joint_names": ["a", "b"], "position_margin": [1.0, 1.0]}
-    return {"velocity": fine, "acceleration": fine, "jerk": jerk} | joints
+    for law, duration in small_run.rows("timing", "line").select("method", "duration").iter_rows():
+        assert f" {law} {number(duration, 4)} " in page.text
 
 
 @pytest.mark.parametrize(
-    ("value", "ratio", "words", "broken"),
-    [
-        ([80.0, 50.0], [0.8, 0.5], "0.800", []),
-        ([80.0, 250.0], [0.8, 2.5], "2.50", ["jerk 2.50×"]),
-        ([None, 250.0], [None, 2.5], "∞", ["jerk ∞"]),
-        ([80.0, 250.0], [None, None], "no limit", []),
-        ([80.0, 900.0], [0.8, None], "0.800", []),
-        ([100.0003, 1.0], [1.000003, 0.1], "1.0000030", ["jerk 1.0000030×"]),
-    ],
-)  # fmt: skip
-def test_none_is_infinite_in_a_value_and_free_in_a_ratio(
-    value: list[float | None], ratio: list[float | None], words: str, broken: list[str]
-) -> None:
-    c = certificate(value, ratio)
-    assert ratio_words(worst(c, "jerk")) == words
-    assert broken_limits(c) == broken
+    ("jerk", "broken"),
+    [(0.8, []), (2.5, ["jerk 2.50×"]), (math.inf, ["jerk ∞"]), (None, []), (1.000003, ["jerk 1.0000030×"])],
+)
+def test_violated_limits_are_written_with_enough_digits(jerk: float | None, broken: list[str]) -> None:
+    row = dict.fromkeys(JOINT_LIMITS, 0.5) | {"jerk": jerk, "breaks": ""}
+    assert broken_limits(row) == broken
+    assert broken_limits(row | {"breaks": "position"}) == [*broken, "joint range"]
 
 
 def test_a_motion_that_breaks_a_limit_is_not_ranked(small_run: RunFolder) -> None:
-    breaking = {
-        p["law"] for p in small_run.read_json("rows/plans/line.json")["plans"] if broken_limits(p["certificate"])
-    }
+    breaking = set(small_run.rows("timing", "line").filter(pl.col("breaks") != "")["method"])
     assert "quintic" in breaking
-    rows = shown_rows(small_run, "plans", "laws")
-    assert {law for law, row in rows.items() if row["breaks"] != "none"} == breaking
+    rows = shown_rows(small_run, "timing", "laws")
+    assert {law for law, row in rows.items() if row["broken"] != "none"} == breaking
     assert {law for law, row in rows.items() if row["place"] is None} == breaking
 
 
@@ -237,13 +215,13 @@ def edit(folder: RunFolder, change: Callable[[dict[str, Any]], None]) -> None:
 
 def test_an_unfinished_run_says_so(copied: RunFolder) -> None:
     edit(copied, lambda m: m.update(complete=False))
-    for file in (*(copied.path / "rows/budgets").glob("misprint--*"), *(copied.path / "rows/plans").iterdir()):
+    for file in (*(copied.path / "rows/budgets").glob("misprint--*"), *(copied.path / "rows/timing").iterdir()):
         file.unlink()
     page = page_of(copied)
     assert "This run is incomplete." in page.text
     assert "Not started: misprint" in page.text
     assert "line" not in page.anchors
-    assert "methods" in page.anchors
+    assert "budgets" in page.anchors
 
 
 def test_a_run_of_which_nothing_is_there_yet_has_a_report(copied: RunFolder) -> None:
@@ -253,36 +231,38 @@ def test_a_run_of_which_nothing_is_there_yet_has_a_report(copied: RunFolder) -> 
     assert "This run is incomplete." in page_of(copied).text
 
 
-@pytest.mark.parametrize("without", ["line", "blocks"])
+@pytest.mark.parametrize("without", ["timing", "budgets"])
 def test_sections_without_data_are_left_out(copied: RunFolder, without: str) -> None:
     settings = {k: v for k, v in small().settings.items() if k != without}
-    shutil.rmtree(copied.path / ("rows/plans" if without == "line" else "rows/budgets"))
+    shutil.rmtree(copied.path / f"rows/{without}")
     edit(copied, lambda m: m.update(settings=settings))
     page = page_of(copied)
-    gone = {"line", "motion", "laws"} if without == "line" else {"methods", "error", "maps"}
+    gone = {"line", "joints", "laws"} if without == "timing" else {"budgets", "error", "maps"}
     assert gone.isdisjoint(page.anchors)
     assert {"claims", "limitations", "provenance"} <= set(page.anchors)
     assert "incomplete" not in page.text
 
 
 def test_a_plan_that_failed_has_its_reason_in_the_table(copied: RunFolder) -> None:
-    facts = copied.read_json("rows/plans/line.json")
-    plans = facts["plans"]
-    keep = ("law", "solver", "name", "seconds", "limits", "path", "robot")
-    why = {"status": "no_ik", "s": 0.1, "joint": 2, "reason": "out <of> reach", "advice": ""}
-    failed = {k: plans[-1][k] for k in keep} | why
-    copied.write_json("rows/plans/line.json", facts | {"plans": [*plans[:-1], failed]})
-    assert "no ik at 100 mm: out <of> reach" in page_of(copied).text
+    file = "rows/timing/line--0000.parquet"
+    rows = copied.read(file)
+    lost = load_kind("timing").lost(
+        **{k: rows.row(-1, named=True)[k] for k in ("method", "problem", "entry", "solver", "line")}
+    )
+    same = {k: rows.row(-1, named=True)[k] for k in ("robot", "kind", "index", "limits")}
+    failed = lost | same | {"status": "no_ik", "reason": "out <of> reach"}
+    copied.write(file, pl.concat([rows[:-1], add_keys("line", load_kind("timing").frame([failed]))]))
+    assert "no motion: no ik: out <of> reach" in page_of(copied).text
 
 
 def test_text_of_a_suite_is_escaped(tmp_path: Path) -> None:
     evil = "</script><script>alert('a & b')</script>"
-    suite = small(title=evil, line=SMALL["line"] | {"laws": ["quintic"]})
+    suite = small(title=evil)
     settings = json.loads(json.dumps(suite.settings))
-    block = settings["blocks"][1] | {"title": evil, "options": {"count": 12}}
+    block = settings["budgets"][1] | {"title": evil, "options": {"count": 12}}
     block["methods"] = [{"label": evil, "solver": "dls"}]
-    settings["blocks"] = [block]
-    del settings["line"]
+    settings["budgets"] = [block]
+    del settings["timing"]
     from benchmarks.suite import suite_of
 
     page = page_of(run_suite(suite_of("small", settings), tmp_path / "run"))
@@ -325,20 +305,20 @@ def test_controls_of_laws_open_on_the_default_law() -> None:
     assert law_control(["quintic", "toppra"]).value == "quintic"
 
 
-def test_limitations_name_the_limits_that_the_motions_had(small_run: RunFolder) -> None:
-    run = Run(small_run)
-    line = line_plans(run)
-    assert line is not None and line.solved[0]["limits"]["torque"] is not None
-    assert "velocity, acceleration, jerk, torque are those of the robot file" in " ".join(limitations(run))
-    assert "torque limits" not in " ".join(limitations(run))
-    line.solved[0]["limits"]["torque"] = None
-    assert "Dynamics, torque limits, the controller and a real arm are not included" in " ".join(limitations(run))
+def test_limitations_name_the_limits_that_the_motions_had(small_run: RunFolder, copied: RunFolder) -> None:
+    words = " ".join(limitations(Run(small_run)))
+    assert "velocity, acceleration, jerk, torque are those of the robot file" in words
+    assert "torque limits" not in words
+    edit(copied, lambda m: m["settings"]["timing"][0]["limits"][0].pop("torque"))
+    assert "Dynamics, torque limits, the controller and a real arm are not included" in " ".join(
+        limitations(Run(copied))
+    )
 
 
 def test_limits_are_listed_joint_by_joint_with_repeats() -> None:
-    assert _limit_words({"torque": [87.0, 87.0, 12.0]}).startswith("torque 87, 87, 12 ")
-    assert _limit_words({"velocity": [2.0, 2.0]}).startswith("velocity 2 ")
-    assert _limit_words({"velocity": [[-1.0, -1.0], [2.0, 2.0]]}).startswith("velocity -1 to 2 ")
+    assert describe_limits(MotionLimits(torque=[87.0, 87.0, 12.0]), 3).startswith("torque 87, 87, 12 ")
+    assert describe_limits(MotionLimits(velocity=[2.0, 2.0]), 2).startswith("velocity 2 ")
+    assert describe_limits(MotionLimits(velocity=[[-1.0, -1.0], [2.0, 2.0]]), 2).startswith("velocity -1 to 2 ")
 
 
 def test_coulomb_friction_is_drawn_either_way_only_where_a_joint_rests_or_reverses() -> None:

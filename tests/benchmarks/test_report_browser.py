@@ -13,10 +13,9 @@ import polars as pl
 import pytest
 
 from benchmarks.records import RunFolder
-from benchmarks.report import write_report
+from benchmarks.report import budgets, write_report
 from benchmarks.report.base import QUESTION, Section, Winner
 from benchmarks.report.figures import METHOD_COLOURS, method_dash
-from benchmarks.report.ik import budgets
 from benchmarks.report.tables import Column, Table
 from tests.benchmarks.browser import CHROMIUM, Browser
 
@@ -59,8 +58,8 @@ def page(small_run: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path
     folder = RunFolder(tmp_path_factory.mktemp("browser") / "run")
     shutil.copytree(small_run.path, folder.path)
     manifest = folder.manifest()
-    manifest["settings"]["blocks"][1]["methods"][0]["label"] = EVIL
-    manifest["settings"]["blocks"][1]["title"] = EVIL
+    manifest["settings"]["budgets"][1]["methods"][0]["label"] = EVIL
+    manifest["settings"]["budgets"][1]["title"] = EVIL
     folder.write_json("run.json", manifest)
     for file in (folder.path / "rows/budgets").glob("misprint--00*"):
         rows = folder.read(f"rows/budgets/{file.name}")
@@ -100,7 +99,7 @@ def opened(drawn: Browser, page: Path) -> Iterator[Browser]:
 
 
 def test_the_arm_plays_the_default_law_and_a_second_one_on_request(opened: Browser, small_run: RunFolder) -> None:
-    rows = small_run.read("rows/plans/line.motion.parquet")
+    rows = small_run.read("rows/timing/line.joints.parquet")
     ends = dict(rows.group_by("law").agg(pl.col("t").max()).iter_rows())
     first = "optimal" if "optimal" in ends else rows["law"][0]
     laws = f"[...{PART}('which').options].map(option => option.value)"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.blocks.base import Compared, hash_problems, load_kind
+from benchmarks.blocks.base import Field, load_kind
+from benchmarks.blocks.block import hash_problems
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
@@ -22,6 +24,8 @@ from optik.errors import InvalidInput
 from tests.oracles import REPOSITORY
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]
+
+TIME = Field(pl.Float64, None, "time", "µs", "less", 1e6, clock=True)
 
 
 def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFolder:
@@ -98,9 +102,7 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, noise: float, verdict: str
 ) -> None:
     kind = type(load_kind("budgets"))
-    monkeypatch.setattr(
-        kind, "compared", (Compared("time", "µs", "less", "position_error", 1e6, "", ("least", "most")),)
-    )
+    monkeypatch.setattr(kind, "compared", {"position_error": replace(TIME, clock=False, rounds=("least", "most"))})
     own = kind.compared_rows
 
     def with_rounds(self: Any, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
@@ -120,27 +122,17 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     assert of(found, "misprint", "as printed", "time").verdict == "within noise"
 
 
-def test_a_plan_that_is_longer_is_worse_without_a_test(small_run: RunFolder, copied: RunFolder) -> None:
-    file = "rows/plans/line--0000.parquet"
-    plans = copied.read(file)
+def test_a_motion_that_is_longer_is_worse_without_a_test(small_run: RunFolder, copied: RunFolder) -> None:
+    file = "rows/timing/line--0000.parquet"
+    rows = copied.read(file)
     first = pl.int_range(pl.len()) == 0
-    copied.write(file, plans.with_columns(duration=pl.col("duration") * pl.when(first).then(1.001).otherwise(1.0)))
+    copied.write(file, rows.with_columns(duration=pl.col("duration") * pl.when(first).then(1.001).otherwise(1.0)))
     found = compare_runs(Run(small_run), Run(copied))
     changed = [d for d in found.differences if d.verdict != "within noise"]
-    assert [(d.label, d.measure) for d in changed] == [(plans["method"][0], "duration")]
+    assert [(d.label, d.measure) for d in changed] == [(rows["method"][0], "duration")]
     assert changed[0].loss == pytest.approx(0.1)
     assert not any("does not say what to compare" in words for words in found.left_out)
-    assert of(found.differences, changed[0].block, "all plans", "time of a whole plan").pairs == len(plans)
-
-
-def test_the_duration_of_a_plan_that_is_not_solved_is_not_compared() -> None:
-    about = {"problem": "the line", "duration": 2.0, "seconds": 0.1}
-    plans = [about | {"method": "a", "status": "solved"}, about | {"method": "b", "status": "not_proved"}]
-    rows = load_kind("plans").compared_rows(None, pl.DataFrame(plans))
-    assert rows.select("method", "problem", "solved", "duration", "seconds").rows() == [
-        ("a", "the line", True, 2.0, None), ("b", "the line", False, None, None),
-        ("all plans", "a", None, None, 0.1), ("all plans", "b", None, None, 0.1),
-    ]  # fmt: skip
+    assert of(found.differences, changed[0].block, "all laws", "time of a whole plan").pairs == len(rows)
 
 
 @pytest.mark.parametrize("what", ["settings", "targets", "no hash"])
@@ -164,24 +156,30 @@ def test_other_problems_are_not_compared(small_run: RunFolder, tmp_path: Path, w
     assert {d.block for d in found.differences} == {"workspace", "line"}
 
 
-PLAN: dict[str, Any] = {"robot": "paper6r", "start_deg": [20, -35, 40, 25, 50, -30], "move_m": [0, 0, 0.1],
-                        "solvers": ["lm"], "laws": ["smooth"]}  # fmt: skip
+LINE: dict[str, Any] = {
+    "robot": "paper6r",
+    "kind": "line",
+    "start_deg": [20, -35, 40, 25, 50, -30],
+    "move_m": [0, 0, 0.1],
+}
+PLAN: dict[str, Any] = {"id": "line", "detail": True, "lines": [LINE], "laws": [{"law": "smooth"}],
+                        "limits": [{"velocity": 2.0, "jerk": 100.0}]}  # fmt: skip
 IK: dict[str, Any] = {"id": "a", "robot": "paper6r", "set": "near_start", "options": {"count": 5}, "budgets": [5],
                       "methods": [{"solver": "dls"}]}  # fmt: skip
 TIMED: dict[str, Any] = {"id": "a", "lines": [{"robot": "paper6r", "kind": "regular", "count": 3}],
                          "limits": [{"velocity": 2.0, "jerk": 100.0}], "laws": [{"law": "smooth"}]}  # fmt: skip
 CONTACT: dict[str, Any] = {"id": "a", "robot": "panda", "scene": "table", "count": 5}
 OTHER: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    ("plans", PLAN, {"scene": "plates"}), ("plans", PLAN, {"payload": 1.0}),
-    ("plans", PLAN, {"move_m": [0, 0, 0.2]}), ("plans", PLAN, {"robot": "ur5e"}),
+    ("timing", PLAN, {"scene": "plates"}), ("timing", PLAN, {"lines": [LINE | {"payload": 1.0}]}),
+    ("timing", PLAN, {"lines": [LINE | {"move_m": [0, 0, 0.2]}]}), ("timing", PLAN, {"lines": [LINE | {"robot": "ur5e"}]}),
     ("budgets", IK, {"options": {"count": 6}}), ("budgets", IK, {"set": "hard"}), ("budgets", IK, {"robot": "puma560"}),
-    ("laws", TIMED, {"limits": [{"velocity": 2.0, "jerk": 50.0}]}),
-    ("laws", TIMED, {"lines": [{"robot": "paper6r", "kind": "regular", "count": 4}]}),
+    ("timing", TIMED, {"limits": [{"velocity": 2.0, "jerk": 50.0}]}),
+    ("timing", TIMED, {"lines": [{"robot": "paper6r", "kind": "regular", "count": 4}]}),
     ("clearance", CONTACT, {"scene": "plates"}), ("clearance", CONTACT, {"margin": 0.01}), ("clearance", CONTACT, {"count": 6}),
 ]  # fmt: skip
 EQUAL: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    ("plans", PLAN, {"laws": ["quintic"]}), ("budgets", IK, {"budgets": [5, 10]}),
-    ("budgets", IK, {"methods": [{"solver": "lm"}], "title": "x"}), ("laws", TIMED, {"rounds": 2}),
+    ("timing", PLAN, {"laws": [{"law": "quintic"}], "solvers": ["dls"]}), ("budgets", IK, {"budgets": [5, 10]}),
+    ("budgets", IK, {"methods": [{"solver": "lm"}], "title": "x"}), ("timing", TIMED, {"rounds": 2}),
 ]  # fmt: skip
 
 
@@ -223,7 +221,7 @@ def test_a_change_of_time_that_the_reference_explains_is_the_machine(
     small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, machine: float, verdict: str
 ) -> None:
     kind = type(load_kind("budgets"))
-    monkeypatch.setattr(kind, "compared", (Compared("time", "µs", "less", "position_error", 1e6, clock=True),))
+    monkeypatch.setattr(kind, "compared", {"position_error": TIME})
     noise = 0.03 * np.random.default_rng(3).uniform(-1.0, 1.0, 10_000)
 
     def noisy(rows: pl.DataFrame) -> pl.DataFrame:
@@ -243,8 +241,8 @@ def test_a_change_of_time_that_the_reference_explains_is_the_machine(
 
 def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, copied: RunFolder, tmp_path: Path) -> None:
     manifest = copied.manifest()
-    del manifest["settings"]["line"]
-    manifest["settings"]["blocks"] = [b | {"id": f"other-{b['id']}"} for b in manifest["settings"]["blocks"]]
+    del manifest["settings"]["timing"]
+    manifest["settings"]["budgets"] = [b | {"id": f"other-{b['id']}"} for b in manifest["settings"]["budgets"]]
     copied.write_json("run.json", manifest)
     with pytest.raises(InvalidInput, match="workspace: only in the first run"):
         compare_runs(Run(small_run), Run(copied))
@@ -255,20 +253,20 @@ def test_runs_with_nothing_in_common_are_refused(small_run: RunFolder, copied: R
 def test_settings_that_differ_are_shown(small_run: RunFolder, copied: RunFolder, typed: Any) -> None:
     assert compare(small_run.path, small_run.path)[1]["settings"] == []
     manifest = copied.manifest()
-    block = manifest["settings"]["blocks"][1]
+    block = manifest["settings"]["budgets"][1]
     block["methods"][1]["options"] = {"damping": 0.02}
     block["title"] = "other"
     manifest["settings"]["seed"] = 8
-    del manifest["settings"]["line"]["samples"]
+    del manifest["settings"]["timing"][0]["samples"]
     copied.write_json("run.json", manifest)
     _, found = compare(small_run.path, copied.path)
     assert {(one["key"], one["a"], one["b"]) for one in found["settings"]} == {
-        ("blocks[misprint].methods[corrected].options.damping", None, 0.02),
-        ("blocks[misprint].title", None, "other"),
+        ("budgets[misprint].methods[corrected].options.damping", None, 0.02),
+        ("budgets[misprint].title", None, "other"),
         ("seed", 7, 8),
-        ("line.samples", 31, None),
+        ("timing[line].samples", 31, None),
     }
     _, out, _ = typed("bench", "compare", str(small_run.path), str(copied.path))
     assert out.startswith("setting ")
     assert "setting seed: 7 in A, 8 in B" in out
-    assert "setting line.samples: 31 in A, not set in B" in out
+    assert "setting timing[line].samples: 31 in A, not set in B" in out

@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 
 from benchmarks.cli.app import app
 from benchmarks.records import RunFolder
+from benchmarks.report import budgets, timing
 from benchmarks.report.base import Run, Winner
 from benchmarks.report.boards import Board, Control, packed
 from benchmarks.report.figures import add, band, entry, figure, heatmap, lean, line, log_axis, steps_of, variable
 from benchmarks.report.formats import draw
-from benchmarks.report.ik import budgets
 from benchmarks.report.numbers import listed
 from benchmarks.report.page import render
 from benchmarks.report.tables import (
@@ -38,7 +38,6 @@ from benchmarks.report.tables import (
     tex_of,
     written,
 )
-from benchmarks.report.timing import plans
 from benchmarks.report.winners import Ranked, ranked, tied_words, winners_table, won
 from benchmarks.statistics import holm, mcnemar_p, percentage, signed_rank
 from optik.errors import InvalidInput, MissingDependency
@@ -301,10 +300,10 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     shown = replace(budgets.REPORT, tables=lambda run: [TABLE], winners=lambda run: [winner])
     monkeypatch.setattr(budgets, "REPORT", shown)
     few = tuple(
-        section for section in plans.REPORT.sections if section.title == "Clearance"
+        section for section in timing.REPORT.sections if section.title == "Clearance"
     )  # no figure: each takes 0.5 s
-    bare = replace(plans.REPORT, tables=lambda run: [], winners=lambda run: [], sections=few)
-    monkeypatch.setattr(plans, "REPORT", bare)
+    bare = replace(timing.REPORT, tables=lambda run: [], winners=lambda run: [], sections=few)
+    monkeypatch.setattr(timing, "REPORT", bare)
     for name, files in (
         ("csv", ["tables/winners.csv", "tables/odd.csv", "tables/failed-budgets.csv"]),
         ("tex", ["tables/winners.tex", "tables/odd.tex", "tables/failed-budgets.tex"]),
@@ -341,8 +340,8 @@ def test_every_format_is_written_into_the_run(copied: RunFolder, monkeypatch: py
     assert text.index("## Methods") < text.index("Methods: failures") < text.index("SIGSEGV")
     assert "Failures or crashes: “corrected &lt;b&gt;, x”." in text
     page = render(Run(copied))
-    assert page.index('<section id="methods">') < page.index("Methods: failures") < page.index("SIGSEGV")
-    assert page.index("SIGSEGV") < page.index("<section", page.index('<section id="methods">') + 1)
+    assert page.index('<section id="budgets">') < page.index("Methods: failures") < page.index("SIGSEGV")
+    assert page.index("SIGSEGV") < page.index("<section", page.index('<section id="budgets">') + 1)
 
 
 def test_a_distribution_is_drawn_from_every_value_and_exact_at_its_ends() -> None:

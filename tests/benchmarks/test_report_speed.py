@@ -15,8 +15,8 @@ from benchmarks.blocks.contest import version_words
 from benchmarks.blocks.entries import check_set
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
-from benchmarks.report.ik.accuracy import choose
-from benchmarks.report.ik.calls_tables import conspicuous
+from benchmarks.report.budgets.accuracy import choose
+from benchmarks.report.calls.tables import conspicuous
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
 from tests.benchmarks.browser import CHROMIUM
@@ -25,7 +25,7 @@ from tests.outside import hide
 
 SPEED: dict[str, Any] = {
     "title": "fast and sure",
-    "speed": [
+    "calls": [
         {
             "id": "hard",
             "title": "hard ones",
@@ -58,13 +58,13 @@ def page(speed_run: RunFolder) -> Page:
 
 
 def test_a_run_of_speed_alone_has_its_section_and_no_claims(page: Page) -> None:
-    assert page.anchors == ["speed", "limitations", "asked", "provenance"]
+    assert page.anchors == ["calls", "limitations", "asked", "provenance"]
     assert "1 of 3 targets met, 1 not measured." in page.text
 
 
 def test_every_table_of_the_report_is_on_the_page(page: Page, speed_run: RunFolder) -> None:
     tables = {table.id for table in load_report(load_kind("calls")).tables(Run(speed_run))}
-    assert "speed-hard" in tables
+    assert "calls-hard" in tables
     assert {a["data-table"] for t, a in page.tags if t == "table" and "data-table" in a} >= tables
 
 
@@ -113,7 +113,7 @@ def test_the_advice_is_of_the_rows(tmp_path: Path) -> None:
             {"label": "half steps", "solver": "dls", "options": {"step": 0.5}},
         ],
     }  # fmt: skip
-    folder = run_suite(suite_of("small", {"blocks": [block], "seed": 7}), tmp_path / "run")
+    folder = run_suite(suite_of("small", {"budgets": [block], "seed": 7}), tmp_path / "run")
     page = page_of(folder)
     assert "damping" in page.anchors
     rows = folder.rows("budgets", "damping")
@@ -150,5 +150,5 @@ def test_a_method_from_a_file_is_not_called_one_of_ours() -> None:
 
 
 def test_a_set_of_fewer_problems_than_a_trial_draws_is_accepted() -> None:
-    data = {**SPEED["speed"][0], "set": "random_reachable", "options": {"count": 2}}
-    check_set(suite_of("speed", {"speed": [data]}).of("calls")[0])
+    data = {**SPEED["calls"][0], "set": "random_reachable", "options": {"count": 2}}
+    check_set(suite_of("calls", {"calls": [data]}).of("calls")[0])

@@ -13,7 +13,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.ik.budgets import at_budgets
+from benchmarks.blocks.budgets import at_budgets
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import RunFolder, slug
 from benchmarks.run import run_suite
@@ -77,7 +77,7 @@ def test_the_row_of_a_budget_counts_rises_and_the_peak() -> None:
 
 
 def test_answers_are_the_same_for_any_number_of_workers(small_run: RunFolder, tmp_path: Path) -> None:
-    two = run_suite(small(line=SMALL["line"] | {"laws": ["ruckig"]}), tmp_path / "two", workers=2)
+    two = run_suite(small(timing=[LINE | {"laws": [{"law": "ruckig"}]}]), tmp_path / "two", workers=2)
     for block in ("workspace", "misprint"):
         one, other = small_run.rows("budgets", block), two.rows("budgets", block)
         assert_frame_equal(one, other, check_exact=True)
@@ -99,18 +99,23 @@ def test_a_folder_of_other_settings_is_left_alone(small_run: RunFolder) -> None:
     assert (small_run.path / "run.json").read_text() == before
 
 
-GRID, NEAR = SMALL["blocks"]
+GRID, NEAR = SMALL["budgets"]
+(LINE,) = SMALL["timing"]
+(MOVE,) = LINE["lines"]
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"blocks": [GRID | {"options": GRID["options"] | {"spacing_m": 0}}]}, "spacing_m"),
-        ({"blocks": [NEAR | {"options": {"count": "x"}}]}, "count"),
-        ({"blocks": [NEAR | {"options": {"counts": 3}}]}, "counts"),
-        ({"blocks": [NEAR | {"methods": [{"solver": "dls", "options": {"dampening": 0.1}}]}]}, "dampening"),
-        ({"line": SMALL["line"] | {"robot": "puma560", "start_deg": [0, 45, -180, 0, 45, 0]}}, "limits"),
-        ({"line": SMALL["line"] | {"move_m": [0.0, 0.0, 0.0]}}, "move_m"),
+        ({"budgets": [GRID | {"options": GRID["options"] | {"spacing_m": 0}}]}, "spacing_m"),
+        ({"budgets": [NEAR | {"options": {"count": "x"}}]}, "count"),
+        ({"budgets": [NEAR | {"options": {"counts": 3}}]}, "counts"),
+        ({"budgets": [NEAR | {"methods": [{"solver": "dls", "options": {"dampening": 0.1}}]}]}, "dampening"),
+        (
+            {"timing": [LINE | {"lines": [MOVE | {"robot": "puma560", "start_deg": [0, 45, -180, 0, 45, 0]}]}]},
+            "velocity",
+        ),
+        ({"timing": [LINE | {"lines": [MOVE | {"move_m": [0.0, 0.0, 0.0]}]}]}, "move_m"),
     ],
 )
 def test_nothing_is_written_where_a_method_a_set_or_the_line_cannot_be_made(
@@ -133,7 +138,7 @@ def test_ik_rows_without_their_problems_are_said(copied: RunFolder) -> None:
 
 
 def test_a_manifest_that_lacks_something_is_no_run(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text('{"format": "optik-run/3"}')
+    (tmp_path / "run.json").write_text('{"format": "optik-run/4"}')
     with pytest.raises(InvalidInput, match="run"):
         RunFolder(tmp_path).manifest()
 
@@ -176,6 +181,6 @@ def test_slugs_spell_greek_and_keep_labels_apart() -> None:
 
 
 def test_a_damaged_json_file_is_named(copied: RunFolder) -> None:
-    (copied.path / "rows/plans/line.json").write_text("[")
+    (copied.path / "rows/timing/line.json").write_text("[")
     with pytest.raises(InvalidInput, match="damaged"):
-        copied.read_json("rows/plans/line.json")
+        copied.read_json("rows/timing/line.json")

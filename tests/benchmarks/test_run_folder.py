@@ -169,9 +169,9 @@ def test_a_run_of_an_older_version_is_read_and_continued(tmp_path: Path) -> None
 def test_rows_have_the_columns_of_their_problems_and_not_of_a_block_of_the_same_name(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     folder.write("problems/line.parquet", pl.DataFrame({"problem": [0, 1], "group": ["a", "b"]}))
-    for kind, problems in (("calls", [1, 0]), ("plans", ["the line", "the line"])):
+    for kind, problems in (("calls", [1, 0]), ("timing", ["the line", "the line"])):
         folder.write(f"rows/{kind}/line--0000.parquet", pl.DataFrame({"method": ["lm", "dls"], "problem": problems}))
-    joined, alone = folder.rows("calls", "line"), folder.rows("plans", "line")
+    joined, alone = folder.rows("calls", "line"), folder.rows("timing", "line")
     assert joined is not None and alone is not None
     assert joined["group"].to_list() == ["b", "a"]
     assert alone.columns == ["method", "problem"] and len(alone) == 2

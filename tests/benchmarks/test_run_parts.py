@@ -12,10 +12,10 @@ from typing import Any
 import polars as pl
 import pytest
 
-from benchmarks.blocks.base import Kind, Part
-from benchmarks.run.pool import MOST_CRASHES, Done, Failure, Pool, solve_parts
+from benchmarks.blocks.base import Shard
+from benchmarks.run.pool import MOST_CRASHES, Done, Failure, Pool, solve_shards
 from optik.errors import InvalidInput, OptikError
-from tests.benchmarks.toy import Divisible, Toy, ToyWork
+from tests.benchmarks.toy import Divisible, ToyWork
 
 
 class Pretended(Pool):
@@ -49,19 +49,19 @@ class Pretended(Pool):
         return work.solve()
 
 
-def parts(count: int, size: int, bad: dict[int, str], made: type[ToyWork] = Divisible) -> list[tuple[Kind, Part]]:
+def parts(count: int, size: int, bad: dict[int, str], made: type[ToyWork] = Divisible) -> list[Shard]:
     starts = range(0, count, size)
-    return [(Toy(), Part(f"{i}.parquet", "toy", made(tuple(range(i, i + size)), bad, ""))) for i in starts]
+    return [Shard(str(i), made(tuple(range(i, i + size)), bad, ""), "toy", f"{i}.parquet") for i in starts]
 
 
 def table(found: list[Done]) -> pl.DataFrame:
-    return pl.concat([d.rows for d in sorted(found, key=lambda d: int(d.part.file[:-8])) if d.rows is not None])
+    return pl.concat([d.rows for d in sorted(found, key=lambda d: int(d.shard.file[:-8])) if d.rows is not None])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_problem_that_kills_is_singled_out_and_all_others_keep_their_rows(seed: int) -> None:
     place = Pretended(3, seed)
-    found = list(solve_parts(parts(40, 8, {11: "dies", 37: "raises"}), place))
+    found = list(solve_shards(parts(40, 8, {11: "dies", 37: "raises"}), place))
     rows = table(found)
     assert rows["problem"].to_list() == list(range(40))
     assert [p for p, s in rows.iter_rows() if s != p * p] == [11, 37]
@@ -69,7 +69,7 @@ def test_a_problem_that_kills_is_singled_out_and_all_others_keep_their_rows(seed
     assert place.tried[tuple(range(8, 16))] == 2, "one retry"
     assert place.tried[tuple(range(32, 40))] == 1, "an error comes again: no retry"
     assert max(v for k, v in place.tried.items() if k != tuple(range(8, 16))) == 1
-    assert {d.part.file: d.crashes for d in found if d.crashes} == {
+    assert {d.shard.file: d.crashes for d in found if d.crashes} == {
         "8.parquet": ["its process ended: SIGSEGV"], "32.parquet": ["ZeroDivisionError"],
     }  # fmt: skip
     assert place.most <= 3
@@ -77,7 +77,7 @@ def test_a_problem_that_kills_is_singled_out_and_all_others_keep_their_rows(seed
 
 def test_a_process_that_dies_once_costs_one_retry_and_nothing_else() -> None:
     place = Pretended(2)
-    found = list(solve_parts(parts(16, 4, {5: "dies once"}), place))
+    found = list(solve_shards(parts(16, 4, {5: "dies once"}), place))
     assert table(found)["square"].is_finite().all()
     assert all(not d.crashes for d in found)
     assert sum(place.tried.values()) == 5
@@ -85,7 +85,7 @@ def test_a_process_that_dies_once_costs_one_retry_and_nothing_else() -> None:
 
 def test_a_method_that_always_dies_is_recorded_whole_after_some_problems() -> None:
     place = Pretended(1)
-    found = list(solve_parts(parts(400, 100, dict.fromkeys(range(400), "dies")), place))
+    found = list(solve_shards(parts(400, 100, dict.fromkeys(range(400), "dies")), place))
     rows = table(found)
     assert len(rows) == 400
     assert rows["square"].is_infinite().all()
@@ -95,14 +95,14 @@ def test_a_method_that_always_dies_is_recorded_whole_after_some_problems() -> No
 
 
 def test_work_that_cannot_be_divided_is_lost_and_the_rest_goes_on() -> None:
-    found = list(solve_parts(parts(12, 4, {5: "dies"}, ToyWork), Pretended(2)))
-    assert {d.part.file for d in found if d.rows is None} == {"4.parquet"}
+    found = list(solve_shards(parts(12, 4, {5: "dies"}, ToyWork), Pretended(2)))
+    assert {d.shard.file for d in found if d.rows is None} == {"4.parquet"}
     assert len(table(found)) == 8
 
 
 def test_an_error_of_ours_ends_the_run() -> None:
     with pytest.raises(OptikError):
-        list(solve_parts(parts(12, 4, {5: "is ours"}), Pretended(2)))
+        list(solve_shards(parts(12, 4, {5: "is ours"}), Pretended(2)))
 
 
 def test_an_executor_that_breaks_ends_the_run_with_what_to_do() -> None:
@@ -113,17 +113,17 @@ def test_an_executor_that_breaks_ends_the_run_with_what_to_do() -> None:
             return future
 
     with pytest.raises(OptikError, match="repeat the command"):
-        list(solve_parts(parts(12, 4, {}), Pool(Broken(), 4, [])))
+        list(solve_shards(parts(12, 4, {}), Pool(Broken(), 4, [])))
 
 
 def test_parts_are_drawn_as_there_is_room() -> None:
     drawn: list[str] = []
 
     def source() -> Any:
-        for kind, part in parts(400, 4, {}):
-            drawn.append(part.file)
-            yield kind, part
+        for shard in parts(400, 4, {}):
+            drawn.append(shard.file)
+            yield shard
 
-    run = solve_parts(source(), Pretended(5))
+    run = solve_shards(source(), Pretended(5))
     next(run)
     assert len(drawn) == 5

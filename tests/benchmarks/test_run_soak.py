@@ -23,7 +23,7 @@ pytestmark = pytest.mark.soak
 
 SUITE = """
 seed = 11
-[[blocks]]
+[[budgets]]
 id = "budgets"
 robot = "paper6r"
 set = "near_start"

@@ -41,7 +41,7 @@ def _in_place(old: Any, value: str) -> Any:
     return [*old, value] if isinstance(old, list) else value
 
 
-@pytest.mark.parametrize("key", ["robot", "set", "solver", "solvers", "laws", "a kind of block"])
+@pytest.mark.parametrize("key", ["robot", "set", "solver", "solvers", "law", "a kind of block"])
 def test_reports_and_comparisons_run_no_file_that_a_run_folder_names(
     small_run: RunFolder, copied: RunFolder, tmp_path: Path, key: str
 ) -> None:
@@ -89,7 +89,7 @@ STARTS = {
     "workers": "import sys\n"
     "from benchmarks.run import run_suite\nfrom benchmarks.suite import suite_of\n"
     "if __name__ == '__main__':\n"
-    "    suite = suite_of('toy', {'blocks': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'budgets': [5],\n"
+    "    suite = suite_of('toy', {'budgets': [{'id': 'a', 'robot': 'paper6r', 'set': 'random_reachable', 'budgets': [5],\n"
     "                                         'options': {'count': 10}, 'methods': [{'solver': 'dls'}]}]})\n"
     "    assert run_suite(suite, sys.argv[1], part_timeout=60.0).manifest()['complete']\n",
 }

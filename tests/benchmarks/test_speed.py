@@ -14,11 +14,12 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.base import Outcome, Target, load_kind, measure_named
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.block import Outcome, Target, measure_named
+from benchmarks.blocks.calls import MEASURES, CallRows, median_ratio
 from benchmarks.blocks.contest import ProcessFailed, fresh, timed
-from benchmarks.blocks.ik.calls import MEASURES, CallRows, median_ratio
-from benchmarks.blocks.ik.judgement import judged, shared, wrapped
-from benchmarks.blocks.ik.rounds import Caller, timed_part
+from benchmarks.blocks.judgement import judged, shared, wrapped
+from benchmarks.blocks.rounds import Caller, timed_part
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.peers.models import roll_pitch_yaw, urdf
@@ -26,8 +27,8 @@ from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run
-from benchmarks.report.ik.calls import winners
-from benchmarks.report.ik.calls_tables import success_and_time
+from benchmarks.report.calls import winners
+from benchmarks.report.calls.tables import success_and_time
 from benchmarks.run import run_suite
 from benchmarks.suite import suite_of
 from optik.errors import InvalidInput
@@ -39,7 +40,7 @@ from tests.outside import hide
 QUICK: dict[str, Any] = {
     "title": "a quick look",
     "seed": 3,
-    "speed": [
+    "calls": [
         {
             "id": "warm",
             "robot": "paper6r",
@@ -138,8 +139,8 @@ def test_a_stopped_run_is_continued(quick: RunFolder, tmp_path: Path) -> None:
 
 
 def test_answers_at_equal_iterations_are_parts_of_their_own(tmp_path: Path) -> None:
-    settings = QUICK["speed"][1] | {"evaluation_budgets": [2, 5]}
-    suite = suite_of("quick", {"speed": [copy.deepcopy(settings)]})
+    settings = QUICK["calls"][1] | {"evaluation_budgets": [2, 5]}
+    suite = suite_of("quick", {"calls": [copy.deepcopy(settings)]})
     folder, top = run_suite(suite, tmp_path / "run"), tmp_path / "run" / "rows/calls"
     parts = {file.name: file.stat().st_mtime_ns for file in top.glob("*.parquet")}
     assert set(parts) == {"hard--0000.parquet", "hard--2-0000.parquet", "hard--5-0000.parquet"}
@@ -156,7 +157,7 @@ def test_answers_at_equal_iterations_are_parts_of_their_own(tmp_path: Path) -> N
 
 
 def test_wrong_options_are_refused_before_anything_is_written(tmp_path: Path) -> None:
-    for part, options in (("speed", {"cuont": 3}), ("speed", {"count": 0}), ("batch", {"x": 1})):
+    for part, options in (("calls", {"cuont": 3}), ("calls", {"count": 0}), ("batch", {"x": 1})):
         settings = copy.deepcopy(QUICK)
         settings[part][0]["options"] = options
         with pytest.raises(InvalidInput, match=r"count|options"):
@@ -180,7 +181,7 @@ def test_where_no_target_has_a_solution_nobody_wins_and_the_table_says_so(tmp_pa
         "methods": methods,
     }
     suite = suite_of(
-        "s", {"speed": [block | {"id": "far"}, block | {"id": "near", "set": "near_start", "options": {"count": 2}}]}
+        "s", {"calls": [block | {"id": "far"}, block | {"id": "near", "set": "near_start", "options": {"count": 2}}]}
     )
     far, near = Run(run_suite(suite, tmp_path / "run")).of("calls")
     assert (far.unreachable, near.unreachable) == (True, False)

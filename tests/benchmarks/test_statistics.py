@@ -12,9 +12,9 @@ import polars as pl
 import pytest
 from scipy.stats import binomtest
 
-from benchmarks.blocks.ik.budgets import succeeded, success
-from benchmarks.blocks.ik.judgement import shared
-from benchmarks.report.ik.budgets import METHOD_COLUMNS
+from benchmarks.blocks.budgets import succeeded, success
+from benchmarks.blocks.judgement import shared
+from benchmarks.report.budgets import METHOD_COLUMNS
 from benchmarks.statistics import (
     binned,
     holm,

@@ -25,11 +25,12 @@ def test_every_suite_that_comes_along_loads(name: str) -> None:
 def test_a_suite_is_read_from_a_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(
-        '[line]\nrobot = "paper6r"\nstart_deg = [0,0,0,0,0,0]\nmove_m = [0,0,1]\nsolvers = ["dls"]\nlaws = ["ruckig"]\n'
+        '[[timing]]\nid = "a"\nlimits = [{ jerk = 9.0 }]\nlaws = [{ law = "ruckig" }]\n'
+        'lines = [{ robot = "paper6r", kind = "line", start_deg = [0,0,0,0,0,0], move_m = [0,0,1] }]\n'
     )
     suite = load_suite(str(file))
     assert suite.name == "mine"
-    assert suite.of("plans")[0].samples == 151
+    assert suite.of("timing")[0].samples == 151
 
 
 def test_the_fingerprint_depends_on_the_settings_alone() -> None:
@@ -47,7 +48,7 @@ def _changed(path: list[Any], value: Any, settings: dict[str, Any]) -> dict[str,
 
 
 SPEED: dict[str, Any] = {
-    "speed": [
+    "calls": [
         {
             "id": "warm",
             "robot": "paper6r",
@@ -84,49 +85,49 @@ TIMING: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("settings", "path", "value", "error", "word"),
     [
-        (SMALL, ["speed"], 1, InvalidInput, "speed"),
-        (SMALL, ["blocks", 0, "robott"], 1, InvalidInput, "robott"),
-        (SMALL, ["blocks", 0, "robot"], "paper7r", UnknownName, "paper6r"),
-        (SMALL, ["blocks", 0, "set"], "graph_papers", UnknownName, "graph_paper"),
-        (SMALL, ["blocks", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
-        (SMALL, ["blocks", 0, "budgets"], [3, 1], InvalidInput, "budgets"),
-        (SMALL, ["blocks", 0, "budgets"], [0], InvalidInput, "budgets"),
-        (SMALL, ["blocks", 0, "budgets"], 5, InvalidInput, "budgets"),
-        (SMALL, ["blocks", 0, "budgets"], [], InvalidInput, "budgets"),
-        (SMALL, ["line", "move_m"], [0.1, 0.0], InvalidInput, "move_m"),
-        (SMALL, ["line", "solvers"], "dls", InvalidInput, "solvers"),
-        (SMALL, ["blocks", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
-        (SMALL, ["blocks", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
-        (SMALL, ["blocks", 1, "id"], "workspace", InvalidInput, "id"),
-        (SMALL, ["blocks", 1, "id"], "Workspace", InvalidInput, "ids 'workspace' and 'Workspace'"),
-        (SMALL, ["blocks", 1, "id"], "(workspace!)", InvalidInput, "they name files"),
-        (SMALL, ["blocks", 1, "id"], "腕", InvalidInput, "the id '腕'"),
-        (SMALL, ["line", "laws"], ["quintics"], UnknownName, "quintic"),
-        (SMALL, ["line", "samples"], 1, InvalidInput, "samples"),
+        (SMALL, ["calls"], 1, InvalidInput, "calls"),
+        (SMALL, ["budgets", 0, "robott"], 1, InvalidInput, "robott"),
+        (SMALL, ["budgets", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (SMALL, ["budgets", 0, "set"], "graph_papers", UnknownName, "graph_paper"),
+        (SMALL, ["budgets", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
+        (SMALL, ["budgets", 0, "budgets"], [3, 1], InvalidInput, "budgets"),
+        (SMALL, ["budgets", 0, "budgets"], [0], InvalidInput, "budgets"),
+        (SMALL, ["budgets", 0, "budgets"], 5, InvalidInput, "budgets"),
+        (SMALL, ["budgets", 0, "budgets"], [], InvalidInput, "budgets"),
+        (SMALL, ["timing", 0, "lines", 0, "move_m"], [0.1, 0.0], InvalidInput, "move_m"),
+        (SMALL, ["timing", 0, "solvers"], "dls", InvalidInput, "solvers"),
+        (SMALL, ["budgets", 0, "methods", 0, "options"], {"max_restarts": 3}, InvalidInput, "max_restarts"),
+        (SMALL, ["budgets", 0, "methods", 1, "label"], "dls λ=0.01", InvalidInput, "label"),
+        (SMALL, ["budgets", 1, "id"], "workspace", InvalidInput, "id"),
+        (SMALL, ["budgets", 1, "id"], "Workspace", InvalidInput, "ids 'workspace' and 'Workspace'"),
+        (SMALL, ["budgets", 1, "id"], "(workspace!)", InvalidInput, "they name files"),
+        (SMALL, ["budgets", 1, "id"], "腕", InvalidInput, "the id '腕'"),
+        (SMALL, ["timing", 0, "laws", 0, "law"], "quintics", UnknownName, "quintic"),
+        (SMALL, ["timing", 0, "samples"], 1, InvalidInput, "samples"),
         (SMALL, ["seed"], -1, InvalidInput, "seed"),
-        (SMALL, ["blocks", 0, "sweep"], "yes", InvalidInput, "sweep"),
-        (SPEED, ["speed"], 1, InvalidInput, "speed"),
-        (SPEED, ["speed", 0], 1, InvalidInput, "speed block"),
-        (SPEED, ["speed", 0, "budgets"], [1], InvalidInput, "budgets"),
-        (SPEED, ["speed", 0, "robot"], "paper7r", UnknownName, "paper6r"),
-        (SPEED, ["speed", 0, "rounds"], 0, InvalidInput, "rounds"),
-        (SPEED, ["speed", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
-        (SPEED, ["speed", 0, "methods", 0, "max_problems"], 0, InvalidInput, "max_problems"),
-        (SPEED, ["speed", 0, "peers", 0, "peer"], "eiak", UnknownName, "did you mean eaik"),
-        (SPEED, ["speed", 0, "peers", 0, "label"], "dls", InvalidInput, "label"),
-        (SPEED, ["speed", 0, "targets", 0, "measure"], "speed", InvalidInput, "median_us"),
-        (SPEED, ["speed", 0, "targets", 0, "to"], "EAIK", InvalidInput, "a label of the block"),
-        (SPEED, ["speed", 0, "targets", 0, "at_least"], 0.1, InvalidInput, "either at_most or at_least"),
-        (SPEED, ["speed", 0, "targets", 0, "at_most"], "half", InvalidInput, "at_most"),
-        (SPEED, ["speed", 0, "targets", 0, "goal"], 1, InvalidInput, "goal"),
-        (SPEED, ["speed", 0, "targets", 0, "measure"], "mean_us", InvalidInput, "only there"),
+        (SMALL, ["budgets", 0, "sweep"], "yes", InvalidInput, "sweep"),
+        (SPEED, ["calls"], 1, InvalidInput, "calls"),
+        (SPEED, ["calls", 0], 1, InvalidInput, "calls block"),
+        (SPEED, ["calls", 0, "budgets"], [1], InvalidInput, "budgets"),
+        (SPEED, ["calls", 0, "robot"], "paper7r", UnknownName, "paper6r"),
+        (SPEED, ["calls", 0, "rounds"], 0, InvalidInput, "rounds"),
+        (SPEED, ["calls", 0, "methods", 0, "solver"], "dlss", UnknownName, "dls"),
+        (SPEED, ["calls", 0, "methods", 0, "max_problems"], 0, InvalidInput, "max_problems"),
+        (SPEED, ["calls", 0, "peers", 0, "peer"], "eiak", UnknownName, "did you mean eaik"),
+        (SPEED, ["calls", 0, "peers", 0, "label"], "dls", InvalidInput, "label"),
+        (SPEED, ["calls", 0, "targets", 0, "measure"], "speed", InvalidInput, "median_us"),
+        (SPEED, ["calls", 0, "targets", 0, "to"], "EAIK", InvalidInput, "a label of the block"),
+        (SPEED, ["calls", 0, "targets", 0, "at_least"], 0.1, InvalidInput, "either at_most or at_least"),
+        (SPEED, ["calls", 0, "targets", 0, "at_most"], "half", InvalidInput, "at_most"),
+        (SPEED, ["calls", 0, "targets", 0, "goal"], 1, InvalidInput, "goal"),
+        (SPEED, ["calls", 0, "targets", 0, "measure"], "mean_us", InvalidInput, "only there"),
         (SPEED, ["batch", 0, "threads"], [0], InvalidInput, "threads"),
         (SPEED, ["batch", 0, "repeats"], 0, InvalidInput, "repeats"),
         (SPEED, ["batch", 0, "solver"], "dlss", UnknownName, "dls"),
         (SPEED, ["batch", 0, "id"], "warm", InvalidInput, "id"),
         (SPEED, ["batch", 0, "targets", 0, "measure"], "median_us", InvalidInput, "million_per_second"),
-        (SPEED, ["first_use"], {"robot": "paper6r", "solver": "dls"}, InvalidInput, "removed"),
-        (SPEED, ["answers"], [{"id": "a"}], InvalidInput, "removed"),
+        (SPEED, ["first_use"], {"robot": "paper6r", "solver": "dls"}, InvalidInput, "earlier version"),
+        (SPEED, ["answers"], [{"id": "a"}], InvalidInput, "earlier version"),
         (TIMING, ["timing", 0], 1, InvalidInput, "timing block"),
         (TIMING, ["timing", 0, "line"], 1, InvalidInput, "'line'"),
         (TIMING, ["timing", 0, "lines", 0, "robot"], "paper7r", UnknownName, "paper6r"),
@@ -140,7 +141,7 @@ TIMING: dict[str, Any] = {
         (TIMING, ["timing", 0, "peers", 0, "max_lines"], 0, InvalidInput, "max_lines"),
         (TIMING, ["timing", 0, "reference", "law"], "best", UnknownName, "optimal"),
         (TIMING, ["timing", 0, "plan"], "toppra spline", InvalidInput, "ruckig, toppra"),
-        (TIMING, ["timing", 0, "solver"], "lmm", UnknownName, "lm"),
+        (TIMING, ["timing", 0, "solvers"], ["lmm"], UnknownName, "lm"),
         (TIMING, ["timing", 0, "rounds"], 0, InvalidInput, "rounds"),
         (TIMING, ["timing", 0, "example"], {"limits": "(1, 2)"}, InvalidInput, "2.0, 10.0, 100.0"),
         (TIMING, ["timing", 0, "targets", 0, "measure"], "median_us", InvalidInput, "median_ms"),
@@ -158,11 +159,11 @@ def test_a_wrong_setting_is_named(
 
 def test_a_timing_block_looks_closely_at_its_first_line_that_is_near_singular() -> None:
     suite = suite_of("timing", copy.deepcopy(TIMING))
-    assert suite.of("laws")[0].labels == ("ruckig", "toppra", "toppra spline")
-    assert (suite.of("laws")[0].plan, suite.of("laws")[0].example.kind) == ("ruckig", "regular")
+    assert suite.of("timing")[0].labels == ("ruckig", "toppra", "toppra spline")
+    assert (suite.of("timing")[0].plan, suite.of("timing")[0].example.kind) == ("ruckig", "regular")
     lines = TIMING["timing"][0]["lines"]
     more = _changed(["timing", 0, "lines"], [*lines, {"robot": "ur5e", "kind": "near_singular", "count": 1}], TIMING)
-    example = suite_of("timing", more).of("laws")[0].example
+    example = suite_of("timing", more).of("timing")[0].example
     assert (example.robot, example.kind, example.limits) == ("ur5e", "near_singular", "2.0, 10.0, 100.0")
 
 
@@ -190,9 +191,9 @@ def test_an_unknown_suite_offers_the_nearest() -> None:
 
 
 def test_blocks_of_different_kinds_have_files_of_their_own_too() -> None:
-    data = copy.deepcopy(SPEED) | {"blocks": copy.deepcopy(SMALL["blocks"])}
-    data["blocks"][0]["id"], data["speed"][0]["id"] = "near é start", "Near-Start"
+    data = copy.deepcopy(SPEED) | {"budgets": copy.deepcopy(SMALL["budgets"])}
+    data["budgets"][0]["id"], data["calls"][0]["id"] = "near é start", "Near-Start"
     with pytest.raises(InvalidInput, match="ids 'near é start' and 'Near-Start'"):
         suite_of("both", data)
-    data["speed"][0]["id"] = "near e start"
+    data["calls"][0]["id"] = "near e start"
     assert suite_of("both", data).of("calls")[0].id == "near e start"

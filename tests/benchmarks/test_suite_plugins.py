@@ -101,7 +101,7 @@ def test_a_suite_with_files_runs_only_where_it_is_allowed_and_its_report_runs_no
 def test_a_suite_that_was_only_looked_at_is_not_run(tmp_path: Path) -> None:
     (tmp_path / "looked_at.py").write_text(MARK)
     block = 'id = "a"\nrobot = "paper6r"\nset = "random_reachable"\nmethods = [{ solver = "./looked_at.py" }]\n'
-    (tmp_path / "look.toml").write_text(f"[[blocks]]\n{block}")
+    (tmp_path / "look.toml").write_text(f"[[budgets]]\n{block}")
     with pytest.raises(InvalidInput, match="--allow-plugins"):
         run_suite(load_suite(str(tmp_path / "look.toml")), tmp_path / "run")
     assert ran(tmp_path) == []

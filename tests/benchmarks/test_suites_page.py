@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -14,13 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 import optik
-from benchmarks.blocks.cell.iso import ISO_TYPES
-from benchmarks.blocks.cell.laws import LAW_TYPES
-from benchmarks.blocks.cell.spots import SPOT_TYPES
-from benchmarks.blocks.cell.trials import EXECUTION_TYPES
-from benchmarks.blocks.ik.batch import measure
-from benchmarks.blocks.timing.clearance import ROW_TYPES
-from benchmarks.blocks.timing.freedom import FREEDOM_TYPES
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.cell import EXECUTED
+from benchmarks.blocks.cell.trials import EXECUTION
 from benchmarks.cli.app import app
 from benchmarks.cli.explain import Explained, explain
 from benchmarks.cli.runs import warn_of_cluster
@@ -80,7 +75,7 @@ def test_a_new_suite_is_checked_and_names_the_links_of_a_urdf(own: Path) -> None
     assert arm.name in words
     for name in ("panda", "irb910sc"):
         optik_bench("new", str(folder / f"{name}.toml"), "--robot", name)
-        kinds = load_suite(str(folder / f"{name}.toml")).of("laws")[0].kinds
+        kinds = load_suite(str(folder / f"{name}.toml")).of("timing")[0].kinds
         assert kinds == (("regular",) if optik.load(name).n >= 6 else ("joints",))
     with pytest.raises(UnknownName, match="pandas"):
         optik_bench("new", str(folder / "c.toml"), "--robot", "pandas")
@@ -108,11 +103,10 @@ def test_every_key_of_our_suites_is_explained_with_the_default_that_the_code_has
     assert found["timing.lines.reference.options.intervals"]["value"] == 400
     assert found["timing.lines.limits[0].jerk"]["unit"].startswith("rad/s³")
     paper = {row.key: row for row in keys["paper"]}
-    assert paper["blocks.workspace.options.spacing_m"][1:4] == (0.05, "0.05", "m")
-    assert paper["blocks.workspace.options.start_deg"].default == "required"
-    assert paper["blocks.workspace.methods[0].options.damping"].value == 0.01
-    assert paper["line.move_m"].unit == "m"
-    assert "line.id" not in paper
+    assert paper["budgets.workspace.options.spacing_m"][1:4] == (0.05, "0.05", "m")
+    assert paper["budgets.workspace.options.start_deg"].default == "required"
+    assert paper["budgets.workspace.methods[0].options.damping"].value == 0.01
+    assert paper["timing.line.lines[0].move_m"].unit == "m"
 
 
 @pytest.mark.parametrize("columns", [80, 150])
@@ -134,11 +128,11 @@ BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[blocks]]\n" + BLOCK.replace("methods", "metods"), r"expected 'methods', .*got the key 'metods'"),
-        ("[[blocks]]\n" + BLOCK + "options = { coutn = 3 }\n", r"a\.options.*expected 'count', .*the option 'coutn'"),
-        ("[[blocks]]\n" + BLOCK + "options = { joints = [9] }\n", "joints"),
-        ("[[blocks]]\n" + BLOCK.replace('"lm"', '"lm", options = { gian = 1 }'), r"expected 'gain', .*'gian'"),
-        ("[[blocks]]\n" + BLOCK + "options = { count = 0 }\n", r"^block 'a': options: count: expected .*; got 0$"),
+        ("[[budgets]]\n" + BLOCK.replace("methods", "metods"), r"expected 'methods', .*got the key 'metods'"),
+        ("[[budgets]]\n" + BLOCK + "options = { coutn = 3 }\n", r"a\.options.*expected 'count', .*the option 'coutn'"),
+        ("[[budgets]]\n" + BLOCK + "options = { joints = [9] }\n", "joints"),
+        ("[[budgets]]\n" + BLOCK.replace('"lm"', '"lm", options = { gian = 1 }'), r"expected 'gain', .*'gian'"),
+        ("[[budgets]]\n" + BLOCK + "options = { count = 0 }\n", r"^block 'a': options: count: expected .*; got 0$"),
         (
             '[[timing]]\nid = "b"\nlines = [{ robot = "paper6r", kind = "file", path = "one.csv" }]\n'
             'laws = [{ law = "smooth" }]\n'
@@ -150,10 +144,10 @@ BLOCK = 'id = "a"\nrobot = "paper6r"\nset = "at_limits"\nmethods = [{ solver = "
             'sets = [{ robot = "paper6r", kind = "regular", count = 1, freedom = "elbow" }]\n',
             r"^freedom 'f': sets\[0\]: freedom: .*more than six joints; got 'elbow' of paper6r with 6 joints$",
         ),
-        ("[[block]]\n" + BLOCK, "blocks"),
-        ("[[blocks]]\n" + BLOCK + "[[blocks]]\n" + BLOCK.replace('"a"', '"A"'), "differ in more than case"),
-        ("[[blocks]]\nid = = 1\n", r"at line 2, column 6"),
-        ("[[blocks]]\n" + BLOCK.replace('"paper6r"', '"./s.urdf"'), r"s\.urdf"),
+        ("[[budget]]\n" + BLOCK, "budgets"),
+        ("[[budgets]]\n" + BLOCK + "[[budgets]]\n" + BLOCK.replace('"a"', '"A"'), "differ in more than case"),
+        ("[[budgets]]\nid = = 1\n", r"at line 2, column 6"),
+        ("[[budgets]]\n" + BLOCK.replace('"paper6r"', '"./s.urdf"'), r"s\.urdf"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_it_and_what_was_meant(tmp_path: Path, text: str, says: str) -> None:
@@ -166,11 +160,11 @@ def test_a_mistake_is_one_line_that_names_it_and_what_was_meant(tmp_path: Path, 
 
 def test_checking_does_not_run_what_a_suite_names(tmp_path: Path) -> None:
     (tmp_path / "set.py").write_text("raise RuntimeError('run')\n")
-    text = "[[blocks]]\n" + BLOCK.replace('"at_limits"', '"./set.py"') + "options = { anything = 1 }\n"
+    text = "[[budgets]]\n" + BLOCK.replace('"at_limits"', '"./set.py"') + "options = { anything = 1 }\n"
     file = suite_with(tmp_path, text)
     assert "not run" in optik_bench("check", file)
     keys = {row["key"]: row for row in json.loads(optik_bench("check", file, "--json"))["keys"]}
-    assert keys["blocks.a.options.anything"]["meaning"].startswith("Not explained")
+    assert keys["budgets.a.options.anything"]["meaning"].startswith("Not explained")
 
 
 # ---------------------------------------------------------------- the page
@@ -190,7 +184,7 @@ def test_the_suite_on_the_page_runs_on_own_poses_and_an_own_seam(own: Path) -> N
     optik_bench("run", str(suite), "--out", str(own / "station"))
     calls = pl.read_parquet(own / "station/rows/calls/*.parquet")
     assert calls.filter("solved")["method"].unique().sort().to_list() == ["closed_form", "lm"]
-    motions = pl.read_parquet(own / "station/rows/laws/seam-4--*.parquet")
+    motions = pl.read_parquet(own / "station/rows/timing/seam-4--*.parquet")
     assert motions.select("method", "kind", "status", "breaks").rows() == [
         ("optimal", "seam.csv", "solved", ""), ("smooth", "seam.csv", "solved", "")
     ]  # fmt: skip
@@ -209,27 +203,22 @@ def columns_in(title: str) -> set[str]:
 
 
 def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: RunFolder) -> None:
-    settings: dict[str, Any] = {
-        "robot": "paper6r", "set": "at_limits", "options": {"count": 2}, "solver": "lm", "solver_options": {},
-        "seed": 1, "threads": [1], "repeats": 1,
-    }  # fmt: skip
     found = {
         "`problems/": set(pl.read_parquet(small_run.path / "problems/workspace.parquet").columns),
         "`rows/budgets/": set(pl.read_parquet(small_run.path / "rows/budgets/misprint--*.parquet").columns),
         "`rows/calls/": set(pl.read_parquet(own / "run/rows/calls/ik--*.parquet").columns),
-        "`rows/batch/": set(measure(settings)[0]),
-        "`rows/clearance/": set(ROW_TYPES),
-        "`rows/freedom/": set(FREEDOM_TYPES),
-        "`rows/laws/": set(pl.read_parquet(own / "run/rows/laws/laws--*.parquet").columns),
-        "`rows/plans/": set(pl.read_parquet(small_run.path / "rows/plans/line--*.parquet").columns),
+        "`rows/timing/": set(pl.read_parquet(own / "run/rows/timing/laws--*.parquet").columns),
     }
-    executed = {"All executions": set(EXECUTION_TYPES)}
-    for title, types in (("Spots (`what", SPOT_TYPES), ("Cycles (`what", ISO_TYPES), ("Laws (`what", LAW_TYPES)):
-        executed[title] = set(types) - executed["All executions"]
+    for name in ("budgets", "calls", "batch", "clearance", "freedom", "motion", "timing"):
+        stored = {name for name, field in load_kind(name).fields.items() if field.stored}
+        assert found.setdefault(f"`rows/{name}/", stored) == stored | ({"block"} & found[f"`rows/{name}/"])
+    executed = {"All executions": set(EXECUTION)}
+    for title, what in (("Spots (`what", "spots"), ("Cycles (`what", "iso"), ("Laws (`what", "laws")):
+        executed[title] = set(EXECUTED[what].fields) - executed["All executions"]
     found |= executed
-    tables = ("samples", "motion", "tool")
     found |= {
-        f"`line.{t}": set(pl.read_parquet(small_run.path / f"rows/plans/line.{t}.parquet").columns) for t in tables
+        f"`line.{t}": set(pl.read_parquet(small_run.path / f"rows/timing/line.{t}.parquet").columns)
+        for t in ("joints", "tool")
     }
     for title, columns in found.items():
         assert columns_in(title) == columns - ({"block", "method", "problem"} if "problems/" not in title else set()), (
@@ -239,7 +228,7 @@ def test_the_page_has_the_columns_of_every_table_of_a_run(own: Path, small_run: 
 
 def test_every_table_of_rows_begins_with_block_method_and_problem(own: Path, small_run: RunFolder) -> None:
     files = [file for run in (own / "run", small_run.path) for file in (run / "rows").glob("*/*--*.parquet")]
-    assert {file.parent.name for file in files} == {"budgets", "calls", "laws", "plans"}
+    assert {file.parent.name for file in files} == {"budgets", "calls", "timing"}
     for file in files:
         rows = pl.read_parquet(file)
         assert rows.columns[:3] == ["block", "method", "problem"], file

@@ -117,7 +117,7 @@ except typer.Exit as stopped:
 def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
     small_run: RunFolder, tmp_path: Path, number: int, status: int
 ) -> None:
-    settings = SMALL | {"line": SMALL["line"] | {"laws": ["ruckig"]}}
+    settings = SMALL | {"timing": [SMALL["timing"][0] | {"laws": [{"law": "ruckig"}]}]}
     done = python("-c", INTERRUPTED, str(tmp_path / "run"), str(int(number)), "3", json.dumps(settings))
     assert done.returncode == status, done.stderr.decode()
     if status == 130:
@@ -127,7 +127,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_rows(
     assert stopped.manifest()["complete"] is False
     finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "run" / "rows/budgets").glob("*.parquet")}
     assert 0 < len(finished) < 4
-    again = run_suite(small(line=settings["line"]), tmp_path / "run")
+    again = run_suite(small(timing=settings["timing"]), tmp_path / "run")
     assert again.manifest()["complete"] is True
     assert {p: p.stat().st_mtime_ns for p in finished} == finished, "what was done is not done again"
     for block in ("workspace", "misprint"):

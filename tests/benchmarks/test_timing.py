@@ -17,17 +17,18 @@ import polars as pl
 import pytest
 from scipy.optimize import linprog
 
-from benchmarks.blocks.base import Target, load_kind
-from benchmarks.blocks.timing.laws.motions import DrawnLine, draw_motion
-from benchmarks.blocks.timing.laws.rows import SCHEMA, blank
-from benchmarks.blocks.timing.laws.timers import line_rows, maximum_velocity
+from benchmarks.blocks.base import load_kind
+from benchmarks.blocks.block import Target
+from benchmarks.blocks.timing.detail import maximum_velocity
+from benchmarks.blocks.timing.motions import DrawnLine, draw_motion
+from benchmarks.blocks.timing.timers import line_rows
 from benchmarks.peers.ik.base import Absent
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.numbers import ratio
-from benchmarks.report.timing.laws import kind_winners
+from benchmarks.report.timing import kind_winners
 from benchmarks.run import run_suite
 from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, NoSolution
@@ -86,7 +87,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 
 
 def rows_of(folder: RunFolder) -> pl.DataFrame:
-    rows = load_kind("laws").rows(folder, quick_suite().of("laws")[0])
+    rows = load_kind("timing").rows(folder, quick_suite().of("timing")[0])
     assert rows is not None
     return rows
 
@@ -107,7 +108,7 @@ def test_every_law_has_every_line_and_a_peer_the_first_of_each_set(quick: RunFol
 
 
 def test_an_absent_peer_says_how_to_install_it(quick: RunFolder) -> None:
-    entries = load_kind("laws").facts(quick, quick_suite().of("laws")[0])["entries"]
+    entries = load_kind("timing").facts(quick, quick_suite().of("timing")[0])["entries"]
     assert entries["copp"]["absent"] == "not installed: pip install copp-py"
     assert "absent" not in entries["splines"]
     assert entries["reference"]["kind"] == "reference"
@@ -153,7 +154,7 @@ def test_the_quintic_breaks_nothing_at_its_least_duration(quick: RunFolder) -> N
 
 def test_a_stopped_run_is_continued_with_the_same_answers(quick: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    parts = sorted(f"rows/laws/{file.name}" for file in (quick.path / "rows/laws").glob("few-lines--*.parquet"))
+    parts = sorted(f"rows/timing/{file.name}" for file in (quick.path / "rows/timing").glob("few-lines--*.parquet"))
     assert len(parts) == 2
     (tmp_path / "run" / parts[1]).unlink()
     kept = (tmp_path / "run" / parts[0]).stat().st_mtime_ns
@@ -178,9 +179,9 @@ def test_wrong_options_and_missing_limits_are_refused_before_anything_is_written
 
 def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    (tmp_path / "run" / "rows/laws" / "few-lines.json").unlink()
+    (tmp_path / "run" / "rows/timing" / "few-lines.json").unlink()
     with pytest.raises(InvalidInput, match="few lines"):
-        load_kind("laws").read(RunFolder(tmp_path / "run"), quick_suite().of("laws")[0])
+        load_kind("timing").read(RunFolder(tmp_path / "run"), quick_suite().of("timing")[0])
 
 
 # ---------------------------------------------------------------- T* and targets
@@ -189,14 +190,9 @@ def test_facts_that_are_gone_are_named(quick: RunFolder, tmp_path: Path) -> None
 def written(tmp_path: Path, *rows: dict[str, Any]) -> RunFolder:
     folder = RunFolder(tmp_path)
     about = {"line": 0, "robot": "paper6r", "kind": "regular", "limits": "ours"}
-    whole = [
-        blank(str(row["method"]), str(row.get("entry", "law")))
-        | about
-        | row
-        | {"problem": f"regular {row.get('line', 0)}"}
-        for row in rows
-    ]
-    folder.write("rows/laws/few-lines--0000.parquet", pl.DataFrame(whole, schema_overrides=SCHEMA))
+    kind, given = load_kind("timing"), about | {"entry": "law", "status": "solved"}
+    whole = (kind.lost(**given | row | {"problem": f"regular {row.get('line', 0)}"}) for row in rows)
+    folder.write("rows/timing/few-lines--0000.parquet", kind.frame(whole))
     return folder
 
 
@@ -246,7 +242,7 @@ def test_measures_are_what_their_names_say(tmp_path: Path) -> None:
     }  # fmt: skip
 
     def judged(measure: str, **of: Any) -> tuple[float, str]:
-        found: tuple[float, str] = load_kind("laws").judge(table, Target(measure=measure, at_least=0.0, **of))
+        found: tuple[float, str] = load_kind("timing").judge(table, Target(measure=measure, at_least=0.0, **of))
         return found
 
     for measure, value in wanted.items():
@@ -310,9 +306,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
             raise InvalidInput("motion", "none", "one")
 
-    monkeypatch.setattr(
-        "benchmarks.blocks.timing.laws.timers.build_timing_peer", lambda name, limits: Elsewhere(limits)
-    )
+    monkeypatch.setattr("benchmarks.blocks.timing.timers.build_timing_peer", lambda name, limits: Elsewhere(limits))
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {
         "laws": [{"law": "quintic"}],
@@ -322,7 +316,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
     for key in ("reference", "targets"):
         settings["timing"][0].pop(key)
     line = draw_motion("paper6r", "regular", 0, seed=4)
-    rows = {row["method"]: row for row in line_rows(suite_of("quick", settings).of("laws")[0], line)}
+    rows = {row["method"]: row for row in line_rows(suite_of("quick", settings).of("timing")[0], line)}
     assert rows["copp"]["ms_law"] == pytest.approx(1234.0 * joints_of(line).end)
     assert rows["quintic"]["ms_law"] < 100.0
 
@@ -346,8 +340,8 @@ def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: s
 
 
 def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolder) -> None:
-    block = quick_suite().of("laws")[0]
-    parts = quick.rows("laws", block.id)
+    block = quick_suite().of("timing")[0]
+    parts = quick.rows("timing", block.id)
     kept = parts.filter((pl.col("method") == "optimal") & (pl.col("breaks") == "")).head(1)
     assert kept.height == 1
 
@@ -359,7 +353,7 @@ def test_a_motion_that_leaves_the_line_sets_no_shortest_duration(quick: RunFolde
             return self.frame
 
     def optimum(**changes: Any) -> float:
-        rows = load_kind("laws").rows(WithOneMore(duration=1e-3, least_duration=1e-3, **changes), block)  # type: ignore[arg-type]
+        rows = load_kind("timing").rows(WithOneMore(duration=1e-3, least_duration=1e-3, **changes), block)  # type: ignore[arg-type]
         return float(rows["optimum"].min())  # type: ignore[arg-type]
 
     assert optimum() == 1e-3
@@ -381,7 +375,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
 
         def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.blocks.timing.laws.timers.build_timing_peer", lambda *a: Failing({}))
+    monkeypatch.setattr("benchmarks.blocks.timing.timers.build_timing_peer", lambda *a: Failing({}))
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}
@@ -410,7 +404,7 @@ def test_the_maximum_velocity_curve_is_the_optimum_of_a_linear_programme() -> No
 
 
 def test_speeds_of_laws_that_keep_their_limits_stay_below_the_curves(quick: RunFolder) -> None:
-    read = load_kind("laws").read(quick, quick_suite().of("laws")[0])
+    read = load_kind("timing").read(quick, quick_suite().of("timing")[0])
     motions, curve, binding = (read.table(name) for name in ("motions", "curve", "binding"))
     optimal = motions.filter(pl.col("law") == "optimal")
     for field in ("velocity", "acceleration"):
@@ -441,7 +435,7 @@ def test_a_run_of_timing_alone_has_its_section_and_no_claims(page: Page) -> None
 
 
 def laws_table(folder: RunFolder, ending: str) -> dict[str, dict[str, Any]]:
-    tables = {table.id: table for table in load_report(load_kind("laws")).tables(Run(folder))}
+    tables = {table.id: table for table in load_report(load_kind("timing")).tables(Run(folder))}
     return {str(row["label"]): dict(row) for row in tables[f"timing-few-lines-{ending}"].rows}
 
 
@@ -485,7 +479,7 @@ def test_an_absent_peer_stays_in_the_tables_and_verdicts_are_shown(page: Page, q
 
 
 def test_laws_with_a_bounded_jerk_are_ranked_after_the_slow_down(quick: RunFolder) -> None:
-    block = Run(quick).of("laws")[0]
+    block = Run(quick).of("timing")[0]
     assert kind_winners(block, "near_singular") == []  # one line says nothing of a median
     rows = block.rows
     shortest, fastest = kind_winners(block, "regular")
@@ -537,7 +531,7 @@ def test_a_ratio_shows_that_it_is_above_one() -> None:
 
 def test_a_run_that_has_just_begun_has_a_page(tmp_path: Path, quick: RunFolder) -> None:
     shutil.copytree(quick.path, tmp_path / "run")
-    for part in (tmp_path / "run" / "rows/laws").iterdir():
+    for part in (tmp_path / "run" / "rows/timing").iterdir():
         part.unlink()
     manifest = quick.manifest() | {"complete": False}
     RunFolder(tmp_path / "run").write_json("run.json", manifest)

@@ -1,4 +1,4 @@
-"""A kind of block for the tests of runs, which importing this module adds: squares, and problems that kill, hang or raise."""
+"""A kind of block of an installed package, for the tests of runs: squares, and problems that kill, hang or raise."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 from pydantic import Field
 
-from benchmarks.blocks.base import KINDS, Block, Kind, Part
-from benchmarks.records import RunFolder
+from benchmarks.blocks.base import Kind, Session, Shard, Work
+from benchmarks.blocks.block import Block
+
+PACKAGE = str(Path(__file__).with_name("toy_dist"))
+if PACKAGE not in sys.path:
+    sys.path.append(PACKAGE)
 
 
 @dataclass(frozen=True)
-class ToyWork:
+class ToyWork(Work):
     problems: tuple[int, ...]
     bad: dict[int, str]
     once: str
@@ -71,22 +74,27 @@ class Toy(Kind):
     block = ToyBlock
     alone = False
 
-    def parts(self, block: ToyBlock, prepared: Any, folder: RunFolder) -> Iterator[Part]:
+    def shards(self, block: ToyBlock, session: Session) -> Iterator[Shard]:
         made = Divisible if block.divisible else ToyWork
         for number, first in enumerate(range(0, block.count, block.part)):
             problems = tuple(range(first, min(first + block.part, block.count)))
-            yield self.part(block, f"{number:03d}", block.id, made(problems, block.bad, block.once))
-
-    def measure(self, block: ToyBlock, seed: int, tell: Any) -> pl.DataFrame:
-        """Timed alone, where `alone` is set below."""
-        for problem in range(block.count):
-            act(block.bad.get(problem, ""), block.once)
-        return pl.DataFrame({"problem": range(block.count)})
+            yield Shard(f"{number:03d}", made(problems, block.bad, block.once), block.id)
 
 
-METHOD = Toy
+class Alone(Toy):
+    """Timed alone in the first process."""
+
+    name = "alone"
+    alone = True
+
+    def shards(self, block: ToyBlock, session: Session) -> Iterator[Shard]:
+        def solve() -> pl.DataFrame:
+            for problem in range(block.count):
+                act(block.bad.get(problem, ""), block.once)
+            return pl.DataFrame({"problem": range(block.count)})
+
+        yield Shard("0000", solve, block.id)
+
+
 TOY_COMMAND = [sys.executable, "-c", "import tests.benchmarks.toy; from benchmarks.cli.app import main; main()"]
-"""`optik` with the toy kind, run in the repository."""
-
-KINDS["toy"] = __name__
-KINDS["alone"] = f"{__name__}_alone"
+"""`optik` with the toy kinds, run in the repository."""

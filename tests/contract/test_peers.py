@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import optik
-from benchmarks.blocks.ik.judgement import judged
+from benchmarks.blocks.judgement import judged
 from benchmarks.peers.ik import PEERS
 from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
 from benchmarks.problems.near_start import near_start

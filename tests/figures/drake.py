@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.blocks.timing.freedom import DRAKE, solve_by_peer
+from benchmarks.blocks.freedom import DRAKE, solve_by_peer
 from planners import JointLine, MotionLimits, PointToPoint
 from tests.figures.figure import Row, Value, main
 from tests.figures.freedom import arm_of, timed

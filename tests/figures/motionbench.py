@@ -15,7 +15,7 @@ from time import process_time
 import numpy as np
 
 import optik
-from benchmarks.blocks.timing.motion import OF_OMPL, ROUNDED, find_polyline, time_rounded
+from benchmarks.blocks.motion import OF_OMPL, ROUNDED, find_polyline, time_rounded
 from benchmarks.peers.ik.base import NotInstalled
 from optik import Robot, Scene
 from optik.errors import MissingDependency, OptikError

@@ -23,7 +23,7 @@ from tests.figures.figure import ROOT, Row, Value, main
 
 SUITE = """
 seed = 11
-[[blocks]]
+[[budgets]]
 id = "budgets"
 robot = "paper6r"
 set = "near_start"
@@ -42,7 +42,7 @@ laws = [{ law = "smooth" }, { law = "quintic" }]
 """Of three kinds, whose parts any worker may do."""
 
 TIMED = """
-[[speed]]
+[[calls]]
 id = "calls"
 robot = "paper6r"
 set = "near_start"
@@ -71,21 +71,21 @@ METHOD = Deadly
 
 EVERYWHERE = """
 seed = 11
-[[blocks]]
+[[budgets]]
 id = "budgets"
 robot = "paper6r"
 set = "near_start"
 budgets = [1, 10]
 options = {{ count = 40 }}
 methods = [{{ solver = "dls" }}{solver}]
-[[speed]]
+[[calls]]
 id = "warm"
 robot = "paper6r"
 set = "near_start"
 options = {{ count = 40 }}
 methods = [{{ solver = "lm" }}]
 peers = [{{ peer = "plain_casadi", label = "plain" }}{peer}]
-[[speed]]
+[[calls]]
 id = "hard"
 robot = "paper6r"
 set = "hard"
@@ -103,7 +103,7 @@ peers = [{{ peer = "toppra_spline", label = "splines" }}{law}]
 
 MILLION = """
 seed = 11
-[[blocks]]
+[[budgets]]
 id = "budgets"
 robot = "paper6r"
 set = "near_start"
@@ -215,7 +215,7 @@ def deadly() -> Row:
         ("budgets", "budgets"),
         ("calls", "warm"),
         ("calls", "hard"),
-        ("laws", "lines"),
+        ("timing", "lines"),
     ):
         pair = [RunFolder(run).rows(kind, block) for run in (whole, out)]
         assert pair[0] is not None and pair[1] is not None

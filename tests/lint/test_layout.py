@@ -234,7 +234,7 @@ def test_kernels_take_few_parameters_or_say_why() -> None:
 
 
 # ---------------------------------------------------------------- constants
-SHARED = {"METHOD", "METHOD_BASE", "MEASURES", "REPORT", "SECTIONS"}
+SHARED = {"METHOD", "METHOD_BASE", "MEASURES", "FIELDS", "REPORT", "SECTIONS"}
 """Names that mean the same in every file that has them: what a file of its kind brings."""
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import PPoly
 
 import optik
-from benchmarks.blocks.timing.clearance import ClearanceBlock, _Clearance
+from benchmarks.blocks.clearance import ClearanceBlock, _Clearance
 from benchmarks.blocks.timing.nearest import nearest_picture
 from optik import Robot, Scene
 from optik.errors import InvalidInput

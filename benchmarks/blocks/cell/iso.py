@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import polars as pl
 
+from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Session, Shard, Trials, fields_of
 from benchmarks.blocks.cell.settings import AXES, NOISELESS, NOISY, PATH_TEST, POSE_TEST, IsoBlock
 from benchmarks.blocks.cell.trials import (
-    EXECUTION_TYPES,
-    CellWork,
+    EXECUTION,
+    CellKind,
     Trial,
     drive_of,
+    execute,
     line_of,
     start_of,
     trial_of,
     why_not,
+    with_drive,
 )
-from benchmarks.records import RunFolder
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
@@ -34,49 +34,61 @@ CROSSED_PLANES = 41
 ORDER = (0, 4, 3, 2, 1, 0)
 """A cycle of the standard: from P1 to P5, P4, P3, P2 and back to P1, so that each pose is reached from the same side."""
 
-ISO_TYPES: dict[str, Any] = {
-    "method": pl.String, "noise": pl.Boolean, "test": pl.String, "cycle": pl.Int64, "problem": pl.Int64,
-    **{a: pl.Float64 for a in AXES}, **{f"reached_{a}": pl.Float64 for a in AXES},
-    **{f"turn_{a}": pl.Float64 for a in AXES}, **EXECUTION_TYPES,
+_reached_fields = fields_of(NUMBER, " ".join(f"{what}{a}" for what in ("reached_", "turn_") for a in AXES))
+
+
+FIELDS = {
+    "method": TEXT, "problem": WHOLE, "noise": TRUTH, "test": TEXT, "cycle": WHOLE, **dict.fromkeys(AXES, NUMBER),
+    **_reached_fields, **EXECUTION,
 }  # fmt: skip
-"""Columns of the rows: the commanded point and, in the base frame, the reached one and the rotation between them."""
+"""Fields of the rows: the commanded point and, in the base frame, the reached one and the rotation between them."""
 
 
-@dataclass(frozen=True)
-class IsoWork(CellWork):
-    """One cycle, of the test ``pose`` or ``path``, with noise or without."""
+class Iso(CellKind):
+    """Cycles of a block: each is a problem, of the test ``pose`` or ``path``, with noise or without."""
 
-    types = ISO_TYPES
+    fields = FIELDS
 
-    test: str
-    cycle: int
-    noise: bool
+    def prepare(self, block: IsoBlock, seed: int) -> None:
+        """Check the five poses, and that the line can be planned."""
+        super().prepare(block, seed)
+        planned = _line(block)
+        if not planned:
+            came = f"{list(block.move_m)}: {why_not(planned)}"
+            raise InvalidInput(f"cell {block.id!r}: move_m", came, "a line that the arm can follow")
+        cube_poses(*start_of(block))
 
-    def row(self) -> dict[str, Any]:
-        """Return the columns that identify the cycle; all others are None."""
-        label = NOISY if self.noise else NOISELESS
-        return dict.fromkeys(ISO_TYPES) | {
-            "method": label, "noise": self.noise, "test": self.test, "cycle": self.cycle
-        }  # fmt: skip
+    def shards(self, block: IsoBlock, session: Session) -> Iterator[Shard]:
+        """Yield every cycle."""
+        block = with_drive(block)
+        for number, (test, noise, cycle) in enumerate(_cycles(block)):
+            work = Trials(self, block, session.seed, (number,), (NOISY if noise else NOISELESS,))
+            yield Shard(f"{test}-{'noise' if noise else 'still'}-{cycle:04d}", work, block.title)
 
-    def lost(self) -> list[dict[str, Any]]:
-        """Return the row of the cycle."""
-        return [self.row()]
+    def keys(self, trials: Trials) -> Iterator[dict[str, Any]]:
+        """Yield the fields that identify each cycle."""
+        for number in trials.numbers:
+            test, noise, cycle = _cycles(trials.block)[number]
+            label = NOISY if noise else NOISELESS
+            yield {"method": label, "noise": noise, "test": test, "cycle": cycle, "drive": trials.block.drive}
 
-    def solve(self) -> pl.DataFrame:
-        """Execute the cycle."""
-        trial = trial_of(self.block, self.seed, self.cycle, self.test, 0, noise=self.noise)
-        rows = _poses(self, trial) if self.test == POSE_TEST else _path(self, trial)
-        return self.frame([self.row() | row for row in rows])
+    def solve(self, trials: Trials) -> Iterator[dict[str, Any]]:
+        """Execute some cycles."""
+        for about in self.keys(trials):
+            trial = trial_of(trials.block, trials.seed, about["cycle"], about["test"], 0, noise=about["noise"])
+            rows = (_poses if about["test"] == POSE_TEST else _path)(trials.block, trial, about["noise"])
+            yield from (about | row for row in rows)
 
 
-def prepare(block: IsoBlock, seed: int) -> None:
-    """Check the five poses, and that the line can be planned."""
-    planned = _line(block)
-    if not planned:
-        came = f"{list(block.move_m)}: {why_not(planned)}"
-        raise InvalidInput(f"cell {block.id!r}: move_m", came, "a line that the arm can follow")
-    cube_poses(*start_of(block))
+def _cycles(block: IsoBlock) -> list[tuple[str, bool, int]]:
+    """Return test, noise and number of every cycle."""
+    tests = ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles))
+    return [
+        (test, noise, cycle)
+        for test, cycles in tests
+        for noise in (True, False)
+        for cycle in range(cycles if noise else 1)
+    ]
 
 
 def _line(block: IsoBlock) -> Plan:
@@ -84,24 +96,15 @@ def _line(block: IsoBlock) -> Plan:
     return plan(robot, path, q, timing=block.law)
 
 
-def parts(block: IsoBlock, prepared: None, drive: str, seed: int, folder: RunFolder) -> Iterator[tuple[str, IsoWork]]:
-    """Divide the work into one part per cycle."""
-    for test, cycles in ((POSE_TEST, block.cycles), (PATH_TEST, block.path_cycles)):
-        for noise in (True, False):
-            for cycle in range(cycles if noise else 1):
-                name = f"{test}-{'noise' if noise else 'still'}-{cycle:04d}"
-                yield name, IsoWork(block, drive, seed, test, cycle, noise)
-
-
-def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
+def _poses(block: IsoBlock, trial: Trial, noise: bool) -> list[dict[str, Any]]:
     """Return the rows of one cycle through the poses; it ends at the first motion that fails."""
-    cube = cube_poses(*start_of(work.block))
+    cube = cube_poses(*start_of(block))
     rows: list[dict[str, Any]] = []
-    drive = drive_of(work.block, work.drive, trial, cube.q[ORDER[0]], noise=work.noise)
+    drive = drive_of(block, trial, cube.q[ORDER[0]], noise=noise)
     for before, point in pairwise(ORDER):
         row = {"problem": point + 1} | dict(zip(AXES, cube.poses[point, :3, 3].tolist(), strict=True))
-        planned = plan(trial.robot, cube.q[point], cube.q[before], timing=work.block.law)
-        facts, execution = work.execute(planned, lambda: drive)
+        planned = plan(trial.robot, cube.q[point], cube.q[before], timing=block.law)
+        facts, execution = execute(block, planned, lambda: drive)
         row |= facts
         if execution:
             T = trial.robot.fk(execution.q[-1])
@@ -112,11 +115,11 @@ def _poses(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
     return rows
 
 
-def _path(work: IsoWork, trial: Trial) -> list[dict[str, Any]]:
+def _path(block: IsoBlock, trial: Trial, noise: bool) -> list[dict[str, Any]]:
     """Return the rows of one cycle along the line."""
-    planned = _line(work.block)
+    planned = _line(block)
     q = planned.trajectory(0.0)
-    facts, execution = work.execute(planned, lambda: drive_of(work.block, work.drive, trial, q, noise=work.noise))
+    facts, execution = execute(block, planned, lambda: drive_of(block, trial, q, noise=noise))
     command = planned.path.pose(np.linspace(0.0, planned.path.end, CROSSED_PLANES))[:, :3, 3]
     if execution is None or not execution:
         return [facts]

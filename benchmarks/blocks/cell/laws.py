@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import polars as pl
 
-from benchmarks.blocks.base import Entry
+from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Session, Shard, Trials, fields_of
 from benchmarks.blocks.cell.settings import LawsBlock
 from benchmarks.blocks.cell.trials import (
-    EXECUTION_TYPES,
-    CellWork,
+    EXECUTION,
+    CellKind,
     Trial,
     drive_of,
+    execute,
     failure,
     line_of,
     peaks,
     trial_of,
+    with_drive,
 )
-from benchmarks.records import RunFolder
 from optik.errors import InvalidInput
 from planners.limits import MotionLimits
 from planners.plan import Plan, make_law, plan
@@ -28,78 +28,73 @@ from planners.plan import Plan, make_law, plan
 OWN_TIME, SAME_TIME = "own", "same"
 """Durations of a motion: the law's own, and that of the slowest law on the line."""
 
-LAW_TYPES: dict[str, Any] = {
-    "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "timed": pl.String, "length": pl.Float64,
-    **EXECUTION_TYPES, "torque": pl.List(pl.Float64), "torque_bound": pl.List(pl.Float64), "jerk_ratio": pl.Float64,
-    "acceleration_ratio": pl.Float64, "velocity_ratio": pl.Float64, "rest_m": pl.Float64,
+
+FIELDS = {
+    "method": TEXT, **fields_of(WHOLE, "problem repeat"), "timed": TEXT, "length": NUMBER, **EXECUTION,
+    **fields_of(Field(pl.List(pl.Float64)), "torque torque_bound"),
+    **fields_of(NUMBER, "jerk_ratio acceleration_ratio velocity_ratio rest_m"),
 }  # fmt: skip
-"""Columns of the rows."""
+"""Fields of the rows."""
 
 
-@dataclass(frozen=True)
-class LawsWork(CellWork):
-    """One line under all laws, which are compared with each other: once without noise, where ``repeat`` is 0, or with it."""
+class Laws(CellKind):
+    """Lines under all laws, which are compared with each other: once without noise, where ``repeat`` is 0, or with it."""
 
-    types = LAW_TYPES
+    fields = FIELDS
 
-    motion: int
-    repeat: int
+    def prepare(self, block: LawsBlock, seed: int) -> None:
+        """Check that the arm has the limits and torques that the laws and the lines need."""
+        super().prepare(block, seed)
+        for move_m in block.moves_m:
+            robot, _, path = line_of(block, move_m)
+            if not path.end:
+                raise InvalidInput(f"cell {block.id!r}: moves_m", list(move_m), "a motion")
+        for law in block.laws:
+            make_law(law.name, **law.options).need(MotionLimits.of(robot), robot)
 
-    def row(self, law: Entry, timed: str) -> dict[str, Any]:
-        """Return the columns that identify the motion."""
-        return dict.fromkeys(LAW_TYPES) | {
-            "problem": self.motion, "repeat": self.repeat, "method": law.label, "timed": timed
-        }  # fmt: skip
+    def count(self, block: LawsBlock, session: Session) -> int:
+        """Return the number of lines with their repeats."""
+        return len(block.moves_m) * (block.repeats + 1)
 
-    def lost(self) -> list[dict[str, Any]]:
-        """Return the row of each law."""
-        return [self.row(law, OWN_TIME) for law in self.entries]
+    def shards(self, block: LawsBlock, session: Session) -> Iterable[Shard]:
+        """Yield every line, with the drive that the block has on this machine."""
+        return super().shards(with_drive(block), session)
 
-    def solve(self) -> pl.DataFrame:
-        """Execute the line under all laws."""
-        block: LawsBlock = self.block
-        trial = trial_of(block, self.seed, self.motion, "law", self.repeat, noise=self.repeat > 0)
-        _, q, path = line_of(block, block.moves_m[self.motion])
-        made = {law.label: make_law(law.name, **law.options) for law in self.entries}
-        plans = {label: plan(trial.robot, path, q, timing=law) for label, law in made.items()}
-        longest = max((p.trajectory.duration for p in plans.values() if p), default=0.0)
-        rows = []
-        for law in self.entries:
-            planned = plans[law.label]
-            rows.append(self.row(law, OWN_TIME) | _executed(self, trial, planned))
-            if block.same_duration and self.labels:
-                why = "another law ended the process, so that no duration is common to all"
-                rows.append(self.row(law, SAME_TIME) | failure(self.drive, "crashed", why))
-            elif block.same_duration and planned:
-                if planned.trajectory.duration < longest * (1.0 - 1e-9):
-                    planned = plan(trial.robot, path, q, timing=made[law.label], duration=longest)
-                rows.append(self.row(law, SAME_TIME) | _executed(self, trial, planned))
-        return self.frame(rows)
+    def keys(self, trials: Trials) -> Iterator[dict[str, Any]]:
+        """Yield the fields that identify the motion of each law."""
+        for number in trials.numbers:
+            motion, repeat = divmod(number, trials.block.repeats + 1)
+            about = {"problem": motion, "repeat": repeat, "timed": OWN_TIME, "drive": trials.block.drive}
+            yield from (about | {"method": label} for label in trials.labels)
+
+    def solve(self, trials: Trials) -> Iterator[dict[str, Any]]:
+        """Execute some lines under all laws."""
+        for number in trials.numbers:
+            yield from _execute_line(trials, *divmod(number, trials.block.repeats + 1))
 
 
-def prepare(block: LawsBlock, seed: int) -> None:
-    """Check that the arm has the limits and torques that the laws and the lines need."""
-    for move_m in block.moves_m:
-        robot, _, path = line_of(block, move_m)
-        if not path.end:
-            raise InvalidInput(f"cell {block.id!r}: moves_m", list(move_m), "a motion")
-    for law in block.laws:
-        make_law(law.name, **law.options).need(MotionLimits.of(robot), robot)
+def _execute_line(trials: Trials, motion: int, repeat: int) -> Iterator[dict[str, Any]]:
+    block: LawsBlock = trials.block
+    trial = trial_of(block, trials.seed, motion, "law", repeat, noise=repeat > 0)
+    _, q, path = line_of(block, block.moves_m[motion])
+    made = {law.label: make_law(law.name, **law.options) for law in block.laws if law.label in trials.labels}
+    plans = {label: plan(trial.robot, path, q, timing=law) for label, law in made.items()}
+    longest = max((p.trajectory.duration for p in plans.values() if p), default=0.0)
+    for label, planned in plans.items():
+        about = {"problem": motion, "repeat": repeat, "method": label}
+        yield about | {"timed": OWN_TIME} | _executed(block, repeat > 0, trial, planned)
+        if block.same_duration and len(made) < len(block.laws):
+            why = "another law ended the process, so that no duration is common to all"
+            yield about | {"timed": SAME_TIME} | failure(block.drive, "crashed", why)
+        elif block.same_duration and planned:
+            if planned.trajectory.duration < longest * (1.0 - 1e-9):
+                planned = plan(trial.robot, path, q, timing=made[label], duration=longest)
+            yield about | {"timed": SAME_TIME} | _executed(block, repeat > 0, trial, planned)
 
 
-def parts(block: LawsBlock, prepared: None, drive: str, seed: int, folder: RunFolder) -> Iterator[tuple[str, LawsWork]]:
-    """Divide the work."""
-    for motion in range(len(block.moves_m)):
-        for repeat in range(block.repeats + 1):
-            yield f"{motion:02d}--{repeat:03d}", LawsWork(block, drive, seed, motion, repeat)
-
-
-def _executed(work: LawsWork, trial: Trial, planned: Plan) -> dict[str, Any]:
+def _executed(block: LawsBlock, noise: bool, trial: Trial, planned: Plan) -> dict[str, Any]:
     """Return the facts on one motion."""
-    noise = work.repeat > 0
-    facts, execution = work.execute(
-        planned, lambda: drive_of(work.block, work.drive, trial, planned.trajectory(0.0), noise=noise)
-    )
+    facts, execution = execute(block, planned, lambda: drive_of(block, trial, planned.trajectory(0.0), noise=noise))
     if execution is None:
         return facts
     ratios = {name: getattr(planned.certificate, name).ratio for name in ("velocity", "acceleration", "jerk")}

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from pydantic import AfterValidator, model_validator
 
-from benchmarks.blocks.base import Block, Entry
+from benchmarks.blocks.block import Block, Entry
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from benchmarks.blocks.entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.settings import (

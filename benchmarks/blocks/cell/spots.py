@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from benchmarks.blocks.base import Entry, chunks
+from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Session, Shard, Trials, chunks, fields_of
+from benchmarks.blocks.block import Entry
 from benchmarks.blocks.cell.settings import AXES, SpotsBlock, budget_label
 from benchmarks.blocks.cell.trials import (
     EXECUTED_TO_END,
-    EXECUTION_TYPES,
-    CellWork,
+    EXECUTION,
+    CellKind,
     Trial,
     drive_of,
+    execute,
     facts_of,
     failure,
     lasers,
     trial_of,
+    with_drive,
 )
 from benchmarks.blocks.entries import store_problems
 from benchmarks.problems.base import ProblemSet
-from benchmarks.records import RunFolder
 from benchmarks.settings import naming
 from optik import se3
 from optik.arm.robot import Robot
@@ -99,55 +100,91 @@ NO_MOTION = 1e-9
 SPLIT_PARTS = ("laser", "ik", "path", "servo")
 """Parts of the error, in the order in which they arise."""
 
-SPOT_TYPES: dict[str, Any] = {
-    "problem": pl.Int64, "repeat": pl.Int64, "method": pl.String, "solver": pl.String, "setting": pl.String,
-    "budget": pl.Int64, "along": pl.Boolean, **EXECUTION_TYPES,
-    **{f"error_{a}": pl.Float64 for a in AXES}, "position_error": pl.Float64,
-    **{f"{part}_{a}": pl.Float64 for part in SPLIT_PARTS for a in AXES},
-    **{f"{part}_error": pl.Float64 for part in SPLIT_PARTS}, "split_rest": pl.Float64,
-    "planned": pl.List(pl.Float32), "tool": pl.List(pl.Float32), "beam": pl.List(pl.Float32),
-}  # fmt: skip
-"""Columns of the rows; those of the spots are in the table of problems."""
-
 
 @dataclass(frozen=True)
-class SpotsWork(CellWork):
-    """Some spots of a block, shown once each: numbers, poses of the tool there (k, 4, 4) [1, m], methods."""
+class SpotTrials(Trials):
+    """Some spots of a block, shown once each: poses of the tool there (k, 4, 4) [1, m], and which methods are given them."""
 
-    types = SPOT_TYPES
-    lists = ("problems", "targets", "given")
+    lists = ("numbers", "targets", "given")
 
-    repeat: int
-    problems: NDArray[np.int64]
-    targets: Array
-    start: Array
-    given: tuple[tuple[bool, ...], ...]
-    pictured: tuple[int, ...]
-
-    def lost(self) -> list[dict[str, Any]]:
-        """Return the row of each trial."""
-        return [self.row(*asked) for asked in self.asked()]
-
-    def solve(self) -> pl.DataFrame:
-        """Execute the trials."""
-        trials = [trial_of(self.block, self.seed, int(problem), "spot", self.repeat) for problem in self.problems]
-        shown = [_Shown(self, i, trial) for i, trial in enumerate(trials)]
-        return self.frame([self.row(i, method, k) | shown[i].executed(method, k) for i, method, k in self.asked()])
+    repeat: int = field(kw_only=True)
+    targets: Array = field(kw_only=True)
+    start: Array = field(kw_only=True)
+    given: tuple[tuple[bool, ...], ...] = field(kw_only=True)
+    pictured: tuple[int, ...] = field(kw_only=True)
 
     def asked(self) -> Iterator[tuple[int, Entry, int | None]]:
-        """Return the executions of the part."""
-        for i in range(len(self.problems)):
+        """Return the executions of the shard: index of the spot, method, and budget."""
+        for i in range(len(self.numbers)):
             for method, given in zip(self.block.methods, self.given[i], strict=True):
-                given = given and method in self.entries
-                for budget in budgets_of(self.block, method) if given else ():
+                for budget in budgets_of(self.block, method) if given and method.label in self.labels else ():
                     yield i, method, budget
 
-    def row(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
-        """Return the columns that identify the trial."""
-        return dict.fromkeys(SPOT_TYPES) | {
-            "problem": int(self.problems[i]), "repeat": self.repeat, "method": budget_label(method.label, budget),
+    def about(self, i: int, method: Entry, budget: int | None) -> dict[str, Any]:
+        """Return the fields that identify an execution."""
+        return {
+            "problem": self.numbers[i], "repeat": self.repeat, "method": budget_label(method.label, budget),
             "setting": method.label, "solver": short_name(method.name), "budget": budget, "along": method.along,
+            "drive": self.block.drive,
         }  # fmt: skip
+
+
+FIELDS = {
+    "method": TEXT, **fields_of(WHOLE, "problem repeat"), **fields_of(TEXT, "solver setting"), "budget": WHOLE,
+    "along": TRUTH, **EXECUTION, **fields_of(NUMBER, " ".join(f"error_{a}" for a in AXES)),
+    "position_error": Field(pl.Float64, None, "position error", "mm", "less", 1e3),
+    **fields_of(NUMBER, " ".join(f"{part}_{a}" for part in SPLIT_PARTS for a in (*AXES, "error"))),
+    "split_rest": NUMBER, **fields_of(Field(pl.List(pl.Float32)), "planned tool beam"),
+}  # fmt: skip
+"""Fields of the rows: those of the spots are in the table of problems."""
+
+
+class Spots(CellKind):
+    """Spots on graph paper, each with all methods under the same noise."""
+
+    fields = FIELDS
+
+    def prepare(self, block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
+        """Check the options of every method and of the problem set, and sample the spots."""
+        super().prepare(block, seed)
+        with naming(f"cell {block.id!r}: options"):
+            robot, problems = block.draw(seed)
+        for method in block.methods:
+            make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
+        if (problems.starts != problems.starts[0]).any():
+            raise InvalidInput(f"cell {block.id!r}: options", "several starts", "one start of the arm for all spots")
+        with naming(f"cell {block.id!r}: robot"):
+            make_law(block.law).need(MotionLimits.of(robot), robot)
+        return robot, problems
+
+    def shards(self, block: SpotsBlock, session: Session) -> Iterator[Shard]:
+        """Write the problems, and divide the work."""
+        robot, problems = session.prepared
+        store_problems(session.folder, block, robot, problems)
+        block, chosen, labels = with_drive(block), problems.chosen(block.count), tuple(m.label for m in block.methods)
+        most = [set(problems.chosen(m.most).tolist()) & set(chosen.tolist()) for m in block.methods]
+        distance = np.linalg.norm(problems.targets[:, :3, 3] - robot.fk(problems.starts[0])[:3, 3], axis=1)
+        everywhere = [p for p in sorted(chosen.tolist(), key=distance.__getitem__) if all(p in given for given in most)]
+        spread = np.linspace(0, len(everywhere) - 1, min(PICTURED, len(everywhere))).round().astype(int)
+        pictured = tuple(everywhere[i] for i in spread)
+        for repeat in range(block.repeats):
+            for part, i in enumerate(chunks(chosen, SPOTS_PART)):
+                given = tuple(tuple(p in of_method for of_method in most) for p in i.tolist())
+                work = SpotTrials(
+                    self, block, session.seed, tuple(i.tolist()), labels, repeat=repeat, targets=problems.targets[i],
+                    start=problems.starts[0], given=given, pictured=pictured,
+                )  # fmt: skip
+                yield Shard(f"{repeat:02d}--{part:04d}", work, block.title)
+
+    def keys(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
+        """Yield the fields that identify each execution."""
+        return (trials.about(*asked) for asked in trials.asked())
+
+    def solve(self, trials: SpotTrials) -> Iterator[dict[str, Any]]:  # type: ignore[override]
+        """Execute the trials."""
+        made = [trial_of(trials.block, trials.seed, problem, "spot", trials.repeat) for problem in trials.numbers]
+        shown = [_Shown(trials, i, trial) for i, trial in enumerate(made)]
+        return (trials.about(i, method, k) | shown[i].executed(method, k) for i, method, k in trials.asked())
 
 
 def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
@@ -155,42 +192,10 @@ def budgets_of(block: SpotsBlock, method: Entry) -> tuple[int | None, ...]:
     return (None,) if method.whole else block.budgets
 
 
-def prepare(block: SpotsBlock, seed: int) -> tuple[Robot, ProblemSet]:
-    """Check the options of every method and of the problem set, and sample the spots."""
-    with naming(f"cell {block.id!r}: options"):
-        robot, problems = block.draw(seed)
-    for method in block.methods:
-        make_solver(robot, method.name, **method.ending_after(block.budgets[-1]).options)
-    if (problems.starts != problems.starts[0]).any():
-        raise InvalidInput(f"cell {block.id!r}: options", "several starts", "one start of the arm for all spots")
-    with naming(f"cell {block.id!r}: robot"):
-        make_law(block.law).need(MotionLimits.of(robot), robot)
-    return robot, problems
-
-
-def parts(
-    block: SpotsBlock, prepared: tuple[Robot, ProblemSet], drive: str, seed: int, folder: RunFolder
-) -> Iterator[tuple[str, SpotsWork]]:
-    """Write the problems, and divide the work."""
-    robot, problems = prepared
-    store_problems(folder, block, robot, problems)
-    chosen = problems.chosen(block.count)
-    most = [set(problems.chosen(m.most).tolist()) & set(chosen.tolist()) for m in block.methods]
-    distance = np.linalg.norm(problems.targets[:, :3, 3] - robot.fk(problems.starts[0])[:3, 3], axis=1)
-    everywhere = [p for p in sorted(chosen.tolist(), key=distance.__getitem__) if all(p in given for given in most)]
-    spread = np.linspace(0, len(everywhere) - 1, min(PICTURED, len(everywhere))).round().astype(int)
-    pictured = tuple(everywhere[i] for i in spread)
-    for repeat in range(block.repeats):
-        for part, i in enumerate(chunks(chosen, SPOTS_PART)):
-            given = tuple(tuple(p in of_method for of_method in most) for p in i.tolist())
-            at = problems.targets[i], problems.starts[0]
-            yield f"{repeat:02d}--{part:04d}", SpotsWork(block, drive, seed, repeat, i, *at, given, pictured)
-
-
 class _Shown:
     """One measured spot and the executions of each method, with the same noise for all."""
 
-    def __init__(self, work: SpotsWork, i: int, trial: Trial) -> None:
+    def __init__(self, work: SpotTrials, i: int, trial: Trial) -> None:
         self.work, self.trial, self.start = work, trial, work.start
         self.spot, self.robot = work.targets[i, :3, 3], trial.robot
         self.laser, self.unit = lasers(self.robot, self.start, work.block.laser_m, work.block.noise, trial.rng)
@@ -198,7 +203,7 @@ class _Shown:
         self.seen = self.laser.point(*self.reading)
         self.target = work.targets[i].copy()
         self.target[:3, 3] = self.seen
-        self.keeps_path = work.repeat == 0 and int(work.problems[i]) in work.pictured
+        self.keeps_path = work.repeat == 0 and work.numbers[i] in work.pictured
         self._before: dict[bytes, dict[str, Any]] = {}
 
     def executed(self, method: Entry, budget: int | None) -> dict[str, Any]:
@@ -215,7 +220,7 @@ class _Shown:
         return self._before[key]
 
     def _drive(self) -> Any:
-        return drive_of(self.work.block, self.work.drive, self.trial, self.start)
+        return drive_of(self.work.block, self.trial, self.start)
 
     def _line(self, method: Entry) -> dict[str, Any]:
         solver = make_solver(self.robot, method.name, **method.options)
@@ -223,7 +228,7 @@ class _Shown:
         out = cell.move_to_spot(self.reading, true_spot=self.spot, timing=self.work.block.law, solver=solver)
         if out.error is None or not out.executions:
             step = "" if out.failed is None else f"{out.failed.name}: "
-            return failure(self.work.drive, str(out.status), f"{step}{out.reason}")
+            return failure(self.work.block.drive, str(out.status), f"{step}{out.reason}")
         return facts_of(out.executions[-1]) | errors_of(out.error) | self._paths(out.executions[-1])
 
     def _along(self, solver: IKSolver) -> dict[str, Any]:
@@ -241,12 +246,14 @@ class _Shown:
     def _move(self, q: Array) -> dict[str, Any]:
         if np.abs(q - self.start).max() <= NO_MOTION:
             split = split_configurations(self.robot, self.spot, self.seen, q, self.start, self.start)
-            return failure(self.work.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(split)
+            return failure(self.work.block.drive, EXECUTED_TO_END, "the answer is the start: no motion") | errors_of(
+                split
+            )
         return self._executed(plan(self.robot, q, self.start, timing=self.work.block.law), q)
 
     def _executed(self, planned: Plan, q: Array) -> dict[str, Any]:
         """Execute a motion to a method's answer q (n,), and return its facts."""
-        facts, execution = self.work.execute(planned, self._drive)
+        facts, execution = execute(self.work.block, planned, self._drive)
         if execution is None or not execution:
             return facts
         end = execution.plan.trajectory

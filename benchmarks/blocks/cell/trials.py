@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.util import find_spec
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from benchmarks.blocks.arms import arm_with
-from benchmarks.blocks.base import Entry, Work
+from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind
 from benchmarks.blocks.cell.settings import AUTO_DRIVE, CellBlock, IsoBlock, LawsBlock, Noise
 from benchmarks.blocks.contest import trial_seed
 from optik import se3
@@ -26,12 +25,15 @@ from planners.cell.laser import PanTiltLaser
 from planners.paths.line import Line
 from planners.plan import Plan
 
-EXECUTION_TYPES: dict[str, Any] = {
-    "drive": pl.String, "status": pl.String, "reason": pl.String, "duration": pl.Float64, "tracking_m": pl.Float64,
-    "tracking_rad": pl.Float64, "tracking_joint": pl.String, "torque_ratio": pl.Float64, "torque_joint": pl.String,
-    "energy": pl.Float64, "late": pl.Int64,
+EXECUTION = {
+    "drive": TEXT, "status": Field(pl.String, "crashed"),
+    "reason": Field(pl.String, "the process ended, or an error was raised"),
+    "duration": Field(pl.Float64, None, "duration", "s", "less"),
+    "tracking_m": Field(pl.Float64, None, "tracking error of the tool", "mm", "less", 1e3), "tracking_rad": NUMBER,
+    "tracking_joint": TEXT, "torque_ratio": NUMBER, "torque_joint": TEXT,
+    "energy": Field(pl.Float64, None, "energy", "J", "less"), "late": WHOLE,
 }  # fmt: skip
-"""Columns that every execution has."""
+"""Fields of every execution."""
 
 EXECUTED_TO_END = "executed"
 """Status of a completely executed motion; other statuses are those of the plan, the drive or the cell."""
@@ -75,60 +77,36 @@ def why_not(planned: Plan) -> str:
 
 def failure(drive: str, status: str, reason: str) -> dict[str, Any]:
     """Return the facts on a motion that was not executed."""
-    return dict.fromkeys(EXECUTION_TYPES) | {"drive": drive, "status": status, "reason": reason}
+    return dict.fromkeys(EXECUTION) | {"drive": drive, "status": status, "reason": reason}
 
 
-@dataclass(frozen=True)
-class CellWork(Work):
-    """One part of the work of a block, with all data that a worker needs."""
+class CellKind(Kind):
+    """A type of motions that a simulated drive executes. Each of its files of rows is the work of any process."""
 
-    types: ClassVar[dict[str, Any]]
-    """Columns of its rows."""
+    name = "cell"
+    title = "The executed cell"
+    block = CellBlock
+    order = 45
+    alone = False
 
-    block: Any
-    drive: str
-    seed: int
-    labels: tuple[str, ...] = field(default=(), kw_only=True)
-    """Labels of the methods or laws of the work; none for all of the block."""
+    def compared_rows(self, block: CellBlock, rows: pl.DataFrame) -> pl.DataFrame:
+        """Return the rows on which two runs are compared: one problem is one spot, cycle or line."""
+        keys = [key for key in ("problem", "repeat", "test", "cycle", "timed") if key in rows.columns]
+        named = pl.concat_str([pl.col(key).cast(pl.String) for key in keys], separator=" ", ignore_nulls=True)
+        return rows.with_columns(problem=named)
 
-    @property
-    def entries(self) -> tuple[Entry, ...]:
-        """Methods or laws of the work."""
-        every: tuple[Entry, ...] = getattr(self.block, "methods", ()) or getattr(self.block, "laws", ())
-        return tuple(one for one in every if not self.labels or one.label in self.labels)
+    def prepare(self, block: Any, seed: int) -> Any:
+        """Check the drive."""
+        trial, block = trial_of(block, 0, 0, "check", 0, noise=False), with_drive(block)
+        drive_of(block, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
 
-    @property
-    def owner(self) -> str:
-        """Label of the only method or law of the work; empty if there are several."""
-        return self.labels[0] if len(self.labels) == 1 else ""
 
-    def halves(self) -> tuple[Self, ...]:
-        """Divide the work among its methods or laws first, so that one that crashes a process costs its own rows."""
-        labels = [one.label for one in self.entries]
-        if len(labels) <= 1:
-            return super().halves()
-        half = len(labels) // 2
-        return tuple(replace(self, labels=tuple(some)) for some in (labels[:half], labels[half:]))
-
-    def lost(self) -> list[dict[str, Any]]:
-        """Return the columns that identify the executions of the part."""
-        raise NotImplementedError
-
-    def crashed(self) -> pl.DataFrame:
-        """Return rows of a part whose process ended or that raised an error."""
-        blank = failure(self.drive, "crashed", "the process ended, or an error was raised")
-        return self.frame([row | blank for row in self.lost()])
-
-    def execute(self, planned: Plan, drive: Callable[[], Drive]) -> tuple[dict[str, Any], Execution | None]:
-        """Execute a motion; return the facts on it, and the execution if there is a motion."""
-        if not planned:
-            return failure(self.drive, str(planned.status), why_not(planned)), None
-        execution = drive().execute(planned)
-        return facts_of(execution), execution
-
-    def frame(self, rows: list[dict[str, Any]]) -> pl.DataFrame:
-        """Return rows as a table."""
-        return pl.DataFrame(rows, schema=self.types)
+def execute(block: CellBlock, planned: Plan, drive: Callable[[], Drive]) -> tuple[dict[str, Any], Execution | None]:
+    """Execute a motion; return the facts on it, and the execution if there is a motion."""
+    if not planned:
+        return failure(block.drive, str(planned.status), why_not(planned)), None
+    execution = drive().execute(planned)
+    return facts_of(execution), execution
 
 
 class Trial(NamedTuple):
@@ -140,17 +118,11 @@ class Trial(NamedTuple):
     rng: np.random.Generator  # for the laser's noise
 
 
-def drive_name(block: CellBlock) -> str:
-    """Name of the drive of a block on this machine."""
+def with_drive(block: Any) -> Any:
+    """Return a block with the drive that it has on this machine."""
     if block.drive != AUTO_DRIVE:
-        return block.drive
-    return "mujoco" if find_spec("mujoco") is not None else "ideal"
-
-
-def check_drive(block: CellBlock, name: str) -> None:
-    """Raise InvalidInput before the run for a drive that cannot be built here."""
-    trial = trial_of(block, 0, 0, "check", 0, noise=False)
-    drive_of(block, name, trial, trial.robot.limits.clip(np.zeros(trial.robot.n)))
+        return block
+    return block.model_copy(update={"drive": "mujoco" if find_spec("mujoco") is not None else "ideal"})
 
 
 def trial_of(block: CellBlock, seed: int, number: int, what: str, repeat: int, *, noise: bool = True) -> Trial:
@@ -182,11 +154,11 @@ def plant_of(robot: Robot, noise: Noise, rng: np.random.Generator) -> Robot:
     return plant.with_payload(held.masses[-1] * payload, held.com, held.inertia * payload)
 
 
-def drive_of(block: CellBlock, name: str, trial: Trial, q: Array, *, noise: bool = True) -> Drive:
+def drive_of(block: CellBlock, trial: Trial, q: Array, *, noise: bool = True) -> Drive:
     """Return a drive whose arm is at rest."""
-    options = {"plant": trial.plant} if name == "mujoco" else {}
+    options = {"plant": trial.plant} if block.drive == "mujoco" else {}
     return make_drive(
-        name, trial.robot, q=q, period=block.period, seed=trial.seed, encoder=block.noise.encoder_counts,
+        block.drive, trial.robot, q=q, period=block.period, seed=trial.seed, encoder=block.noise.encoder_counts,
         encoder_noise=block.noise.encoder_angle if noise else 0.0, **options,
     )  # fmt: skip
 

@@ -29,7 +29,7 @@ def clearance_frame(planned: Plan) -> pl.DataFrame:
         for name, distance in zip(("scene", "own"), distances.T, strict=True)
     }
     return pl.DataFrame(
-        {"solver": planned.solver, "law": planned.law, "t": t, **columns},
+        {"t": t, **columns},
         schema_overrides=dict.fromkeys(columns, pl.Float64),
     )
 
@@ -50,6 +50,7 @@ def nearest_picture(planned: Plan) -> dict[str, Any] | None:
     return {
         "law": planned.law, "time": closest.time, "proved": closest.value if np.isfinite(closest.value) else None,
         "found": closest.found, "margin": closest.margin, "pair": list(closest.pair),
+        "left_out": [list(pair) for pair in proof.left_out],
         "words": "; ".join(f"{words} {kind.describe()}" for words, kind in proof.kinds.items()),
         "marks": [(kind.time, kind.found) for kind in proof.kinds.values()],
         "points": [p.tolist() for p in points],

@@ -13,6 +13,7 @@ from benchmarks.blocks.cell.settings import AXES, WITHIN_M
 from benchmarks.records import slug
 from benchmarks.report.base import Run
 from benchmarks.report.boards import Board, Control
+from benchmarks.report.budgets.accuracy import chosen
 from benchmarks.report.cell.tables import drives_of, noise_words, spots_blocks, spots_table
 from benchmarks.report.figures import (
     ALARM_COLOUR,
@@ -30,8 +31,7 @@ from benchmarks.report.figures import (
     shades,
     vary,
 )
-from benchmarks.report.ik.accuracy import chosen
-from benchmarks.report.timing.plans.space import axes_in_space
+from benchmarks.report.timing.space import axes_in_space
 from benchmarks.statistics import quantiles
 from optik.types import Array
 

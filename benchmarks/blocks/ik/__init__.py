@@ -1,1 +1,0 @@
-"""Blocks of inverse kinematics, one module for each way of recording."""

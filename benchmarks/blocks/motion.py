@@ -1,0 +1,327 @@
+"""Motions around obstacles: MotionBenchMaker's problems, by our plan and by polylines that are rounded and timed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import pairwise, zip_longest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import polars as pl
+from pydantic import AfterValidator
+
+from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
+from benchmarks.blocks.block import Block, Entry, Target
+from benchmarks.blocks.columns import Column, count, mean, median, quantile
+from benchmarks.blocks.timing.settings import LimitSet
+from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
+from benchmarks.peers.vamp_search import find_by_vamp
+from benchmarks.problems.motionbench import MotionProblem, read_archive, read_problem, write_problems
+from benchmarks.records import UNKEPT, Journal
+from benchmarks.settings import LISTED, Count, RobotName, key, one_of
+from optik.arm.library import load
+from optik.arm.robot import Robot
+from optik.errors import InvalidInput, MissingDependency, NoSolution
+from optik.ik import get_solver
+from optik.ik.base import Tolerance
+from optik.plugins.usage import resolve_data_file
+from optik.scene import Scene
+from optik.scene.contact import find_contact
+from optik.types import Array
+from planners.certificate.certificate import Certificate
+from planners.certificate.certification import certify
+from planners.choice.first_paths import round_corners
+from planners.following.follow import DEFAULT_TOLERANCE, follow
+from planners.limits import MotionLimits
+from planners.motion.fit import fit
+from planners.paths.joint_line import JointLine
+from planners.paths.point_to_point import PointToPoint
+from planners.plan import Plan, plan
+from planners.planning.request import PlanRequest, judge_certificate
+from planners.search.base import SearchResult, SearchStatus, measure_length
+from planners.search.find import find_path
+from planners.timing import make_law
+
+OURS = "path and time"
+"""Label of our plan."""
+ROUNDED = {
+    "own, rounded": ("rrt_connect", "optimal"),
+    "OMPL, rounded": ("ompl", "optimal"),
+    "OMPL, toppra": ("ompl", "toppra"),
+    "VAMP, rounded": ("vamp", "optimal"),
+}
+"""Polylines with rounded corners: the search and the time law. TOPP-RA does not limit the jerk."""
+PYROBOPLAN = "pyroboplan"
+"""Label of the peer that searches and times its motions, which are certified as they are, without the limit of the jerk."""
+OF_OMPL = "OMPL, rounded"
+"""Label of the peer whose duration ours is compared with."""
+EQUAL = 1e-6
+"""Fraction by which a duration may be longer than that of the peer, and count as not longer."""
+WHERE = (
+    "a tar file of problems, such as resources/panda/problems.tar.bz2 of github.com/KavrakiLab/vamp; "
+    "without this key the block generates problems"
+)
+"""What the key `problems` names."""
+
+COUNTED = ~pl.col("touched")
+"""Problems whose ends are free."""
+MEASURES = (
+    Column("found", "path found", "%", of=mean("found", 100.0)),
+    Column("solved", "motion certified and proved to be collision-free", "%", of=mean("solved", 100.0)),
+    Column("contacts", "motions in contact", show="count", of=count("contact")),
+    Column("search_ms", "median CPU time of the search", "ms", of=quantile("search_ms", 0.5)),
+    Column("median_ms", "median CPU time of a plan", "ms", of=quantile("ms", 0.5)),
+    Column("p95_ms", "95th percentile of the CPU time of a plan", "ms", of=quantile("ms", 0.95)),
+    Column("median_over_stops", "median duration over stops at the vertices of the polyline", of=median("over_stops")),
+    Column("not_longer", f"not longer than {OF_OMPL}", "%", of=mean("not_longer", 100.0)),
+    Column("mean_length", "mean length of the polyline", "rad", of=mean("length")),
+)
+"""Measures that a target of such a block can name."""
+
+
+def _find_problems(name: str) -> str:
+    """Return the path of the file, which starts at the suite's folder, or else at the working folder."""
+    with suppress(InvalidInput):  # said when the block is prepared: suites can be read without the file
+        return resolve_data_file(name, "problems") if name else name
+    return name
+
+
+class MotionBlock(Block):
+    """Motion problems of one arm: obstacles, a start and a goal in joint space."""
+
+    noun = "motion block"
+    measures = MEASURES
+
+    robot: RobotName = key("The arm: a name, or the path of a file; it must have shapes.")
+    problems: Annotated[str, AfterValidator(_find_problems)] = key(
+        "Tar file of MotionBenchMaker's problems; by default the block generates problems.", ""
+    )
+    count: Count = key("Number of problems, equally many of each kind of scene.")
+    grasping: tuple[str, ...] = key("Parts of the arm that may touch the object at the goal.", ())
+    limits: LimitSet = key("Limits of the motions, as in `[[timing]]`.")
+    peers: Annotated[tuple[Annotated[str, one_of(*ROUNDED, PYROBOPLAN)], ...], LISTED] = key(
+        "Searches whose polylines are rounded and timed: `own, rounded`, `OMPL, rounded`, `OMPL, toppra`, `VAMP, rounded`; "
+        "and `pyroboplan`.", tuple(ROUNDED)[:3],
+    )  # fmt: skip
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """Our plan, then the rounded polylines."""
+        laws = {PYROBOPLAN: PYROBOPLAN} | {name: law for name, (_search, law) in ROUNDED.items()}
+        others = (Entry(name, laws[name], {}, role="law" if "own" in name else "peer") for name in self.peers)
+        return (Entry(OURS, "optimal", {}), *others)
+
+    def read_problems(self, robot: Robot, seed: int) -> list[tuple[str, int, MotionProblem]]:
+        """Return kind, number and content of each problem, in turn of each kind."""
+        with TemporaryDirectory() as folder:
+            file = Path(self.problems)
+            if not self.problems:
+                file = Path(folder) / "problems.tar.bz2"
+                write_problems(file, robot, seed, self.count)
+            elif not file.is_file():
+                raise InvalidInput(f"motion block {self.id!r}: problems", repr(self.problems), WHERE)
+            of_kinds: dict[str, list[tuple[str, int]]] = {}
+            for at in read_archive(file):
+                of_kinds.setdefault(at[0], []).append(at)
+            chosen = [at for turn in zip_longest(*of_kinds.values()) for at in turn if at][: self.count]
+            return [(kind, n, read_problem(file, kind, n, robot, self.grasping)) for kind, n in chosen]
+
+
+# ---------------------------------------------------------------- problems
+
+
+def find_touching_end(robot: Robot, problem: MotionProblem) -> str:
+    """Return why the start or the goal is not free, or nothing."""
+    for which, q in (("start", problem.start), ("goal", problem.goal)):
+        if not robot.limits.contains(q):
+            return f"the {which} is outside the joint limits"
+        if (near := find_contact(robot, problem.scene, q)).room <= 0.0:
+            return f"the {which} is in contact: {near.pair[0]} and {near.pair[1]}"
+    return ""
+
+
+def time_rounded(
+    robot: Robot, limits: MotionLimits, scene: Scene, ends: tuple[Array, Array], found: SearchResult, law: str
+) -> Plan | None:
+    """Return the certified motion of a law along the polyline of a search with rounded corners; None if the law finds none."""
+    if law == "toppra":
+        limits = MotionLimits(limits.velocity, limits.acceleration)
+    path, made = round_corners(PointToPoint(robot, *ends), [found.vertices], scene), make_law(law)
+    joints = follow(get_solver(robot, "lm"), path).joint_path
+    if joints is None:
+        return None
+    try:
+        motion = fit(made.run_with_analysis(joints, limits), limits, made.list_enforced(limits))
+    except NoSolution:
+        return None
+    request = PlanRequest(robot, path, limits, "lm", made, Tolerance.of(DEFAULT_TOLERANCE), 1000.0, scene=scene)
+    return request.certify_motion(joints, motion.trajectory, 1.0, motion)
+
+
+def _judge(made: Plan | None, ms: float) -> dict[str, Any]:
+    """Return the part of a row that tells of a plan."""
+    if made is None:
+        return {"status": "timing_infeasible", "ms": ms, "solved": False}
+    row: dict[str, Any] = {"status": str(made.status), "ms": ms, "solved": bool(made)}
+    row["reason"] = "" if made.failure is None else made.failure.reason
+    if made.has_motion:
+        row |= _judge_proof(made.certificate)
+    return row | {"duration": made.trajectory.duration if made else None}
+
+
+def _judge_proof(proof: Certificate) -> dict[str, Any]:
+    """Return whether a motion is in contact, and whether it exceeds a limit."""
+    exceeded = any(one.allow in ("limits", "jerk") for one in proof.violations)
+    return {"contact": proof.clearance is not None and proof.clearance.touches, "exceeded": exceeded}
+
+
+def solve_by_pyroboplan(robot: Robot, limits: MotionLimits, problem: MotionProblem) -> dict[str, Any]:
+    """Return the row of pyroboplan's motion."""
+    try:
+        path, motion, search_ms, ms = move_by_pyroboplan(robot, limits, problem.scene, (problem.start, problem.goal))
+    except NoSolution as error:
+        return {"found": False, "solved": False, "status": str(SearchStatus.NO_PATH_FOUND), "reason": str(error)}
+    proof = certify(robot, None, motion, MotionLimits(limits.velocity, limits.acceleration), scene=problem.scene)
+    status, failure = judge_certificate(proof)
+    return _judge_proof(proof) | {
+        "found": True, "search_ms": search_ms, "ms": ms, "length": measure_length(path), "edges": len(path) - 1,
+        "status": str(status), "reason": "" if failure is None else failure.reason, "solved": proof.is_valid,
+        "duration": motion.duration if proof.is_valid else None,
+    }  # fmt: skip
+
+
+def find_polyline(robot: Robot, scene: Scene, ends: tuple[Array, Array], search: str) -> SearchResult:
+    """Return what one of the searches finds: with proved edges by ours and by OMPL, with sampled ones by VAMP."""
+    if search != "vamp":
+        return find_path(robot, *ends, scene=scene, search=search, winding="exact")
+    try:
+        return find_by_vamp(robot, scene, ends)
+    except NoSolution as error:
+        return SearchResult(SearchStatus.NO_PATH_FOUND, (), 0, str(error))
+
+
+def solve_by_all(
+    block: MotionBlock, robot: Robot, limits: MotionLimits, problem: MotionProblem, journal: Journal = UNKEPT
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield label and row of our plan and of each peer whose package is installed, with the peer at work in a journal."""
+    scene, ends = problem.scene, (problem.start, problem.goal)
+    searches: dict[str, tuple[SearchResult, dict[str, Any]]] = {}
+    row: dict[str, Any]
+    for name in ("rrt_connect", *dict.fromkeys(ROUNDED[label][0] for label in block.peers if label in ROUNDED)):
+        begin, label = time.process_time(), next((one for one in block.peers if ROUNDED.get(one, ("",))[0] == name), "")
+        if name != "rrt_connect" and label in journal.crashed:
+            continue
+        with suppress(MissingDependency, NotInstalled), journal.at_work("" if name == "rrt_connect" else label):
+            found = find_polyline(robot, scene, ends, name)
+            row = {"found": bool(found), "search_ms": 1e3 * (time.process_time() - begin), "reason": found.reason}
+            about = (
+                {"length": found.length, "edges": len(found.vertices) - 1} if found else {"status": str(found.status)}
+            )
+            searches[name] = found, row | about
+    found, row = searches["rrt_connect"]
+    begin = time.process_time()
+    made = plan(robot, ends[1], ends[0], limits=limits, scene=scene, avoid=True, winding="exact")
+    ours = row | _judge(made, 1e3 * (time.process_time() - begin))
+    if found:
+        moves = [plan(robot, JointLine(robot, a, b), a, limits=limits) for a, b in pairwise(found.vertices)]
+        ours["stops"] = sum(one.trajectory.duration for one in moves) if all(moves) else None
+    yield OURS, ours | {"rounds": None if made.search is None else made.search.rounds}
+    for label in block.peers:
+        if why := next(
+            (journal.crashed[one] for one in block.peers if one in journal.crashed and _shares(one, label)), ""
+        ):
+            yield label, METHOD().lost(reason=why)
+            continue
+        if label == PYROBOPLAN:
+            with suppress(NotInstalled):
+                yield label, solve_by_pyroboplan(robot, limits, problem)
+            continue
+        search, law = ROUNDED[label]
+        if search not in searches:
+            continue
+        found, row = searches[search]
+        begin = time.process_time()
+        if found:
+            timed = time_rounded(robot, limits, scene, ends, found, law)
+            row = row | _judge(timed, row["search_ms"] + 1e3 * (time.process_time() - begin))
+        yield label, {"solved": False} | row
+
+
+def _shares(peer: str, label: str) -> bool:
+    """Return whether a peer uses the search of another one."""
+    return peer == label or (peer in ROUNDED and label in ROUNDED and ROUNDED[peer][0] == ROUNDED[label][0])
+
+
+FIELDS = {
+    "method": TEXT, "problem": WHOLE, "kind": TEXT, "number": WHOLE, **fields_of(TRUTH, "touched moved"),
+    "status": Field(pl.String, "crashed"), "reason": TEXT, "found": Field(pl.Boolean, False), "length": NUMBER,
+    "edges": WHOLE, "search_ms": NUMBER,
+    "ms": Field(pl.Float64, None, "CPU time of a plan", "ms", "less", only="solved", clock=True), "rounds": WHOLE,
+    "duration": Field(pl.Float64, None, "duration", "s", "less", only="solved"), "stops": NUMBER,
+    "solved": Field(pl.Boolean, False, "motions solved", "%", "more", exact=True), **fields_of(TRUTH, "contact exceeded"),
+}  # fmt: skip
+"""Fields of the rows: duration is that of a solved motion; contact and exceeded are those of any motion that was returned."""
+
+
+class _Motion(Kind):
+    """Blocks of motion problems."""
+
+    name = "motion"
+    title = "Motions around obstacles"
+    block = MotionBlock
+    fields = FIELDS
+    order = 64
+
+    def prepare(self, block: MotionBlock, seed: int) -> list[tuple[str, int, MotionProblem]]:
+        """Check the limits on the arm, and read the problems."""
+        robot = load(block.robot)
+        block.limits.of(robot)
+        return block.read_problems(robot, seed)
+
+    def share(self, session: Session) -> None:
+        """Solve the first problem whose ends are free, which compiles."""
+        block, robot = session.block, load(session.block.robot)
+        for first in [problem for *_, problem in session.prepared if not find_touching_end(robot, problem)][:1]:
+            list(solve_by_all(block, robot, block.limits.of(robot), first, session.journal))
+
+    def count(self, block: MotionBlock, session: Session) -> int:
+        return len(session.prepared)
+
+    def solve(self, trials: Trials) -> Iterator[dict[str, Any]]:
+        """Solve some problems by all methods."""
+        assert trials.session is not None
+        block, robot = trials.block, load(trials.block.robot)
+        limits, session = block.limits.of(robot), trials.session
+        _ = session.shared
+        for index in trials.numbers:
+            kind, number, problem = session.prepared[index]
+            reason = find_touching_end(robot, problem)
+            about = {"problem": index, "kind": kind, "number": number, "touched": bool(reason), "moved": problem.moved}
+            if reason:
+                status = "outside the limits" if "limits" in reason else "contact"
+                yield from ({"method": label, "status": status, "reason": reason} | about for label in block.labels)
+                continue
+            for label, row in solve_by_all(block, robot, limits, problem, session.journal):
+                yield {"method": label} | row | about
+
+    def complete(self, rows: pl.DataFrame, block: MotionBlock) -> pl.DataFrame:
+        """Add the duration over stops where the polyline has a vertex, and whether ours is not longer than OMPL's."""
+        theirs = rows.filter(pl.col("method") == OF_OMPL).select("problem", theirs="duration")
+        stops = rows.filter(pl.col("method") == OURS, pl.col("edges") > 1).select("problem", before="stops")
+        both = rows.join(theirs, on="problem", how="left").join(stops, on="problem", how="left")
+        return both.with_columns(
+            over_stops=pl.col("duration") / pl.col("before"),  # null where the polyline is straight
+            not_longer=pl.when(pl.col("method") == OURS).then(pl.col("duration") <= (1.0 + EQUAL) * pl.col("theirs")),
+        ).drop("theirs")
+
+    def judged_rows(self, rows: pl.DataFrame, target: Target) -> tuple[pl.DataFrame, str]:
+        """Return the rows of ours, or of a named peer, of problems whose ends are free."""
+        chosen = rows.filter(COUNTED, pl.col("method") == (target.method or OURS))
+        return chosen, f"{len(chosen):,} problems"
+
+
+METHOD = _Motion

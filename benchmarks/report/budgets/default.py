@@ -1,0 +1,263 @@
+"""Section: comparison of the default method with the paper's iteration, on the same targets from the same initial guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from benchmarks.blocks.budgets import SUCCESS_LEVELS, BudgetRows, succeeded, success
+from benchmarks.blocks.columns import median, share
+from benchmarks.blocks.entries import ProblemBlock
+from benchmarks.blocks.judgement import level_words, shared
+from benchmarks.report.base import Run
+from benchmarks.report.boards import Board
+from benchmarks.report.figures import Json, add, axis, figure, interval, line, percent_axis
+from benchmarks.report.numbers import number, p_value, percent
+from benchmarks.report.tables import Cell, Column, Table, table_of
+from benchmarks.report.winners import Ranked, ranked
+from benchmarks.statistics import SIGNIFICANT, McNemar, is_too_few, mcnemar
+from optik.registry import short_name
+from optik.types import Flags
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+PAPER_SOLVER, DEFAULT_SOLVER = "dls", "lm"
+"""Names of the paper's iteration and of the default method."""
+
+DEFAULT_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("count", "targets", show="count"),
+    Column("success", "solved", "%", "more", "share", of=share(succeeded(SUCCESS_LEVELS[-1]))),
+    Column("alone", "solved by this method only", show="count"),
+    Column("lost", "solved by the paper's only", show="count"),
+    Column("p", "McNemar's p", show="p"),
+    Column(
+        "iterations",
+        "median iterations, solved",
+        show="count",
+        of=median("iterations", among=pl.col("status") == "solved"),
+    ),
+    Column("solved_us", "median time, solved", "µs", "less"),
+    Column("failed_us", "median time, not solved", "µs", "less"),
+    Column("both", "solved by both", show="count", aside=True),
+    Column("neither", "solved by neither", show="count", aside=True),
+)
+"""Columns of the comparison of the default with the paper's iteration."""
+
+
+def comparisons(run: Run) -> list[BudgetRows]:
+    """Return the blocks that compare methods; all blocks if each varies the options of one method."""
+    blocks: list[BudgetRows] = run.of("budgets")
+    return [b for b in blocks if not b.block.is_sweep] or blocks
+
+
+COMPARED_PROBLEMS = (
+    "Targets with a known solution that all ranked methods were given; of a method that was given far fewer, its own."
+)
+"""The problems of all figures that compare methods."""
+
+
+def compared_rows(b: BudgetRows) -> tuple[pl.DataFrame, Ranked]:
+    """Return the rows from which every section takes the figures of a method, and which methods are ranked.
+
+    They are those of the targets with a known solution that all ranked methods were given, and the other methods' own.
+    """
+    who = ranked({label: b.known.filter(pl.col("method") == label)["problem"].n_unique() for label in b.methods})
+    others = b.known.filter(~pl.col("method").is_in(who.labels))
+    return pl.concat([shared(b.known, who.labels), others]).sort("problem"), who
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One block of budgets, and the labels of the methods that it compares.
+
+    They are the paper's iteration, the default method with one attempt, and the default method with default settings. The
+    last label is empty if the block does not have this method.
+    """
+
+    rows: BudgetRows
+    paper: str
+    attempt: str
+    whole: str
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the compared methods; the first is the paper's iteration."""
+        return tuple(label for label in (self.paper, self.attempt, self.whole) if label)
+
+    @cached_property
+    def given(self) -> pl.DataFrame:
+        """Rows at the largest iteration budget, on the targets that all of these methods were given."""
+        rows, _ = compared_rows(self.rows)
+        return shared(rows.filter(pl.col("budget") == self.rows.budget), self.labels)
+
+    def solved(self, label: str) -> Flags:
+        """Return which problems (k,) of `given` a method solved, in the order of their numbers."""
+        part = self.given.filter(pl.col("method") == label)
+        found: Flags = part.select(succeeded(SUCCESS_LEVELS[-1]))[:, 0].to_numpy().astype(bool)
+        return found
+
+    def against_paper(self, label: str) -> McNemar:
+        """Return McNemar's test of a method against the paper's iteration, on the problems of `given`."""
+        return mcnemar(self.solved(label), self.solved(self.paper))
+
+    def times(self, run: Run) -> dict[str, list[float]]:
+        """Return the median times of solved and unsolved calls [µs], from a block of single calls with the same problems."""
+        for calls in run.of("calls"):
+            same = has_same_problems(calls.block, self.rows.block)
+            if same and set(self.labels) <= set(calls.rows["method"].unique()):
+                rows = shared(calls.rows, self.labels)
+                return {label: _median_times(rows.filter(pl.col("method") == label)) for label in self.labels}
+        return {}
+
+
+def has_same_problems(a: ProblemBlock, b: ProblemBlock) -> bool:
+    """Return whether two blocks have the same problems."""
+    return (a.robot, a.set, a.options) == (b.robot, b.set, b.options)
+
+
+def _median_times(rows: pl.DataFrame) -> list[float]:
+    """Return the median time of solved calls and that of unsolved calls [µs]."""
+    times = (rows.filter(pl.col("solved") == ok)["ns"].to_numpy() / 1e3 for ok in (True, False))
+    return [float(np.median(us)) if len(us) else float("nan") for us in times]
+
+
+def pairs(run: Run) -> list[Pair]:
+    """Return every block that compares methods and has both the paper's iteration and one attempt of the default method."""
+    return [pair for b in comparisons(run) if (pair := _pair(b)) is not None and len(pair.given)]
+
+
+def _pair(b: BudgetRows) -> Pair | None:
+    entries = [m for m in b.block.methods if m.label in b.methods]
+
+    def first(solver: str, whole: bool) -> str:
+        return next((m.label for m in entries if short_name(m.name) == solver and m.whole == whole), "")
+
+    paper, attempt = first(PAPER_SOLVER, False), first(DEFAULT_SOLVER, False)
+    return Pair(b, paper, attempt, first(DEFAULT_SOLVER, True)) if paper and attempt else None
+
+
+def default(run: Run) -> dict[str, Any] | None:
+    """Show an answer, a plot and a table for the first block that has the default method and the paper's iteration."""
+    found = pairs(run)
+    if not found:
+        return None
+    first = found[0]
+    return {
+        "lead": answer(first, run),
+        "boards": [_board(first, run)],
+        "tables": [default_table(pair, run) for pair in found],
+        "prose": [
+            "The paper's iteration is damped least squares (eq. 11 and 12, corrected) with constant λ and α, clamped to the "
+            f"joint limits. {first.attempt} also makes one attempt. {first.whole or 'The default with default settings'} "
+            "restarts from other initial guesses until it succeeds. All get the same targets and the same start.",
+            f"Solved means both errors within {level_words(SUCCESS_LEVELS[-1])} m and rad inside the joint limits, by optik's "
+            "forward kinematics. McNemar's exact test compares the two methods on the problems that only one of them solves; "
+            f"below p = {SIGNIFICANT} the difference is significant. Times are those of whole calls from Python, alternating "
+            "in one process, on the problems that all of these methods were given there.",
+        ],
+    }
+
+
+def answer(pair: Pair, run: Run) -> str:
+    """Return sentences on whether one attempt of the default method solves more targets than the paper's iteration."""
+    test = pair.against_paper(pair.attempt)
+    count = test.both + test.first + test.second + test.neither
+    word = f"Too few targets for a test (n = {count})" if is_too_few(count, 1) else "No significant difference"
+    if test.p < SIGNIFICANT:
+        word = "Yes" if test.first > test.second else "No"
+    rates = {label: percent(100.0 * float(pair.solved(label).mean())) for label in pair.labels}
+    shown = p_value(test.p)
+    text = (
+        f"{word}: of {count:,} targets with a known solution, one attempt of the default ({pair.attempt}) solves "
+        f"{rates[pair.attempt]}, the paper's iteration ({pair.paper}) {rates[pair.paper]}. {test.first:,} are "
+        f"solved by the default only, {test.second:,} by the paper's only "
+        f"(McNemar's p {'' if shown.startswith('<') else '= '}{shown})."
+    )
+    if pair.whole:
+        text += (
+            f" With default settings, which include restarts, the default ({pair.whole}) solves {rates[pair.whole]}."
+        )
+    times = pair.times(run)
+    if times:
+        mine, other = times[pair.attempt][0], times[pair.paper][0]
+        text += (
+            f" The median solved call takes {number(mine)} µs against {number(other)} µs: "
+            f"{number(max(mine, other) / min(mine, other), 2)} times {'less' if mine < other else 'more'}."
+        )
+    return text
+
+
+def default_table(pair: Pair, run: Run) -> Table:
+    """Return the comparison of the default method with the paper's iteration as a table."""
+    times, groups = pair.times(run), []
+    for label in pair.labels:
+        part = pair.given.filter(pl.col("method") == label)
+        solved, failed = times.get(label, (None, None))
+        given: dict[str, Cell] = {"label": label, "count": len(part), "solved_us": solved, "failed_us": failed}
+        if label != pair.paper:
+            test = pair.against_paper(label)
+            given |= {"both": test.both, "neither": test.neither, "alone": test.first, "lost": test.second, "p": test.p}
+        groups.append((given, part))
+    b = pair.rows
+    return table_of(
+        f"default-{b.block.id}", f"The default and the paper's iteration: {b.block.title}", DEFAULT_COLUMNS, groups,
+        f"{len(pair.given) // len(pair.labels):,} targets with a known solution that all of these methods were given; one "
+        f"attempt has at most {b.budget} iterations. Wilson 95 % intervals.",
+    )  # fmt: skip
+
+
+def _board(pair: Pair, run: Run) -> Board:
+    """Plot success against the iteration budget, and a level line for the default method with restarts."""
+    b = pair.rows
+    plot = success_plot(
+        "default-success", f"Targets solved within {level_words(SUCCESS_LEVELS[-1])} m and rad", "targets"
+    )
+    problems = pair.given["problem"].unique()
+    add_success(plot, b, run, b.rows.filter(pl.col("problem").is_in(problems.implode())), pair.labels)
+    return Board(
+        "default-board", (plot,), (),
+        f"{b.block.title}: {len(problems):,} targets with a known solution, the same for all; bars are Wilson 95 % intervals."
+        + (f" {pair.whole} has no budget: its level line is its success rate with default settings." if pair.whole else ""),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------- success against the budget
+
+
+def budget_axis() -> Json:
+    """Return the axis of the iteration budget."""
+    return axis("iteration budget", type="log", tickvals=[1, 2, 5, 10, 20, 50, 100, 200, 500])
+
+
+def success_plot(id: str, title: str, what: str) -> Figure:
+    """Return an empty plot of success against the iteration budget."""
+    return figure(id, title, budget_axis(), percent_axis(f"{what} solved"))
+
+
+def add_success(
+    plot: Figure, b: BudgetRows, run: Run, rows: pl.DataFrame, labels: Sequence[str],
+    level: float = SUCCESS_LEVELS[-1], when: Json | None = None,
+) -> None:  # fmt: skip
+    """Draw the success of some methods against the budget, with intervals; a level line where a method has no budget."""
+    budgets = b.block.budgets
+    for label in labels:
+        part, whole = rows.filter(pl.col("method") == label), label in b.whole
+        if part.is_empty():
+            continue
+        rates = [success(part.filter(pl.col("budget") == n), level) for n in (budgets[-1:] if whole else budgets)]
+        rates *= 2 if whole else 1
+        words = "default settings" if whole else "budget %{x}"
+        trace = line(
+            [budgets[0], budgets[-1]] if whole else list(budgets), [r[0] for r in rates], name=label,
+            mode="lines" if whole else "lines+markers", marker={"symbol": run.symbol(label), "size": 7},
+            line=run.look(label),
+            error_y=interval(rates, width=3), hover=f"{label}<br>{words}: %{{y:.1f}} %",
+        )  # fmt: skip
+        add(plot, trace, when)

@@ -1,0 +1,165 @@
+"""Section: motions around obstacles by our plan and by rounded polylines: proofs, contacts, durations, computing times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import polars as pl
+
+from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.columns import Of, count, mean, quantile, share
+from benchmarks.blocks.motion import COUNTED, OF_OMPL, OURS
+from benchmarks.records import slug
+from benchmarks.report.base import KindReport, Run, Section
+from benchmarks.report.boards import Board, Control
+from benchmarks.report.figures import add_steps, axis, figure
+from benchmarks.report.numbers import number
+from benchmarks.report.tables import Column, Group, Table, table_of
+
+HOW_PLANNED = (
+    f"Every method gets the same problems: obstacles, a start and a goal in joint space, and limits. “{OURS}” searches a "
+    "polyline with proved edges, then chooses path and timing together. The others round the corners of a search's polyline "
+    "and time it; pyroboplan times its own. TOPP-RA and pyroboplan do not limit the jerk at every instant, and are judged "
+    "without it. All motions are certified at every instant. A motion in contact or over a "
+    "limit is counted and has no duration. Stops are straight joint motions that rest at each vertex of our "
+    "search's polyline. Times are CPU times of one process."
+)
+"""Description of the methods."""
+OF_OTHERS = (
+    "Published for MotionBenchMaker's problems, on other machines: VAMP, Panda, joint goals, a path without timing, AMD Ryzen "
+    "9 7950X: 699 of 699 problems, medians 35 µs for the search and 57 µs for the simplification, mean length 4.90 rad."
+)
+"""Figures that are quoted."""
+
+
+def _median(column: str, level: float = 0.5) -> Of:
+    return quantile(column, level, among="solved")
+
+
+_not_longer = share("not_longer", among=pl.col("not_longer").is_not_null())
+
+MOTION_COLUMNS = (
+    Column("label", "Method", show="text"),
+    Column("n", "problems", show="count", of=len),
+    Column("found", "path found", "%", "more", "share", of=share("found")),
+    Column("solved", "proved", "%", "more", "share", of=share("solved")),
+    Column("contact", "in contact", show="count", of=count("contact")),
+    Column("exceeded", "over a limit", show="count", of=count("exceeded")),
+    Column("duration", "duration, median", "s", of=_median("duration")),
+    Column("over_stops", "over stops, median", of=_median("over_stops")),
+    Column("not_longer", f"not longer than {OF_OMPL}", "%", show="share", of=_not_longer),
+    Column("ms", "CPU, median", "ms", "less", of=quantile("ms", 0.5)),
+    Column("ms_p95", "CPU, p95", "ms", "less", of=quantile("ms", 0.95)),
+    Column("search_ms", "search, median", "ms", aside=True, of=quantile("search_ms", 0.5)),
+    Column("length", "polyline, mean", "rad", aside=True, of=mean("length")),
+    Column("rounds", "rounds, mean", aside=True, of=mean("rounds")),
+)
+"""Columns of a table; medians of durations are those of the proved motions."""
+UNSOLVED_COLUMNS = tuple(
+    Column(key, words, show="text")
+    for key, words in (("problem", "Problem"), ("method", "method"), ("status", "status"), ("reason", "reason"))
+)
+"""Columns of the list of problems without a proved motion."""
+
+
+def _groups(b: BlockRows) -> list[Group]:
+    found = [(label, b.rows.filter(COUNTED, pl.col("method") == label)) for label in b.block.labels]
+    return [({"label": label}, rows) for label, rows in found if not rows.is_empty()]
+
+
+def tables(run: Run) -> Sequence[Table]:
+    """Return two tables for each block: the methods, and our problems without a proved motion."""
+    return [table for b in run.of("motion") for table in (_table(b), unsolved_of(b)) if table.rows]
+
+
+def _table(b: BlockRows) -> Table:
+    touched = b.rows.filter(pl.col("method") == OURS, ~COUNTED).height
+    kinds = b.rows["kind"].unique(maintain_order=True).to_list()
+    note = f"Problems with {b.block.robot}: {', '.join(kinds)}. Rates have Wilson's 95 % intervals." + (
+        f" {touched} further problems are left out, because their start or goal is not free." if touched else ""
+    )
+    moved = b.rows.filter(pl.col("method") == OURS)["moved"].sum() if "moved" in b.rows.columns else 0
+    note += (
+        f" In {moved}, start or goal exceeds a rounded joint limit by less than its rounding error, and is moved onto it."
+        if moved
+        else ""
+    )
+    absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
+    note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
+    return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
+
+
+def unsolved_of(b: BlockRows) -> Table:
+    """Return the list of our problems without a proved motion, with their reasons."""
+    rows = b.rows.filter(pl.col("method") == OURS, ~pl.col("solved").fill_null(value=False))
+    named = rows.with_columns(problem=pl.format("{} {}", "kind", "number")).select(
+        "problem", "method", "status", "reason"
+    )
+    title = f"Problems without a proved motion: {b.block.title}"
+    return Table(f"motion-unsolved-{slug(b.block.id)}", title, UNSOLVED_COLUMNS, tuple(named.to_dicts()))
+
+
+def findings(run: Run) -> Sequence[str]:
+    """Return the rate of proved motions and the medians of ours, for each block."""
+    found = []
+    for b in run.of("motion"):
+        rows = b.rows.filter(COUNTED, pl.col("method") == OURS)
+        if rows.is_empty():
+            continue
+        solved = rows.filter("solved")
+        over, ms = solved["over_stops"].drop_nulls(), rows["ms"].median()
+        words = (
+            f"{len(solved)} of {len(rows)} motions are proved to be collision-free, in {number(ms)} ms of CPU (median)"
+        )
+        bent = f"; their duration is {number(over.median())} of that with stops (median, n = {len(over)})"
+        found.append(f"{b.block.title}: {words}{bent if len(over) else ''}.")
+    return found
+
+
+def section(run: Run) -> dict[str, Any] | None:
+    """Show the times and the durations of all methods, the tables, and published figures."""
+    blocks = run.of("motion")
+    if not blocks:
+        return None
+    return {"boards": [_board(blocks, run)], "tables": run.tables_of("motion"), "after": [HOW_PLANNED, OF_OTHERS]}
+
+
+def _board(blocks: Sequence[BlockRows], run: Run) -> Board:
+    """Plot the distributions of the CPU times, and of the durations over those with stops."""
+    percent = axis("problems [%]", range=[-2, 102])
+    times = figure("motion-times", "Proved within this time", axis("CPU time [ms]", type="log"), percent, 380)
+    ratios = figure(
+        "motion-ratios", "Proved, up to this duration over stops", axis("duration / duration with stops"), percent, 380
+    )
+    for b in blocks:
+        for given, rows in _groups(b):
+            assert rows is not None
+            label, solved, when = str(given["label"]), rows.filter("solved"), {"block": [b.block.id]}
+            add_steps(
+                times,
+                label,
+                solved["ms"].to_numpy(),
+                len(rows),
+                run.look(label),
+                "%{y:.3~g} % within %{x:.3g} ms",
+                when,
+            )
+            bent = rows.filter(pl.col("before").is_not_null())
+            over = bent.filter("solved")["over_stops"].to_numpy()
+            add_steps(ratios, label, over, len(bent), run.look(label), "%{y:.3~g} % up to %{x:.3g}", when)
+    return Board(
+        "motion-board", (times, ratios), (Control.of_blocks(blocks),),
+        "Percentages are of all problems whose ends are free; on the right, of those whose polyline has a vertex.",
+    )  # fmt: skip
+
+
+SECTIONS = (Section("Motions around obstacles", "motion", section, order=24),)
+"""Plots and tables."""
+
+REPORT = KindReport(
+    SECTIONS,
+    lambda blocks: (f"{sum(block.count for block in blocks):,} motion problems among obstacles",),
+    tables=tables,
+    findings=findings,
+)
