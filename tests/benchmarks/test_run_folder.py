@@ -204,6 +204,16 @@ def test_a_full_disk_is_one_line_and_what_is_done_stays(small_disk: Path) -> Non
     assert whole.rows("toy", "squares")["problem"].to_list() == list(range(4000))
 
 
+def test_a_run_that_a_full_disk_stopped_before_its_first_rows_is_resumed(small_disk: Path) -> None:
+    block = {"id": "a", "robot": "paper6r", "set": "near_start", "options": {"count": 3000}, "methods": [{"solver": "lm"}]}
+    suite = suite_of("full", {"calls": [block | {"rounds": 1}]})
+    with pytest.raises(OutputError, match="No space left on device"):
+        run_suite(suite, small_disk / "run")
+    assert not list(small_disk.rglob("*.parquet")) and (small_disk / "run/run.json").is_file()
+    subprocess.run(["mount", "-o", "remount,size=4m", str(small_disk)], check=True)
+    assert len(run_suite(suite, small_disk / "run").rows("calls", "a")) == 3000
+
+
 def test_a_disk_that_is_read_only_is_one_line(small_disk: Path) -> None:
     out = run(small_disk / "run").path
     (out / "run.json").write_text((out / "run.json").read_text().replace('"complete": true', '"complete": false'))
