@@ -21,7 +21,8 @@ from optik.plugins.files import is_path, split_links
 
 
 def measure_named(measures: Sequence[Column], name: str, where: str) -> Column:
-    """Find a measure by its name."""
+    """Find a measure by its name; words are none."""
+    measures = [measure for measure in measures if not measure.is_text]
     found = next((measure for measure in measures if measure.key == name), None)
     if found is None:
         raise InvalidInput(where, f"measure {name!r}", f"one of {', '.join(measure.key for measure in measures)}")

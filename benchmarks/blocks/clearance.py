@@ -14,7 +14,7 @@ from pydantic import BeforeValidator
 from benchmarks.blocks.arms import SceneName, scene_named
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
 from benchmarks.blocks.block import Block, Entry
-from benchmarks.blocks.columns import Column, count, mean, median, quantile
+from benchmarks.blocks.columns import Column, count, median, quantile, share
 from benchmarks.peers.models import pinocchio_model
 from benchmarks.settings import Count, RobotName, key, numbered
 from optik.arm.library import load
@@ -39,15 +39,17 @@ PER_SECOND = pl.col("ms") / pl.col("duration")
 """Time of a judgement per second of motion [ms/s]."""
 
 MEASURES = (
-    Column("free", "judged free", "%", of=mean(says("free"), 100.0)),
-    Column("undecided", "undecided", "%", of=mean(says("undecided"), 100.0)),
-    Column("missed", "missed contacts", show="count", of=count("missed")),
-    Column("false_contacts", "false contacts", show="count", of=count("false_contact")),
-    Column("median_ms", "median time of a motion", "ms", of=quantile("ms", 0.5)),
-    Column("p99_ms", "99th percentile of the time", "ms", of=quantile("ms", 0.99)),
-    Column("median_ms_per_s", "median time per second of motion", "ms/s", of=median(PER_SECOND)),
+    Column("missed", "missed contacts", "%", "less", "share", of=share("missed", among="contact")),
+    Column("contacts", "contacts", show="count", of=count("contact")),
+    Column("free", "judged free", "%", "", "share", of=share(says("free"))),
+    Column("undecided", "undecided", "%", "less", "share", of=share(says("undecided"))),
+    Column("median_ms", "median time of a motion", "ms", "less", of=quantile("ms", 0.5)),
+    Column("p99_ms", "99th percentile of the time", "ms", "less", of=quantile("ms", 0.99)),
+    Column("median_ms_per_s", "median time per second of motion", "ms/s", "less", of=median(PER_SECOND)),
+    Column("samples", "median samples", show="count", aside=True, of=median("samples")),
+    Column("false_contacts", "false contacts", show="count", aside=True, of=count("false_contact")),
 )
-"""Measures that a target of such a block can name."""
+"""Measures: columns of the table of a block, which its targets can name."""
 
 
 PROOF = "proof for every instant"

@@ -16,7 +16,7 @@ from pydantic import AfterValidator, model_validator
 from benchmarks.blocks.arms import Payload, arm_label
 from benchmarks.blocks.base import NUMBER, TEXT, WHOLE, Field, Kind, Session, Trials, fields_of
 from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, largest, mean, quantile
+from benchmarks.blocks.columns import Column, Of, largest, quantile, share
 from benchmarks.blocks.timing.motions import draw_motion_of
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import LimitSet
@@ -36,6 +36,7 @@ from benchmarks.settings import (
     numbered,
     one_of,
 )  # fmt: skip
+from benchmarks.statistics import quantiles
 from optik.arm.library import load
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput, NoSolution
@@ -67,14 +68,33 @@ SHOWN_INSTANTS = 251
 """Number of stored instants of the motion of an example."""
 
 
+_BOTH = pl.col("ratio").is_not_null()
+
+
+def _median(column: str) -> Of:
+    return quantile(column, 0.5, among=_BOTH)
+
+
+def _span(least: float, most: float) -> Of:
+    """Return the words for two quantiles of the ratios of the durations."""
+    return lambda rows: " to ".join(f"{x:.3g}" for x in quantiles(rows["ratio"].drop_nulls().to_numpy(), (least, most)))
+
+
 MEASURES = (
-    Column("solved", "motions found", "%", of=mean("solved", 100.0)),
-    Column("certified", "certificate valid", "%", of=mean("certified", 100.0)),
-    Column("median_ratio", "median duration after / before", of=quantile("ratio", 0.5)),
-    Column("worst_ratio", "largest duration after / before", show="exact", of=largest("ratio")),
-    Column("median_ms", "median time of a plan", "ms", of=quantile("ms", 0.5)),
+    Column("motions", "n", show="count", of=len),
+    Column("solved", "motions found", "%", show="share", aside=True, of=share("solved")),
+    Column("certified", "certified", "%", show="share", of=share("certified")),
+    Column("median_before", "median before", "s", of=_median("before")),
+    Column("median_duration", "median after", "s", of=_median("duration")),
+    Column("median_ratio", "median after / before", of=_median("ratio")),
+    Column("quartiles", "quartiles", show="text", of=_span(0.25, 0.75)),
+    Column("worst_ratio", "largest after / before", show="exact", aside=True, of=largest("ratio")),
+    Column("median_ms", "median time of a plan", "ms", of=_median("ms")),
+    Column("median_ms_fixed", "median time of a plan of the initial path", "ms", aside=True, of=_median("ms_fixed")),
+    Column("steps", "median Newton steps", show="count", aside=True, of=_median("steps")),
+    Column("starts", "median initial guesses", show="count", aside=True, of=_median("starts")),
 )
-"""Measures that a target of such a block can name."""
+"""Measures: columns of the table of a block, which its targets can name."""
 
 
 class FreeSet(Settings):

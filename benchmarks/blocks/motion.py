@@ -15,7 +15,7 @@ from pydantic import AfterValidator
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Session, Trials, fields_of
 from benchmarks.blocks.block import Block, Entry, Target
-from benchmarks.blocks.columns import Column, count, mean, median, quantile
+from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
 from benchmarks.peers.ik.base import NotInstalled
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
@@ -70,17 +70,22 @@ WHERE = (
 COUNTED = ~pl.col("touched")
 """Problems whose ends are free."""
 MEASURES = (
-    Column("found", "path found", "%", of=mean("found", 100.0)),
-    Column("solved", "motion certified and proved to be collision-free", "%", of=mean("solved", 100.0)),
-    Column("contacts", "motions in contact", show="count", of=count("contact")),
-    Column("search_ms", "median CPU time of the search", "ms", of=quantile("search_ms", 0.5)),
-    Column("median_ms", "median CPU time of a plan", "ms", of=quantile("ms", 0.5)),
-    Column("p95_ms", "95th percentile of the CPU time of a plan", "ms", of=quantile("ms", 0.95)),
-    Column("median_over_stops", "median duration over stops at the vertices of the polyline", of=median("over_stops")),
-    Column("not_longer", f"not longer than {OF_OMPL}", "%", of=mean("not_longer", 100.0)),
-    Column("mean_length", "mean length of the polyline", "rad", of=mean("length")),
-)
-"""Measures that a target of such a block can name."""
+    Column("problems", "problems", show="count", of=len),
+    Column("found", "path found", "%", "more", "share", of=share("found")),
+    Column("solved", "proved motion", "%", "more", "share", of=share("solved")),
+    Column("contacts", "in contact", show="count", of=count("contact")),
+    Column("exceeded", "over a limit", show="count", of=count("exceeded")),
+    Column("median_duration", "median duration", "s", of=quantile("duration", 0.5, among="solved")),
+    Column("median_over_stops", "over stops, median", of=median("over_stops")),
+    Column("not_longer", f"not longer than {OF_OMPL}", "%", show="share",
+           of=share("not_longer", among=pl.col("not_longer").is_not_null())),
+    Column("median_ms", "median CPU time", "ms", "less", of=quantile("ms", 0.5)),
+    Column("p95_ms", "p95 CPU time", "ms", "less", of=quantile("ms", 0.95)),
+    Column("search_ms", "median CPU time of the search", "ms", aside=True, of=quantile("search_ms", 0.5)),
+    Column("mean_length", "mean length of the polyline", "rad", aside=True, of=mean("length")),
+    Column("rounds", "mean rounds", aside=True, of=mean("rounds")),
+)  # fmt: skip
+"""Measures: columns of the table of a block, which its targets can name; of durations, among the proved motions."""
 
 
 def _find_problems(name: str) -> str:

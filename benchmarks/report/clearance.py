@@ -9,8 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.clearance import PER_SECOND, PROOF, says
-from benchmarks.blocks.columns import count, median, quantile, share
+from benchmarks.blocks.clearance import MEASURES, PROOF
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import Board, Control
@@ -30,19 +29,8 @@ HOW = (
 )
 """Description of the judged motions and of the methods."""
 
-CLEARANCE_COLUMNS = (
-    Column("label", "Method", show="text"),
-    Column("missed", "missed contacts", "%", "less", "share", of=share("missed", among="contact")),
-    Column("count", "contacts", show="count", of=count("contact")),
-    Column("free", "judged free", "%", "", "share", of=share(says("free"))),
-    Column("undecided", "undecided", "%", "less", "share", of=share(says("undecided"))),
-    Column("ms", "median time", "ms", "less", of=quantile("ms", 0.5)),
-    Column("ms_p99", "p99 time", "ms", "less", of=quantile("ms", 0.99)),
-    Column("per_second", "median per second of motion", "ms", "less", of=median(PER_SECOND)),
-    Column("samples", "median samples", show="count", aside=True, of=median("samples")),
-    Column("false_contacts", "false contacts", show="count", aside=True, of=count("false_contact")),
-)
-"""Columns of a table."""
+COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
+"""Columns of a table: what targets can name."""
 
 
 def section(run: Run) -> dict[str, Any] | None:
@@ -86,7 +74,7 @@ def _table(b: BlockRows) -> Table:
         + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
         + ("" if len(groups) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
     )
-    return table_of(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, groups, note)
+    return table_of(f"clearance-{slug(b.block.id)}", b.block.title, COLUMNS, groups, note)
 
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:

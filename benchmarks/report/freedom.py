@@ -12,8 +12,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.columns import Of, quantile, share
-from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, FreeSet
+from benchmarks.blocks.freedom import ALONG_INITIAL, CHOSEN, MEASURES, FreeSet
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import Board, Control, squeeze
@@ -34,7 +33,6 @@ from benchmarks.report.numbers import number
 from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.timing.line import detailed
 from benchmarks.report.timing.space import read_track
-from benchmarks.statistics import quantiles
 from planners.cell.view.page import embed_arm
 
 HOW_COMPARED = (
@@ -46,31 +44,12 @@ HOW_COMPARED = (
 """Description of the compared motions."""
 
 
-def _quantile(column: str, level: float) -> Of:
-    return quantile(column, level, among=pl.col("ratio").is_not_null())
-
-
-def _span(least: float, most: float) -> Of:
-    """Return the words for two quantiles of the ratios of the durations."""
-    return lambda rows: " to ".join(map(number, quantiles(rows["ratio"].drop_nulls().to_numpy(), (least, most))))
-
-
-FREEDOM_COLUMNS = (
+COLUMNS = (
     Column("label", "Motions", show="text"),
     Column("robot", "arm", show="text"),
     Column("limits", "limits", show="text"),
     Column("method", "method", show="text"),
-    Column("n", "n", show="count", of=len),
-    Column("certified", "certified", "%", show="share", of=share("certified")),
-    Column("before", "before, median", "s", of=_quantile("before", 0.5)),
-    Column("duration", "after, median", "s", of=_quantile("duration", 0.5)),
-    Column("ratio", "after / before, median", of=_quantile("ratio", 0.5)),
-    Column("quartiles", "quartiles", show="text", of=_span(0.25, 0.75)),
-    Column("extremes", "least to largest", show="text", aside=True, of=_span(0.0, 1.0)),
-    Column("ms", "planning, median", "ms", of=_quantile("ms", 0.5)),
-    Column("ms_fixed", "planning of the initial path, median", "ms", aside=True, of=_quantile("ms_fixed", 0.5)),
-    Column("steps", "Newton steps, median", show="count", aside=True, of=_quantile("steps", 0.5)),
-    Column("starts", "initial guesses, median", show="count", aside=True, of=_quantile("starts", 0.5)),
+    *MEASURES,
 )
 """Columns of a table; medians are those of the motions with a duration before and after."""
 
@@ -87,7 +66,7 @@ def findings(run: Run) -> Sequence[str]:
         each = bool(b.block.limits[1:])  # one set of limits is named once
         words = [
             f"{row['label']} of {row['robot']}{' within ' + str(row['limits']) if each else ''} "
-            f"{number(_plain(row['ratio']))} (n = {row['n']})"
+            f"{number(_plain(row['median_ratio']))} (n = {row['motions']})"
             for row in _table(b).rows
             if row["method"] == CHOSEN
         ]
@@ -122,7 +101,7 @@ def _table(b: BlockRows) -> Table:
         f" {alone} motions have no ratio: there is no plan before or after." if alone else ""
     )
     title = f"Duration before and after: {b.block.title}"
-    return table_of(f"freedom-{slug(b.block.id)}", title, FREEDOM_COLUMNS, groups, note)
+    return table_of(f"freedom-{slug(b.block.id)}", title, COLUMNS, groups, note)
 
 
 # ---------------------------------------------------------------- plots

@@ -8,8 +8,7 @@ from typing import Any
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
-from benchmarks.blocks.columns import Of, count, mean, quantile, share
-from benchmarks.blocks.motion import COUNTED, OF_OMPL, OURS
+from benchmarks.blocks.motion import COUNTED, MEASURES, OURS
 from benchmarks.records import slug
 from benchmarks.report.base import KindReport, Run, Section
 from benchmarks.report.boards import Board, Control
@@ -33,29 +32,8 @@ OF_OTHERS = (
 """Figures that are quoted."""
 
 
-def _median(column: str, level: float = 0.5) -> Of:
-    return quantile(column, level, among="solved")
-
-
-_not_longer = share("not_longer", among=pl.col("not_longer").is_not_null())
-
-MOTION_COLUMNS = (
-    Column("label", "Method", show="text"),
-    Column("n", "problems", show="count", of=len),
-    Column("found", "path found", "%", "more", "share", of=share("found")),
-    Column("solved", "proved", "%", "more", "share", of=share("solved")),
-    Column("contact", "in contact", show="count", of=count("contact")),
-    Column("exceeded", "over a limit", show="count", of=count("exceeded")),
-    Column("duration", "duration, median", "s", of=_median("duration")),
-    Column("over_stops", "over stops, median", of=_median("over_stops")),
-    Column("not_longer", f"not longer than {OF_OMPL}", "%", show="share", of=_not_longer),
-    Column("ms", "CPU, median", "ms", "less", of=quantile("ms", 0.5)),
-    Column("ms_p95", "CPU, p95", "ms", "less", of=quantile("ms", 0.95)),
-    Column("search_ms", "search, median", "ms", aside=True, of=quantile("search_ms", 0.5)),
-    Column("length", "polyline, mean", "rad", aside=True, of=mean("length")),
-    Column("rounds", "rounds, mean", aside=True, of=mean("rounds")),
-)
-"""Columns of a table; medians of durations are those of the proved motions."""
+COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
+"""Columns of a table: what targets can name."""
 UNSOLVED_COLUMNS = tuple(
     Column(key, words, show="text")
     for key, words in (("problem", "Problem"), ("method", "method"), ("status", "status"), ("reason", "reason"))
@@ -87,7 +65,7 @@ def _table(b: BlockRows) -> Table:
     )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
     note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
-    return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
+    return table_of(f"motion-{slug(b.block.id)}", b.block.title, COLUMNS, _groups(b), note)
 
 
 def unsolved_of(b: BlockRows) -> Table:

@@ -80,11 +80,11 @@ def test_targets_are_judged_on_the_motions_of_a_group_that_have_a_plan(run: Run)
 
 def test_the_report_has_the_table_the_coordinates_and_both_motions(run: Run) -> None:
     (table,) = REPORT.tables(run)
-    assert [(row["label"], row["robot"], row["n"]) for row in table.rows] == [
+    assert [(row["label"], row["robot"], row["motions"]) for row in table.rows] == [
         ("regular, turn", "paper6r, torch 45°", 2), ("joints", "panda 3 kg", 1), ("cycle", "ur5e", 1),
     ]  # fmt: skip
     rows = run.of("freedom")[0].rows
-    assert table.rows[0]["ratio"] == pytest.approx(float(np.median(rows["ratio"][:2])))
+    assert table.rows[0]["median_ratio"] == pytest.approx(float(np.median(rows["ratio"][:2])))
     first, arm = (section.build(run) for section in REPORT.sections)
     assert first is not None and arm is not None
     assert [board.id for board in first["boards"]] == ["freedom-board", "coordinates-board"]
@@ -121,7 +121,7 @@ def test_a_peer_has_rows_beside_ours_and_a_reason_where_it_does_not_take_the_lim
     assert rows["before"][0] == rows["before"][1]
     assert rows["status"][3] == "timing_infeasible" and "got velocity, acceleration, jerk, torque" in rows["outcome"][3]
     (table,) = REPORT.tables(run)
-    assert [(row["method"], row["limits"], row["n"]) for row in table.rows] == [
+    assert [(row["method"], row["limits"], row["motions"]) for row in table.rows] == [
         (CHOSEN, "own", 1), (CHOSEN, "torque", 1), (SIMULTANEOUS, "own", 1), (SIMULTANEOUS, "torque", 1),
     ]  # fmt: skip
     judged = (Target(measure="solved", at_least=100, method=method) for method in ("", SIMULTANEOUS))

@@ -242,7 +242,7 @@ def test_objects_are_solids_of_coal_at_the_same_places() -> None:
 
 def test_the_report_has_the_methods_the_unsolved_problems_and_the_plots(run: Run) -> None:
     (table,) = REPORT.tables(run)
-    assert table.rows[0]["label"] == OURS and table.rows[0]["n"] == 3 and table.rows[0]["solved"][0] == 100.0
+    assert table.rows[0]["label"] == OURS and table.rows[0]["problems"] == 3 and table.rows[0]["solved"][0] == 100.0
     shown = REPORT.sections[0].build(run)
     assert shown is not None and [board.id for board in shown["boards"]] == ["motion-board"]
     assert {trace.name for trace in shown["boards"][0].figures[0].data} >= {OURS}

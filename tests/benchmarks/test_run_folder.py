@@ -205,7 +205,13 @@ def test_a_full_disk_is_one_line_and_what_is_done_stays(small_disk: Path) -> Non
 
 
 def test_a_run_that_a_full_disk_stopped_before_its_first_rows_is_resumed(small_disk: Path) -> None:
-    block = {"id": "a", "robot": "paper6r", "set": "near_start", "options": {"count": 3000}, "methods": [{"solver": "lm"}]}
+    block = {
+        "id": "a",
+        "robot": "paper6r",
+        "set": "near_start",
+        "options": {"count": 3000},
+        "methods": [{"solver": "lm"}],
+    }
     suite = suite_of("full", {"calls": [block | {"rounds": 1}]})
     with pytest.raises(OutputError, match="No space left on device"):
         run_suite(suite, small_disk / "run")

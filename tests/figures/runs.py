@@ -109,7 +109,7 @@ robot = "paper6r"
 set = "near_start"
 budgets = [1, 3, 10, 30]
 options = { count = 125000 }
-methods = [{ solver = "lm", label = "one attempt", options = { max_restarts = 0 } }, { solver = "lm" }]
+methods = [{ solver = "lm", label = "one attempt" }, { solver = "lm" }]
 """
 KILLS, MOST_TRIES, SPEED_RATIO = 10, 20, 1.6
 COUNTS = {"2 workers": 2, "4 workers": 4}
