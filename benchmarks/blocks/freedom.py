@@ -68,11 +68,11 @@ SHOWN_INSTANTS = 251
 """Number of stored instants of the motion of an example."""
 
 
-_BOTH = pl.col("ratio").is_not_null()
+_both = pl.col("ratio").is_not_null()
 
 
 def _median(column: str) -> Of:
-    return quantile(column, 0.5, among=_BOTH)
+    return quantile(column, 0.5, among=_both)
 
 
 def _span(least: float, most: float) -> Of:

@@ -29,7 +29,7 @@ HOW = (
 )
 """Description of the judged motions and of the methods."""
 
-COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
+CLEARANCE_COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
 """Columns of a table: what targets can name."""
 
 
@@ -74,7 +74,7 @@ def _table(b: BlockRows) -> Table:
         + (f" A distance below {1e3 * b.block.margin:g} mm to the scene counts as contact." if b.block.margin else "")
         + ("" if len(groups) > 1 else " Sampling needs coal and Pinocchio: pip install coal pin.")
     )
-    return table_of(f"clearance-{slug(b.block.id)}", b.block.title, COLUMNS, groups, note)
+    return table_of(f"clearance-{slug(b.block.id)}", b.block.title, CLEARANCE_COLUMNS, groups, note)
 
 
 def _board(blocks: Sequence[BlockRows], run: Run) -> Board:

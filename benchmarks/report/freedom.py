@@ -44,7 +44,7 @@ HOW_COMPARED = (
 """Description of the compared motions."""
 
 
-COLUMNS = (
+FREEDOM_COLUMNS = (
     Column("label", "Motions", show="text"),
     Column("robot", "arm", show="text"),
     Column("limits", "limits", show="text"),
@@ -101,7 +101,7 @@ def _table(b: BlockRows) -> Table:
         f" {alone} motions have no ratio: there is no plan before or after." if alone else ""
     )
     title = f"Duration before and after: {b.block.title}"
-    return table_of(f"freedom-{slug(b.block.id)}", title, COLUMNS, groups, note)
+    return table_of(f"freedom-{slug(b.block.id)}", title, FREEDOM_COLUMNS, groups, note)
 
 
 # ---------------------------------------------------------------- plots

@@ -32,7 +32,7 @@ OF_OTHERS = (
 """Figures that are quoted."""
 
 
-COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
+MOTION_COLUMNS = (Column("label", "Method", show="text"), *MEASURES)
 """Columns of a table: what targets can name."""
 UNSOLVED_COLUMNS = tuple(
     Column(key, words, show="text")
@@ -65,7 +65,7 @@ def _table(b: BlockRows) -> Table:
     )
     absent = [label for label in b.block.labels if label not in b.rows["method"].unique().to_list()]
     note += f" Not run: {', '.join(absent)}; see docs/search.md." if absent else ""
-    return table_of(f"motion-{slug(b.block.id)}", b.block.title, COLUMNS, _groups(b), note)
+    return table_of(f"motion-{slug(b.block.id)}", b.block.title, MOTION_COLUMNS, _groups(b), note)
 
 
 def unsolved_of(b: BlockRows) -> Table:

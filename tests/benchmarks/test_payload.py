@@ -15,11 +15,13 @@ from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
 from benchmarks.blocks.clearance import PROOF
 from benchmarks.blocks.timing.motions import draw_motion
-from benchmarks.blocks.timing.nearest import nearest_points, placed
 from benchmarks.blocks.timing.settings import LawBlock
 from benchmarks.blocks.timing.timers import line_rows
+from benchmarks.report import write_report
+from benchmarks.run import run_suite
+from benchmarks.suite import suite_of
 from optik.errors import InvalidInput
-from optik.scene.contact import SELF, find_nearest_pairs, find_pairs
+from optik.scene.contact import find_clearances
 from planners import MotionLimits
 from tests.benchmarks.conftest import solved
 from tests.seeds import shift_seed
@@ -130,20 +132,6 @@ def test_sampling_that_is_too_coarse_misses_contacts_and_the_proof_none(tmp_path
     assert by["coal, 0.02 rad"]["missed"].sum() <= 1
 
 
-@pytest.mark.parametrize("name", sorted(SCENES))
-def test_the_nearest_points_are_as_far_apart_as_the_compiled_distances_say(name: str) -> None:
-    arm, scene = optik.load("panda"), scene_named(name)
-    bodies = find_pairs(arm, scene).bodies
-    q = arm.limits.sample(np.random.default_rng(3), 40)
-    for at, distance, k in zip(q, *find_nearest_pairs(arm, scene, q), strict=True):
-        one, other, kind = bodies[k].tolist()
-        ends = nearest_points(placed(arm, at), scene, one, other, kind)
-        assert distance <= 0.0 or np.linalg.norm(ends[1] - ends[0]) == pytest.approx(distance, abs=1e-9)
-        if kind != SELF and distance > 0.0:
-            T, edges = scene.boxes[other]
-            assert np.abs((ends[1] - T[:3, 3]) @ T[:3, :3] / (0.5 * edges)).max() == pytest.approx(1.0)
-
-
 # ---------------------------------------------------------------- the command line
 
 MOVE = (
@@ -196,3 +184,20 @@ def test_a_payload_a_torque_limit_and_a_scene_are_in_the_plan(typed: Any) -> Non
     assert limits["torque"][:5] == [60.0, 60.0, 60.0, 60.0, 12.0] and limits.get("torque_rate") is None
     assert 0.9 < max(proof["torque"]["ratio"]) <= 1.0
     assert proof["clearance"]["scene"]["value"] > 0.0
+
+
+def test_a_line_in_a_scene_has_its_clearance_in_rows_and_report(tmp_path: Path) -> None:
+    line = {"robot": "panda", "kind": "line", "start_deg": [0, -45, 0, -135, 0, 90, 45], "move_m": [0.0, 0.0, -0.1]}
+    block = {
+        "id": "line", "detail": True, "lines": [line], "limits": [{"velocity": 1.0, "acceleration": 5.0, "jerk": 50.0}],
+        "laws": [{"law": "smooth"}, {"law": "optimal"}], "scene": "table", "margin": 0.01, "samples": 31,
+    }  # fmt: skip
+    run = run_suite(suite_of("s", {"timing": [block]}), tmp_path / "run")
+    arm, scene = optik.load("panda"), scene_named("table", 0.01)
+    over_time = run.read("rows/timing/line.clearance.parquet")
+    for law, proved in run.rows("timing", "line").select("method", "clearance").iter_rows():
+        joints = run.read("rows/timing/line.joints.parquet").filter(law=law)["q"].to_numpy().reshape(-1, 7)
+        least = find_clearances(arm, scene, joints)[0][:, 0].min()
+        assert 0.0 < proved <= least == pytest.approx(over_time.filter(law=law)["scene"].min(), abs=1e-3)
+    page = write_report(run).read_text(encoding="utf-8")
+    assert "Clearance over time" in page and "Pairs not examined" in page

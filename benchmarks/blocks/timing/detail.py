@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from benchmarks.blocks.arms import torques_at
 from benchmarks.blocks.block import Entry
 from benchmarks.blocks.timing.motions import DrawnLine
-from benchmarks.blocks.timing.nearest import clearance_frame, nearest_picture
 from benchmarks.blocks.timing.settings import LawBlock, told
 from benchmarks.records import Journal, RunFolder
 from optik import se3
 from optik.arm.robot import Robot
 from optik.ik import make_solver
+from optik.scene.contact import find_clearances
 from optik.types import Array
 from planners.certificate.certificate import Certificate
 from planners.certificate.certification import certify
@@ -30,6 +30,9 @@ from planners.trajectory import Trajectory
 
 MOTION_INSTANTS = 751
 """Number of stored instants of the joints: a pixel each, five to an interval of the paper's line."""
+
+CLEARANCE_INSTANTS = 501
+"""Number of stored instants of the clearance; the least value is the certificate's."""
 
 TOOL_INSTANTS = 1501
 """Number of stored instants of the tool's deviation, which oscillates between the samples; the largest of several is drawn."""
@@ -50,7 +53,7 @@ def write_example(
     """Write the motions of all laws, their active constraints, and last the curves over s, which mark completion."""
     limits = next(part for part in block.limits if part.label == block.example.limits).of(line.robot)
     tables: dict[str, list[pl.DataFrame]] = {}
-    pictures: list[dict[str, Any]] = []
+    clearances: list[dict[str, Any]] = []
     for entry in (one for one in block.laws if one.label not in journal.crashed):
         with journal.at_work(entry.label):
             planned, proof = _plan_and_proof(block, line, entry, limits)
@@ -61,13 +64,13 @@ def write_example(
             frames |= {"joints": joint_frame(planned), "tool": tool_frame(planned)}
         if block.detail and planned.scene is not None:
             frames["clearance"] = clearance_frame(planned)
-            picture = nearest_picture(planned)
-            pictures += [] if picture is None else [picture | {"law": entry.label}]
+            clearances.append(clearance_facts(planned) | {"law": entry.label})
         for table, frame in frames.items():
             tables.setdefault(table, []).append(frame.with_columns(law=pl.lit(entry.label)))
     for table, parts in tables.items():
         folder.write(name(f"{table}.parquet"), pl.concat(parts))
-    folder.write_json(name("nearest.json"), pictures)
+    if clearances:
+        folder.write_json(name("clearance.json"), clearances)
     joints = next((found for by in block.solvers if (found := _follow(block, line, by)) is not None), None)
     curve = pl.DataFrame({"s": []}) if joints is None or not tables else curve_frame(joints, limits)
     folder.write(name("curve.parquet"), curve)
@@ -189,6 +192,26 @@ def tool_frame(planned: Plan) -> pl.DataFrame:
             "angle": np.linalg.norm(e[:, 3:], axis=1),
         }
     )
+
+
+def clearance_frame(planned: Plan) -> pl.DataFrame:
+    """Return the least distances over time, by the compiled distances at instants."""
+    assert planned.scene is not None
+    t = np.linspace(0.0, planned.trajectory.end, CLEARANCE_INSTANTS)
+    distances, _ = find_clearances(planned.robot, planned.scene, planned.trajectory(t))
+    finite = np.where(np.isfinite(distances), distances, np.nan)
+    return pl.DataFrame({"t": t, "scene": finite[:, 0], "own": finite[:, 1]}, nan_to_null=True)
+
+
+def clearance_facts(planned: Plan) -> dict[str, Any]:
+    """Return the least distances of the certificate in words, with their times, and the pairs that were not examined."""
+    proof = planned.certificate.clearance
+    assert proof is not None
+    return {
+        "words": "; ".join(f"{words} {kind.describe()}" for words, kind in proof.kinds.items()),
+        "marks": [(kind.time, kind.found) for kind in proof.kinds.values()],
+        "left_out": [list(pair) for pair in proof.left_out],
+    }
 
 
 def maximum_velocity(q1: Array, q2: Array, limit: Array) -> Array:
