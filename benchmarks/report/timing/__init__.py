@@ -203,8 +203,9 @@ OF_MODELS = (
 def subjects(blocks: Sequence[LawBlock]) -> tuple[str]:
     """Describe how many lines or paths were timed."""
     parts = [part for block in blocks for part in block.lines]
-    words = "straight lines" if all(part.kind in LINE_KINDS for part in parts) else "paths"
-    return (f"time laws along {sum(part.count for part in parts)} {words}",)
+    count = sum(part.count for part in parts)
+    noun = "straight line" if all(part.kind in (*LINE_KINDS, GIVEN_LINE) for part in parts) else "path"
+    return (f"time laws along {'a' if count == 1 else f'{count:,}'} {noun}{'s' if count > 1 else ''}",)
 
 
 def limitations(run: Run) -> tuple[str, ...]:
