@@ -6,30 +6,33 @@ certificate proves it; ours is the shorter one if its duration is at most that.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 import numpy as np
 
+import optik
 from benchmarks.blocks.freedom import DRAKE, solve_by_peer
-from planners import JointLine, MotionLimits, PointToPoint
+from planners import JointLine, MotionLimits, PointToPoint, plan
 from tests.figures.figure import Row, Value, main
-from tests.figures.freedom import arm_of, timed
 
 SEED, COUNT = 20261127, 30
 
 
 def measure(case: int) -> Row:
     """Durations of one move: along the straight joint line, ours, Drake's own and its certified one."""
-    robot, rng = arm_of("loaded"), np.random.default_rng([SEED, case])
+    robot, rng = optik.load("panda").with_payload(3.0), np.random.default_rng([SEED, case])
     own, (low, high) = MotionLimits.of(robot), (robot.limits.lower, robot.limits.upper)
     limits = MotionLimits(own.velocity, own.acceleration, own.jerk, torque=own.torque)
     while True:
         q, goal = (low + (high - low) * rng.uniform(0.2, 0.8, robot.n) for _ in range(2))
-        fixed = timed(robot, line := JointLine(robot, q, goal), q, limits=limits)[0]
+        fixed = plan(robot, line := JointLine(robot, q, goal), q, limits=limits)
         if fixed:
             break
     path = PointToPoint(robot, q, goal)
-    ours, seconds = timed(robot, path, limits=limits)
+    begin = time.process_time()
+    ours = plan(robot, path, limits=limits)
+    seconds = time.process_time() - begin
     other = solve_by_peer(DRAKE, limits, (robot, q, line, path), {"fixed_duration": fixed.trajectory.duration})
     return {
         "status": str(ours.status), "line": fixed.trajectory.duration, "seconds": seconds, "outcome": other["outcome"],
