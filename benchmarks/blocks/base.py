@@ -44,7 +44,7 @@ class Field:
     scale: float = 1.0  # from the column to the unit
     only: str = ""  # field of truth values: problems are compared where it is true in both runs
     rounds: tuple[str, str] | tuple[()] = ()  # fields of the least and the largest value of a call's rounds
-    clock: bool = False  # a time of computing, which depends on the machine and its load
+    clock: str = ""  # of a time of computing, which depends on the machine and its load: wall or cpu
     exact: bool = False  # every run gives the same value up to rounding: any change counts, without a test
     stored: bool = True  # false where it follows from the other fields when the rows are read
 

@@ -113,7 +113,7 @@ class BatchBlock(ProblemBlock):
 
 FIELDS = {
     "method": TEXT, "problem": TEXT, **fields_of(WHOLE, "threads repeat count"),
-    "seconds": Field(pl.Float64, None, "time of a batch", "s", "less", clock=True),
+    "seconds": Field(pl.Float64, None, "time of a batch", "s", "less", clock="wall"),
     **fields_of(WHOLE, "solved claimed"), "iterations": NUMBER, "problems_sha256": TEXT,
 }  # fmt: skip
 """Fields of the rows."""

@@ -272,7 +272,7 @@ def _along(d: Array) -> Array:
 FIELDS = {
     "method": TEXT, "problem": WHOLE, "says": TEXT, "time": NUMBER, "pair": TEXT,
     **fields_of(NUMBER, "proved found duration"), "samples": WHOLE,
-    "ms": Field(pl.Float64, None, "time of a judgement", "ms", "less", clock=True), "contact": TRUTH,
+    "ms": Field(pl.Float64, None, "time of a judgement", "ms", "less", clock="wall"), "contact": TRUTH,
     "missed": Field(pl.Boolean, None, "missed contacts", "%", "less", only="contact"), "false_contact": TRUTH,
 }  # fmt: skip
 """Fields of the rows."""

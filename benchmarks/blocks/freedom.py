@@ -332,7 +332,7 @@ FIELDS = {
     **fields_of(NUMBER, "fixed_duration stop_duration"),
     "duration": Field(pl.Float64, None, "duration", "s", "less", only="solved"), "gain": NUMBER,
     **fields_of(WHOLE, "starts steps"), **fields_of(NUMBER, "gradient distance ms_fixed"),
-    "ms": Field(pl.Float64, None, "time of a plan", "ms", "less", only="solved", clock=True), "own_duration": NUMBER,
+    "ms": Field(pl.Float64, None, "time of a plan", "ms", "less", only="solved", clock="wall"), "own_duration": NUMBER,
     "solved": Field(pl.Boolean, None, "motions found", "%", "more", exact=True, stored=False),
 }  # fmt: skip
 """Fields of the rows."""

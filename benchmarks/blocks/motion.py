@@ -265,7 +265,7 @@ FIELDS = {
     "method": TEXT, "problem": WHOLE, "kind": TEXT, "number": WHOLE, **fields_of(TRUTH, "touched moved"),
     "status": Field(pl.String, "crashed"), "reason": TEXT, "found": Field(pl.Boolean, False), "length": NUMBER,
     "edges": WHOLE, "search_ms": NUMBER,
-    "ms": Field(pl.Float64, None, "CPU time of a plan", "ms", "less", only="solved", clock=True), "rounds": WHOLE,
+    "ms": Field(pl.Float64, None, "CPU time of a plan", "ms", "less", only="solved", clock="cpu"), "rounds": WHOLE,
     "duration": Field(pl.Float64, None, "duration", "s", "less", only="solved"), "stops": NUMBER,
     "solved": Field(pl.Boolean, False, "motions solved", "%", "more", exact=True), **fields_of(TRUTH, "contact exceeded"),
 }  # fmt: skip

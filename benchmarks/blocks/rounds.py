@@ -137,7 +137,7 @@ OUTCOMES = pl.Enum(["answered", "none", "raised", "crashed", "refused"])
 """Endings of a call: a configuration, none, an exception, the end of its process, or a refusal."""
 
 _time = Field(
-    pl.Float64, np.inf, "time (both solved)", "µs", "less", 1e-3, "solved", ("least_ns", "most_ns"), clock=True
+    pl.Float64, np.inf, "time (both solved)", "µs", "less", 1e-3, "solved", ("least_ns", "most_ns"), clock="wall"
 )
 
 FIELDS = {

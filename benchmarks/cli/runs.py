@@ -110,6 +110,8 @@ class RunCommand(JsonCommand):
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to stop
             err_console.print("interrupted; repeat the command to resume", style="yellow")
             raise typer.Exit(130) from None
+        for part in folder.manifest().get("repeated", []):
+            err_console.print(f"repeated: {part['file']}: {part['why']}", soft_wrap=True)
         for part in folder.manifest().get("failed", []):
             times = f", {part['times']} times" if part["times"] > 1 else ""
             words = f"failed: {part['label']} ({part['file']}): {part['why']}{times}"

@@ -29,6 +29,9 @@ SHORT_WORK, SECONDS = 1e-3, {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
 SAME_SPEED = 0.05
 """Relative difference of the reference computation in two runs that counts as the same speed of the machine."""
 
+CLOCK_NOISE = 0.1
+"""Relative change of a time that two runs of the same code on a shared machine show."""
+
 FALSE_ALARMS = 0.05
 """Probability that a comparison of two runs without any difference calls anything better or worse."""
 
@@ -150,7 +153,7 @@ def _of_block(
     if (why := different_problems(a, kind, block, b, other)) is not None:
         left_out.append(f"{block.id}: {why}")
         return
-    machines = {name: _compare_machines(a, b, name) for name in REFERENCE_LOOPS}
+    machines = _compare_machines(a, b, kind.file(block))
     labels = x["method"].unique(maintain_order=True).to_list()
     theirs = set(y["method"])
     missing = [label for label in labels if label not in theirs] + sorted(theirs - set(labels))
@@ -159,7 +162,7 @@ def _of_block(
         for name, field in kind.compared.items():
             mine, other_rows = (frame.filter(pl.col("method") == label) for frame in (x, y))
             if name in mine.columns and name in other_rows.columns:
-                found = _difference(name, field, mine, other_rows, machines if field.clock else {})
+                found = _difference(name, field, mine, other_rows, machines)
                 if found is not None:
                     yield replace(found[0], block=block.id, label=str(label)), field, found[1]
 
@@ -183,14 +186,16 @@ class MachineChange(NamedTuple):
     spread: float = 0.0
 
 
-def _compare_machines(a: Run, b: Run, name: str) -> MachineChange:
-    """Return the change of a reference computation; its ratio is 1 within `SAME_SPEED`."""
-    x, y = (np.array([one[name] for one in run.manifest.get("reference", [])]) for run in (a, b))
-    if not (x.size and y.size):
-        return MachineChange()
-    ratio = float(np.median(y) / np.median(x))
-    spread = max(float((v.max() - v.min()) / np.median(v)) for v in (x, y))
-    return MachineChange(1.0 if abs(ratio - 1.0) <= max(SAME_SPEED, spread) else ratio, spread)
+def _compare_machines(a: Run, b: Run, file: str) -> dict[str, MachineChange]:
+    """Return the change of each reference computation beside a block; a ratio is 1 within `SAME_SPEED` and its spread."""
+    before, after = (run.manifest.get("reference", {}).get(file, []) for run in (a, b))
+    found = {}
+    for name in (f"{loop}{clock}" for loop in REFERENCE_LOOPS for clock in ("", "_cpu")) if before and after else ():
+        x, y = (np.array([one[name] for one in times]) for times in (before, after))
+        ratio = float(np.median(y) / np.median(x))
+        spread = max(float(np.diff(np.quantile(v, (0.1, 0.9)))[0] / np.median(v)) for v in (x, y))
+        found[name] = MachineChange(1.0 if abs(ratio - 1.0) <= max(SAME_SPEED, spread) else ratio, spread)
+    return found
 
 
 def _difference(
@@ -216,8 +221,11 @@ def _difference(
     if repeated:
         noise = max(noise, *((float(v.max() - v.min()) / float(np.median(v))) for v in (x, y)))
     seconds = float(np.median(x)) * SECONDS.get(measure.unit, 1.0)
-    machine = machines.get("short" if seconds < SHORT_WORK else "long", MachineChange())
-    return _values(measure, x, y, pairs, max(noise, machine.spread), machine.ratio)
+    if not measure.clock:
+        return _values(measure, x, y, pairs, noise, 1.0)
+    loop, clock = "short" if seconds < SHORT_WORK else "long", "_cpu" if measure.clock == "cpu" else ""
+    machine = machines.get(loop + clock, MachineChange())
+    return _values(measure, x, y, pairs, max(noise, machine.spread, CLOCK_NOISE), machine.ratio)
 
 
 def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame, pl.DataFrame]:

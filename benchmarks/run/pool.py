@@ -273,6 +273,7 @@ class Done(NamedTuple):
     shard: Shard
     rows: pl.DataFrame | None  # None if it failed and its work defines no rows for crashes
     crashes: list[str]  # reasons of failures
+    repeated: str = ""  # why the work was repeated, with success
 
 
 def solve_shards(shards: Iterable[Shard], pool: Pool) -> Generator[Done]:
@@ -313,12 +314,13 @@ class _Division:
 
     def done(self, shard: Shard, outcome: pl.DataFrame | Failure) -> Done:
         """Return the result of a shard."""
-        if isinstance(outcome, Failure) and outcome.again:
+        first = outcome.why if isinstance(outcome, Failure) and outcome.again else ""
+        if first:
             outcome = self._pool.run_apart(solve, shard.work)
         crashes: list[str] = []
         frames = self._rows(shard, shard.work, outcome, crashes)
         rows = frames[0] if len(frames) == 1 else pl.concat(frames, how="vertical_relaxed") if frames else None
-        return Done(shard, rows, crashes)
+        return Done(shard, rows, crashes, "" if crashes else first)
 
     def _rows(self, shard: Shard, work: Any, outcome: Any, crashes: list[str]) -> list[pl.DataFrame]:
         """Return the rows of work in the order of its problems, divided if it failed, and add the reasons of failures."""

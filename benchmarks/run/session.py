@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -37,6 +38,9 @@ PART_SECONDS = 1800.0
 
 DEATHS = 2
 """Crashes in the same work after which it is not repeated: a single one may be a kill."""
+
+REFERENCE_SECONDS = 2.0
+"""Least time between two reference computations of a block [s]: they take 0.05 s."""
 
 WAIT_SECONDS = 600.0
 """Longest wait for `compiled_aside` before timed work [s]; the main process compiles the remaining kernels."""
@@ -129,7 +133,6 @@ class _Run:
         self._suite, self._folder, self._lock, self._recorded, self._tell = suite, folder, lock, recorded, tell
         self._sessions: list[Session] = []
         self._done = self._total = 0
-        self._reference: list[dict[str, float | None]] = []
         self._lacking: set[str] = set()
 
     def prepare(self) -> None:
@@ -178,7 +181,10 @@ class _Run:
     def _solve(self, shards: Iterable[Shard], pool: Pool) -> None:
         """Run shards, and write their rows and failures."""
         with closing(solve_shards(shards, pool)) as results:  # so that a second Ctrl-C, from Polars, is not lost in it
-            for shard, rows, crashes in results:
+            for shard, rows, crashes, repeated in results:
+                if repeated:
+                    before = self._folder.manifest().get("repeated", [])
+                    update_manifest(self._folder, repeated=[*before, {"file": shard.file, "why": repeated}])
                 if rows is None:
                     self._lacking.add(shard.file)
                 else:
@@ -190,7 +196,6 @@ class _Run:
     def do_alone(self) -> None:
         """Run the blocks that are timed alone, one after another, in this process."""
         for session in (one for one in self._sessions if one.kind.alone):
-            self._reference.append(time_reference())
             file, title = session.kind.file(session.block), session.block.title
             failure = self._timed(session, file, title)
             if failure is not None:
@@ -220,8 +225,7 @@ class _Run:
         """Record whether the run is complete."""
         manifest = self._folder.manifest()
         if not manifest["complete"] or self._lacking:  # of the sessions before, and of this one
-            times = [*manifest.get("reference", []), *self._reference, time_reference()]
-            update_manifest(self._folder, complete=not self._lacking, reference=times)
+            update_manifest(self._folder, complete=not self._lacking)
 
 
 def unfinished(session: Session) -> Iterator[Shard]:
@@ -237,11 +241,19 @@ def unfinished(session: Session) -> Iterator[Shard]:
 
 
 def complete(session: Session, tell: Tell) -> None:
-    """Do the unfinished shards of a block that is timed alone."""
-    with Journal(session.folder, session.kind.file(session.block, JOURNAL)) as journal:
+    """Do the unfinished shards of a block that is timed alone, and time the reference computation beside them."""
+    folder, file = session.folder, session.kind.file(session.block)
+    known = folder.manifest().get("reference", {})
+    times, last = list(known.get(file, ())), -REFERENCE_SECONDS
+    with Journal(folder, session.kind.file(session.block, JOURNAL)) as journal:
         for shard in unfinished(replace(session, journal=journal, tell=tell)):
+            if time.monotonic() - last >= REFERENCE_SECONDS:
+                times.append(time_reference())
+                last = time.monotonic()
             tell(shard.label)
-            session.folder.write(shard.file, add_keys(shard.block, shard.solve()))
+            folder.write(shard.file, add_keys(shard.block, shard.solve()))
+    if last > 0.0:
+        update_manifest(folder, reference=known | {file: [*times, time_reference()]})
 
 
 def run_block_apart(pool: Pool, session: Session) -> Failure | None:

@@ -25,7 +25,7 @@ from tests.oracles import REPOSITORY
 
 Change = Callable[[pl.DataFrame], pl.DataFrame]
 
-TIME = Field(pl.Float64, None, "time", "µs", "less", 1e6, clock=True)
+TIME = Field(pl.Float64, None, "time", "µs", "less", 1e6, clock="wall")
 
 
 def other(run: RunFolder, folder: Path, pattern: str, change: Change) -> RunFolder:
@@ -102,7 +102,7 @@ def test_a_time_must_differ_by_more_than_its_rounds(
     small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, noise: float, verdict: str
 ) -> None:
     kind = type(load_kind("budgets"))
-    monkeypatch.setattr(kind, "compared", {"position_error": replace(TIME, clock=False, rounds=("least", "most"))})
+    monkeypatch.setattr(kind, "compared", {"position_error": replace(TIME, clock="", rounds=("least", "most"))})
     own = kind.compared_rows
 
     def with_rounds(self: Any, block: Any, rows: pl.DataFrame) -> pl.DataFrame:
@@ -218,7 +218,7 @@ def test_the_content_of_a_robot_s_file_counts_and_not_its_name(tmp_path: Path) -
     ],
 )
 def test_a_change_of_time_that_the_reference_explains_is_the_machine(
-    small_run: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, machine: float, verdict: str
+    copied: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, factor: float, machine: float, verdict: str
 ) -> None:
     kind = type(load_kind("budgets"))
     monkeypatch.setattr(kind, "compared", {"position_error": TIME})
@@ -227,13 +227,11 @@ def test_a_change_of_time_that_the_reference_explains_is_the_machine(
     def noisy(rows: pl.DataFrame) -> pl.DataFrame:
         return rows.with_columns(position_error=pl.col("position_error") * factor * (1.0 + noise[: rows.height]))
 
-    changed = other(small_run, tmp_path / "changed", "misprint--01*", noisy if factor != 1.04 else slower(1.0))
-    manifest = changed.manifest()
-    manifest["reference"] = [
-        one | {name: machine * one[name] for name in ("short", "long")} for one in manifest["reference"]
-    ]
-    changed.write_json("run.json", manifest)
-    found = compare_runs(Run(small_run), Run(changed))
+    changed = other(copied, tmp_path / "changed", "misprint--01*", noisy if factor != 1.04 else slower(1.0))
+    for run, by in ((copied, 1.0), (changed, machine)):
+        times = [dict.fromkeys(("short", "short_cpu", "long", "long_cpu"), by)] * 3
+        run.write_json("run.json", run.manifest() | {"reference": {"rows/budgets/misprint.parquet": times}})
+    found = compare_runs(Run(copied), Run(changed))
     d = of(found.differences, "misprint", "corrected", "time")
     assert d.verdict == verdict
     assert bool([one for one in found.worse_than(5.0) if one.label == "corrected"]) == (verdict == "worse")

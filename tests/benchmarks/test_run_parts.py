@@ -81,6 +81,7 @@ def test_a_process_that_dies_once_costs_one_retry_and_nothing_else() -> None:
     assert table(found)["square"].is_finite().all()
     assert all(not d.crashes for d in found)
     assert sum(place.tried.values()) == 5
+    assert [(d.shard.file, d.repeated) for d in found if d.repeated] == [("4.parquet", "its process ended: SIGSEGV")]
 
 
 def test_a_method_that_always_dies_is_recorded_whole_after_some_problems() -> None:

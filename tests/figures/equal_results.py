@@ -28,9 +28,23 @@ BASELINE = os.environ.get("BASELINE", "a2832ad")
 """The commit to compare with."""
 ARMS = ("iiwa14", "kr6", "panda", "paper6r", "puma560", "ur5e")
 LAWS = ("constant_speed", "optimal", "quintic", "ruckig", "smooth", "toppra")
-SUITES = ("ik-speed-quick", "timing-quick", "payload-quick", "clearance-quick", "cell-quick", "paper")
-RENAMED = {"ik": "solver"}
-"""Columns by their names in the earlier commit, which have other names now."""
+SUITES = (
+    "ik-speed-quick", "timing-quick", "payload-quick", "clearance-quick", "cell-quick", "cycle-quick", "moves-quick",
+    "seam-quick", "motionbench-quick", "paper",
+)  # fmt: skip
+RENAMED = {
+    "rows/laws/": "rows/timing/",
+    "rows/plans/line.motion:": "rows/timing/line.joints:",
+    "rows/plans/": "rows/timing/",
+}
+"""Beginnings of names in the earlier commit, which have other names now."""
+GONE = (
+    "rows/plans/line:",
+    "rows/plans/line.samples:",
+    "rows/timing/line.joints:solver",
+    "rows/timing/line.tool:solver",
+)
+"""Tables and columns that are no longer written, or whose rows are others."""
 SENTENCE = ":reason"
 """A column of sentences, whose words may differ."""
 KERNELS = "optik/compiled/_kernels"
@@ -76,45 +90,44 @@ def motion(case: int) -> Row:
     return row
 
 
-def suite_rows(name: str) -> Row:
-    """Digest of every column of every table that a suite writes."""
+def suite_rows(root: Path, name: str) -> Row:
+    """Digest of every column of every table that a suite writes with the code in a folder, and the outcomes of its targets."""
     digests: Row = {}
     with TemporaryDirectory() as folder:
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "benchmarks.cli",
-            "bench",
-            "run",
-            name,
-            "--out",
-            folder,
-            "--workers",
-            "2",
-        ]
-        subprocess.run(command, check=True, capture_output=True)
+        for command in (("run", name, "--out", folder, "--workers", "2"), ("report", folder, "--format", "csv")):
+            started = [sys.executable, "-P", "-m", "benchmarks.cli", "bench", *command]
+            env = os.environ | {"PYTHONPATH": str(root)}
+            subprocess.run(started, check=True, capture_output=True, cwd=root, env=env)
+        tables: dict[str, list[Path]] = {}
         for file in sorted(Path(folder).rglob("*.parquet")):
-            for column in pl.read_parquet(file):
+            tables.setdefault(str(file.relative_to(folder)).partition("--")[0].removesuffix(".parquet"), []).append(
+                file
+            )
+        frames = {
+            name: pl.concat(map(pl.read_parquet, files), how="vertical_relaxed") for name, files in tables.items()
+        }
+        asked = Path(folder) / "tables" / "asked.csv"
+        frames |= {"targets": pl.read_csv(asked).select("label", "held")} if asked.exists() else {}
+        for table, rows in frames.items():
+            for column in rows:
                 text = json.dumps(column.to_list(), default=str).encode()
-                digests[f"{file.relative_to(folder)}:{column.name}"] = hashlib.sha256(text).hexdigest()[:16]
+                digests[f"{table}:{column.name}"] = hashlib.sha256(text).hexdigest()[:16]
     return digests
 
 
 def worker(case: int) -> None:
-    """Print the results of a case by this version."""
-    if case < CASES:
-        print(json.dumps([motion(k) for k in range(case * PER_CASE, (case + 1) * PER_CASE)]))
-    else:
-        print(json.dumps(suite_rows(SUITES[case - CASES])))
+    """Print the plans of a case by this version."""
+    print(json.dumps([motion(k) for k in range(case * PER_CASE, (case + 1) * PER_CASE)]))
 
 
 def results(root: Path, case: int) -> list[Row] | Row:
     """What the version in a folder gives."""
+    if case >= CASES:
+        return suite_rows(root, SUITES[case - CASES])
     code = f"from tests.figures.equal_results import worker; worker({case})"
     env = os.environ | {"PYTHONPATH": str(root), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=env, cwd=root, check=True, capture_output=True, text=True)
-    out: list[Row] | Row = json.loads(done.stdout)
+    out: list[Row] = json.loads(done.stdout)
     return out
 
 
@@ -136,7 +149,7 @@ def measure(case: int) -> Row:
         return {"plans": [compared(*pair) for pair in zip(before, now, strict=True)]}
     assert isinstance(before, dict) and isinstance(now, dict)
     again = results(old, case)
-    steady = [key for key in before if before[key] == again[key]]
+    steady = [key for key in before if before[key] == again[key] and not renamed(key).startswith(GONE)]
     return {
         "suite": SUITES[case - CASES],
         "columns": len(steady),
@@ -147,8 +160,8 @@ def measure(case: int) -> Row:
 
 def renamed(key: str) -> str:
     """The present name of a column of the earlier commit."""
-    table, _, column = key.rpartition(":")
-    return f"{table}:{RENAMED.get(column, column)}"
+    begins = next((old for old in RENAMED if key.startswith(old) and not key.startswith(GONE)), "")
+    return RENAMED.get(begins, "") + key.removeprefix(begins)
 
 
 def compared(before: Row, now: Row) -> Row:

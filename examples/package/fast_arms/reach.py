@@ -37,7 +37,7 @@ class ReachBlock(Block):
 
 FIELDS = {
     "method": TEXT, "problem": WHOLE, "reached": Field(pl.Boolean, False, "of the box reached", "%", "more"),
-    "ms": Field(pl.Float64, None, "time of a call", "ms", "less", clock=True),
+    "ms": Field(pl.Float64, None, "time of a call", "ms", "less", clock="wall"),
 }  # fmt: skip
 """The columns of the rows: type, value where a method crashed, and how two runs are compared."""
 
