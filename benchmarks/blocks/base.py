@@ -215,7 +215,11 @@ class Kind:
 
     def settings(self, data: Any) -> Block:
         """Check the settings of one block, as the suite's file has them."""
-        return self.block.read(data)
+        return self.name_block(self.block.read(data))
+
+    def name_block(self, block: Block) -> Block:
+        """Give a block without a title the title of its kind with the id."""
+        return block if block.title else block.model_copy(update={"title": f"{self.title}: {block.id}"})
 
     def of(self, block: Any) -> Kind:
         """Return the kind that does the work of a block: itself, unless a kind has blocks of several types."""

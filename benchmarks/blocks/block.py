@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import pydantic
 from pydantic import model_validator
 
 from benchmarks.blocks.columns import Column
@@ -117,7 +116,7 @@ class Block(Settings):
     """Further settings that do not change its problems."""
 
     id: str = key("Names the block's files.")
-    title: str = pydantic.Field(default_factory=lambda given: given["id"], description="Name of the block in reports.")
+    title: str = key("Name of the block in reports; by default that of its kind with the id.", "")
     targets: Annotated[tuple[Target, ...], LISTED] = key("Bounds that the report checks.", ())
 
     @classmethod

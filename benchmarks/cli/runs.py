@@ -251,10 +251,10 @@ class ReportCommand(JsonCommand):
     """
 
     folder: Path = argument("RUN", "Folder of a run.")
-    format: Format = option(
+    format: list[Format] | None = option(
         "Output",
-        "html: one page; md: report.md with figures; csv or tex: one file per table; pdf: one file per figure.",
-        Format.HTML,
+        "Repeatable. html: one page; md: report.md with figures; csv or tex: one file per table; pdf: one file per figure. "
+        "By default html.",
     )
     columns: str = option(
         "Output",
@@ -268,31 +268,34 @@ class ReportCommand(JsonCommand):
         """Write the report."""
         from benchmarks.records import RunFolder
 
+        formats = list(dict.fromkeys(self.format or [Format.HTML]))
+        columns = [key for key in map(str.strip, self.columns.split(",")) if key]
+        if columns and not {Format.MD, Format.CSV, Format.TEX} & set(formats):
+            raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
         with err_console.status("writing the report"):
-            written = self._write(RunFolder(self.folder))
+            written = {one: self._write(one, RunFolder(self.folder), columns) for one in formats}
+        files = [str(path) for paths in written.values() for path in paths]
         if self.as_json:
-            print_json({"report": str(written[0]) if written else None, "files": [str(path) for path in written]})
+            print_json({"report": files[0] if files else None, "files": files})
             return
-        what = "figures" if self.format is Format.PDF else "tables"
-        words = f"no {what} written: no part of this run is finished"
-        if written:
-            one = self.format in (Format.HTML, Format.MD)
-            words = f"report: {written[0]}" if one else f"{len(written)} {what} in {written[0].parent}"
-        out_console.print(words, soft_wrap=True)
+        for one, paths in written.items():
+            what = "figures" if one is Format.PDF else "tables"
+            words = f"no {what} written: no part of this run is finished"
+            if paths:
+                whole = one in (Format.HTML, Format.MD)
+                words = f"report: {paths[0]}" if whole else f"{len(paths)} {what} in {paths[0].parent}"
+            out_console.print(words, soft_wrap=True)
 
-    def _write(self, folder: RunFolder) -> list[Path]:
-        """Write the files of the format."""
+    def _write(self, form: Format, folder: RunFolder, columns: list[str]) -> list[Path]:
+        """Write the files of a format."""
         from benchmarks.report import formats, write_report
 
-        columns = [key for key in map(str.strip, self.columns.split(",")) if key]
-        if columns and self.format in (Format.HTML, Format.PDF):
-            raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
-        if self.format is Format.HTML:
+        if form is Format.HTML:
             return [write_report(folder)]
-        if self.format is Format.PDF:
+        if form is Format.PDF:
             return formats.write_figures(folder)
         writers = {Format.MD: formats.write_markdown, Format.CSV: formats.write_csv, Format.TEX: formats.write_tex}
-        return writers[self.format](folder, columns)
+        return writers[form](folder, columns)
 
 
 @dataclass(frozen=True, kw_only=True)

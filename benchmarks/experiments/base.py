@@ -24,6 +24,9 @@ class Finding:
 PAPER_TITLE = "Research on Trajectory Planning of a 6R Robotic Manipulator based on Jacobian Iteration"
 """Title of the paper."""
 
+PAPER_METHOD = "the Jacobian iteration with damped least squares (dls)"
+"""Method of the paper, in words."""
+
 
 class Counterpart(NamedTuple):
     """A part of the paper (figure, table, equation or section) and its counterpart in the report."""

@@ -29,14 +29,24 @@ LINE_STYLES = dict(zip(DASHES, ("-", "--", ":", "-."), strict=True))
 MARKERS = dict(zip(SYMBOLS, "osD^P*Xp", strict=True)) | {"x-thin": "x", "circle-open": "o"}
 """Markers of matplotlib by those of Plotly."""
 
-PER_ROW = 3
-"""Number of figures side by side."""
+COLUMN_MM, PAGE_MM = 88.0, 181.0
+"""Widths of a figure in one column of a journal, and across both."""
 
-TITLE_WIDTH = 52
-"""Number of characters in a line of a figure's title."""
+PER_ROW = 2
+"""Number of figures side by side across both columns."""
 
-PANEL_INCHES = (4.6, 3.6)
-"""Width and height of one figure."""
+PANEL_MM = 66.0
+"""Height of one figure."""
+
+TITLE_WIDTH, POINTS = 48, 8
+"""Number of characters in a line of a figure's title, and the size of all text [pt]."""
+
+
+STYLE = {
+    "font.size": POINTS, "axes.titlesize": POINTS, "axes.labelsize": POINTS, "xtick.labelsize": POINTS,
+    "ytick.labelsize": POINTS, "legend.fontsize": POINTS, "svg.fonttype": "none", "svg.hashsalt": "optik", "pdf.fonttype": 42,
+}  # fmt: skip
+"""Settings of matplotlib."""
 
 
 def draw(figures: Sequence[Figure], kind: str = "svg") -> bytes:
@@ -48,8 +58,13 @@ def draw(figures: Sequence[Figure], kind: str = "svg") -> bytes:
         raise MissingDependency("matplotlib", "the figures of a report on paper", "figures") from None
     columns = min(len(figures), PER_ROW)
     rows = -(-len(figures) // columns)
-    wide = PANEL_INCHES[0] * (columns if columns > 1 else 1.4)
-    sheet = Sheet(figsize=(wide, PANEL_INCHES[1] * rows + 0.7), layout="constrained")
+    size = (COLUMN_MM if columns == 1 else PAGE_MM) / 25.4, (PANEL_MM * rows + 14.0) / 25.4
+    with mpl.rc_context(STYLE):
+        return _drawn(Sheet(figsize=size, layout="constrained"), figures, rows, columns, kind)
+
+
+def _drawn(sheet: Any, figures: Sequence[Figure], rows: int, columns: int, kind: str) -> bytes:
+    """Draw figures on a sheet and return its file."""
     handles: dict[str, Any] = {}
     for k, figure in enumerate(figures):
         solid = any(trace.type == "scatter3d" for trace in figure.data)
@@ -59,15 +74,14 @@ def draw(figures: Sequence[Figure], kind: str = "svg") -> bytes:
         handles = panel.handles | handles
     if handles:
         sheet.legend(
-            list(handles.values()), [_words(name) for name in handles], loc="outside lower center", fontsize=8,
-            ncols=min(len(handles), 3 * columns), frameon=False,
+            list(handles.values()), [_words(name) for name in handles], loc="outside lower center",
+            ncols=min(len(handles), 2 * columns), frameon=False,
         )  # fmt: skip
     out = io.BytesIO()
     about = (
         {"Date": None, "Creator": None} if kind == "svg" else {"CreationDate": None, "Creator": None, "Producer": None}
     )
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "optik", "pdf.fonttype": 42}):
-        sheet.savefig(out, format=kind, metadata=about)
+    sheet.savefig(out, format=kind, metadata=about)
     return out.getvalue()
 
 
@@ -97,7 +111,7 @@ class _Panel:
         self.handles: dict[str, Any] = {}
 
     def draw(self, traces: Iterable[Json]) -> None:
-        self.axes.set_title("\n".join(textwrap.wrap(_title(self.layout), TITLE_WIDTH)), fontsize=10)
+        self.axes.set_title("\n".join(textwrap.wrap(_title(self.layout), TITLE_WIDTH)))
         kinds = {"scatter": self._line, "scatter3d": self._line_3d, "bar": self._bars, "heatmap": self._map}
         for trace in traces:
             handle = kinds[trace["type"]](trace)
@@ -293,8 +307,13 @@ def write_tex(folder: RunFolder, columns: Sequence[str] = ()) -> list[Path]:
 def _write_tables(
     folder: RunFolder, columns: Sequence[str], ending: str, text_of: Callable[[Table], str]
 ) -> list[Path]:
-    tables = chosen_tables(Run(folder), columns)
-    return [_write(folder, f"{TABLES_FOLDER}/{slug(t.id)}.{ending}", text_of(t).encode()) for t in tables]
+    run = Run(folder)
+    tables = {f"{TABLES_FOLDER}/{slug(table.id)}.{ending}": table for table in chosen_tables(run, columns)}
+    for table in all_tables(run):  # a table of an earlier report beside these would be of other columns
+        name = f"{TABLES_FOLDER}/{slug(table.id)}.{ending}"
+        if name not in tables:
+            (folder.path / name).unlink(missing_ok=True)
+    return [_write(folder, name, text_of(table).encode()) for name, table in tables.items()]
 
 
 def _write(folder: RunFolder, name: str, content: bytes) -> Path:
@@ -356,6 +375,11 @@ def _head(run: Run, winners: Table | None) -> str:
         words.append("**This run is incomplete.**\n")
     if head["failed"]:
         words.append(f"**{marked(head['failed'])}**\n")
+    if head["paper"]:
+        paper = head["paper"]
+        words.append(
+            f"The paper: *{marked(paper['title'])}*. Its method is {paper['method']}. Verdict: {paper['verdict']}\n"
+        )
     if winners is not None:
         words.append(markdown_of(winners))
     words += [f"- {marked(finding)}" for finding in head["findings"]]

@@ -247,6 +247,9 @@ _SPECIAL_IN_LATEX = re.compile("|".join(map(re.escape, sorted(LATEX, key=len, re
 LATEX_SIZES = {"small": 62, "footnotesize": 70, "scriptsize": 80}
 """Sizes of text in LaTeX, and the number of characters in a line of a page of one column, digits and signs being wide."""
 
+LATEX_COLUMN = 0.5
+"""Width of a column of a journal over that of such a line."""
+
 _POWER = re.compile(r"·?10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)")
 """Regular expression of a power of ten on the page."""
 
@@ -255,10 +258,13 @@ _LOWERED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 
 def tex_of(table: Table) -> str:
-    """Return a table as LaTeX as wide as its line, without the columns shown on request; the best values are bold."""
+    """Return a table as LaTeX as wide as its line, without the columns shown on request; the best values are bold.
+
+    Of a page of two columns it takes one if no word is broken there, else both.
+    """
     shown = table.printed
     rows = shown_rows(shown)
-    size, widths = _widths(shown, rows)
+    size, widths, star = _widths(shown, rows)
     columns = [
         rf">{{\{'raggedright' if c.is_text else 'raggedleft'}\arraybackslash}}p{{{width:.3f}\linewidth}}"
         for c, width in zip(shown.columns, widths, strict=True)
@@ -266,7 +272,7 @@ def tex_of(table: Table) -> str:
     gaps = f"{2 * (len(columns) - 1)}\\tabcolsep"
     lines = [
         r"% needs \usepackage{array,booktabs}",
-        r"\begin{table}",
+        rf"\begin{{table{star}}}",
         rf"\caption{{{escaped(table.title)}}}",
         rf"\label{{tab:{slug(table.id)}}}",
         rf"\{size}\setlength{{\tabcolsep}}{{3pt}}\addtolength{{\linewidth}}{{-{gaps}}}%",
@@ -282,25 +288,27 @@ def tex_of(table: Table) -> str:
             if table.note
             else []
         ),
-        r"\end{table}",
+        rf"\end{{table{star}}}",
         "",
     ]
     return "\n".join(lines)
 
 
-def _widths(table: Table, rows: Sequence[Sequence[ShownCell]]) -> tuple[str, list[float]]:
-    """Return the largest size of text at which no word is broken, and the widths of the columns as fractions of the line."""
+def _widths(table: Table, rows: Sequence[Sequence[ShownCell]]) -> tuple[str, list[float], str]:
+    """Return the largest size of text at which no word is broken, the widths as fractions of the line, and * for a wide one."""
     texts = [[c.head, *(row[k].text for row in rows)] for k, c in enumerate(table.columns)]
     least = [max(len(word) for text in column for word in text.split() or [""]) + 1 for column in texts]
     tiny = [max((math.ceil(0.75 * len(row[k].interval)) for row in rows), default=0) for k in range(len(table.columns))]
     longest = [max(max(map(len, column[1:]), default=1), small) for column, small in zip(texts, tiny, strict=True)]
     wanted = [max(most, low) + 1 for most, low in zip(longest, least, strict=True)]
-    size = next((name for name, most in LATEX_SIZES.items() if sum(least) <= most), "scriptsize")
-    room = max(LATEX_SIZES[size] - sum(least), 0)
+    part = LATEX_COLUMN if sum(least) <= LATEX_COLUMN * LATEX_SIZES["scriptsize"] else 1.0
+    size = next((name for name, most in LATEX_SIZES.items() if sum(least) <= part * most), "scriptsize")
+    room = max(part * LATEX_SIZES[size] - sum(least), 0)
     more = [high - low for low, high in zip(least, wanted, strict=True)]
     share = room / max(sum(more), room, 1)
     found = [low + share * extra for low, extra in zip(least, more, strict=True)]
-    return size, [width / max(sum(found), LATEX_SIZES[size]) for width in found]
+    whole = max(sum(found), part * LATEX_SIZES[size])
+    return size, [math.floor(1e3 * width / whole) / 1e3 for width in found], "" if part < 1.0 else "*"
 
 
 def _tex_cell(cell: ShownCell) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.experiments.base import PARTLY
+from benchmarks.experiments.base import PAPER_METHOD, PAPER_TITLE, PARTLY
 from benchmarks.report.base import Run, Winner, load_report
 from benchmarks.report.numbers import listed, quoted
 from benchmarks.report.sections import failure_words
@@ -29,8 +29,8 @@ WINNER_COLUMNS = (
     Column("value", "Value", show="mixed"),
     Column("unit", "Unit", show="text"),
     Column("tied", "Not significantly different", show="text"),
-    Column("second", "Next best", show="text"),
-    Column("second_value", "Value of the next best", show="mixed"),
+    Column("second", "Next", show="text"),
+    Column("second_value", "Value of the next", show="mixed"),
     Column("note", "Problems", show="text"),
 )
 """Columns of the winners as a table."""
@@ -89,7 +89,8 @@ class Won:
 
     asked: Winner
     best: Place
-    tied: tuple[str, ...]
+    level: tuple[str, ...]
+    """The best and those that stand beside it; of many only the first are named."""
     remark: str
     second: Place | None
 
@@ -105,16 +106,18 @@ def won(run: Run) -> list[Won]:
     for winner in winners(run):
         tied, second = _order(winner)
         other = None if second is None else _place(winner, second)
-        found.append(Won(winner, _place(winner, 0), tied, _remark(winner, tied), other))
+        level = (winner.entries[0][0], *(tied if len(tied) <= MOST_TIED else tied[: MOST_TIED - 1]))
+        found.append(Won(winner, _place(winner, 0), level, _remark(winner, tied), other))
     return found
 
 
 def _remark(winner: Winner, tied: tuple[str, ...]) -> str:
-    """Name the entries tied with the best, and say if there are too few values for a test."""
+    """Say why entries stand beside the best, how many are not named, and if there are too few values for a test."""
     if not tied:
         return f"ranked by value{winner.sample}" if winner.is_too_few else ""
-    words = "same value" if winner.is_too_few else "not significantly different"
-    return f"{words}{winner.sample}: {tied_words(tied)}"
+    words = "same value" if winner.is_too_few else "no significant difference"
+    more = f"and {len(tied) - MOST_TIED + 1} more: " if len(tied) > MOST_TIED else ""
+    return f"{more}{words}{winner.sample}"
 
 
 def _order(winner: Winner) -> tuple[tuple[str, ...], int | None]:
@@ -130,11 +133,6 @@ def _place(winner: Winner, rank: int) -> Place:
     share = winner.unit == "%"
     value, interval = written("share" if share else "precise" if low == high else "number", middle, low, high)
     return Place(label, f"{value} {winner.unit}".rstrip(), interval)
-
-
-def tied_words(labels: tuple[str, ...]) -> str:
-    """Name the entries tied with the best."""
-    return listed(labels) if len(labels) <= MOST_TIED else f"{listed(labels[:2])} and {len(labels) - 2} more"
 
 
 def winners_table(run: Run) -> Table | None:
@@ -174,7 +172,8 @@ def overview(run: Run) -> dict[str, Any]:
         "robots": [(short_name(name), _axes(run, name)) for name in run.suite.robots],
         "subjects": _subjects(run),
         "missing": [block.title for _, block in run.suite.pairs() if block not in begun],
-        "findings": [words for words in (*own, _verdicts(run)) if words],
+        "findings": [words for words in own if words],
+        "paper": {"title": PAPER_TITLE, "method": PAPER_METHOD, "verdict": _verdicts(run)} if run.on_paper else None,
         "won": won(run),
     }
 
@@ -197,14 +196,10 @@ def _subjects(run: Run) -> str:
 
 def _verdicts(run: Run) -> str:
     """Describe how many claims hold."""
-    if not run.on_paper:
-        return ""
     verdicts = Counter(PARTLY if f.verdict.startswith(PARTLY) else f.verdict for f in run.findings)
-    if not verdicts:
-        return ""
     words = {
         "holds": ("holds", "hold"), PARTLY: ("holds under a condition", "hold under a condition"),
         "does not hold": ("does not hold", "do not hold"), "not tested": ("is not tested here", "are not tested here"),
     }  # fmt: skip
     parts = [f"{verdicts[v]} {one if verdicts[v] == 1 else many}" for v, (one, many) in words.items() if v in verdicts]
-    return f"Of the paper's {sum(verdicts.values())} claims, " + ", ".join(parts) + "."
+    return f"of its {sum(verdicts.values())} claims, " + ", ".join(parts) + "."

@@ -93,7 +93,7 @@ def test_the_report_has_the_table_the_coordinates_and_both_motions(run: Run) -> 
     ends = {name: motions.filter(motion=name)["t"].max() for name in (CHOSEN, ALONG_INITIAL)}
     assert ends == pytest.approx({CHOSEN: rows["duration"][3], ALONG_INITIAL: rows["stop_duration"][3]})
     assert REPORT.findings(run)[0].startswith(
-        "f within own, median duration after / before path and time were chosen: reg"
+        "Path and time together: f within own, median duration after / before path and time were chosen: reg"
     )
 
 

@@ -219,7 +219,7 @@ def test_an_unfinished_run_says_so(copied: RunFolder) -> None:
         file.unlink()
     page = page_of(copied)
     assert "This run is incomplete." in page.text
-    assert "Not started: misprint" in page.text
+    assert "Not started: Methods: misprint" in page.text
     assert "line" not in page.anchors
     assert "budgets" in page.anchors
 

@@ -185,7 +185,7 @@ def test_where_no_target_has_a_solution_nobody_wins_and_the_table_says_so(tmp_pa
     )
     far, near = Run(run_suite(suite, tmp_path / "run")).of("calls")
     assert (far.unreachable, near.unreachable) == (True, False)
-    assert {winner.question.partition(": ")[2] for winner in winners(Run(far.folder))} == {"near"}
+    assert {winner.question.rpartition(": ")[2] for winner in winners(Run(far.folder))} == {"near"}
     assert "No target" in success_and_time(far).note
     assert "No target" not in success_and_time(near).note
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.blocks.base import Kind
+from benchmarks.blocks.block import Block
 from benchmarks.blocks.cell.iso import Iso
 from benchmarks.blocks.cell.laws import Laws
 from benchmarks.blocks.cell.settings import ISO, LAWS, SPOTS, CellBlock, read_block
@@ -18,8 +19,8 @@ EXECUTED = {SPOTS: Spots(), ISO: Iso(), LAWS: Laws()}
 class _Cell(CellKind):
     """Blocks of the executed cell."""
 
-    def settings(self, data: Any) -> CellBlock:
-        return read_block(data)
+    def settings(self, data: Any) -> Block:
+        return self.name_block(read_block(data))
 
     def of(self, block: CellBlock) -> Kind:
         return EXECUTED[block.what]

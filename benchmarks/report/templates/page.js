@@ -15,16 +15,80 @@
     for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
     return bytes;
   };
+  // At once, for a page that is printed before all is drawn: RFC 1951 inside gzip without a name (RFC 1952).
+  const inflateNow = text => {
+    const from = bytesOf(text.trim()), out = new Uint8Array(new DataView(from.buffer).getUint32(from.length - 4, true));
+    let next = 10, held = 0, count = 0, end = 0;
+    const bits = n => {
+      while (count < n) { held |= from[next++] << count; count += 8; }
+      const found = held & ((1 << n) - 1);
+      held >>>= n; count -= n;
+      return found;
+    };
+    const codesOf = lengths => { // of each length the number of codes, and the symbols in the order of their codes
+      const counts = new Uint16Array(16), places = new Uint16Array(17), symbols = new Uint16Array(lengths.length);
+      for (const length of lengths) if (length) counts[length]++;
+      for (let k = 1; k < 16; k++) places[k + 1] = places[k] + counts[k];
+      lengths.forEach((length, symbol) => { if (length) symbols[places[length]++] = symbol; });
+      return { counts, symbols };
+    };
+    const read = ({ counts, symbols }) => {
+      for (let length = 1, code = 0, first = 0, index = 0; ; length++) {
+        code |= bits(1);
+        const here = counts[length];
+        if (code - first < here) return symbols[index + code - first];
+        index += here; first = (first + here) << 1; code <<= 1;
+      }
+    };
+    const series = (begin, groups, step) => { // bases and numbers of extra bits of lengths and distances
+      const found = [];
+      for (let k = 0, base = begin; k < groups; k++) { const extra = k < 2 * step ? 0 : Math.floor(k / step) - 1; found.push([base, extra]); base += 1 << extra; }
+      return found;
+    };
+    const sizes = [...series(3, 28, 4), [258, 0]], distances = series(1, 30, 2);
+    const fixed = [codesOf([...Array(144).fill(8), ...Array(112).fill(9), ...Array(24).fill(7), ...Array(8).fill(8)]), codesOf(Array(30).fill(5))];
+    const dynamic = () => {
+      const many = bits(5) + 257, far = bits(5) + 1, few = bits(4) + 4, small = Array(19).fill(0), lengths = [];
+      for (let k = 0; k < few; k++) small[[16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15][k]] = bits(3);
+      const codes = codesOf(small);
+      while (lengths.length < many + far) {
+        const symbol = read(codes);
+        if (symbol < 16) lengths.push(symbol);
+        else if (symbol === 16) lengths.push(...Array(3 + bits(2)).fill(lengths.at(-1)));
+        else lengths.push(...Array(symbol === 17 ? 3 + bits(3) : 11 + bits(7)).fill(0));
+      }
+      return [codesOf(lengths.slice(0, many)), codesOf(lengths.slice(many))];
+    };
+    for (let last = 0; !last;) {
+      last = bits(1);
+      const kind = bits(2);
+      if (kind === 0) {
+        held = count = 0;
+        const size = from[next] | from[next + 1] << 8;
+        out.set(from.subarray(next + 4, next + 4 + size), end);
+        next += 4 + size; end += size;
+        continue;
+      }
+      const [literals, backward] = kind === 1 ? fixed : dynamic();
+      for (let symbol = read(literals); symbol !== 256; symbol = read(literals)) {
+        if (symbol < 256) { out[end++] = symbol; continue; }
+        const [size, more] = sizes[symbol - 257], length = size + bits(more), [distance, rest] = distances[read(backward)], back = distance + bits(rest);
+        for (let k = 0; k < length; k++, end++) out[end] = out[end - back];
+      }
+    }
+    return out;
+  };
   const inflate = text => new Response(new Blob([bytesOf(text.trim())]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 
   const unpack = async text => JSON.parse(new TextDecoder().decode(await inflate(text)));
   const look = JSON.parse(document.getElementById("look").textContent);
 
-  const library = inflate(document.getElementById("plotly").textContent).then(content => {
+  const runScript = content => {
     const script = document.createElement("script");
     script.textContent = new TextDecoder().decode(content);
     document.head.append(script);
-  });
+  };
+  const library = inflate(document.getElementById("plotly").textContent).then(content => { if (!window.Plotly) runScript(content); });
 
   // ---------------------------------------------------------------- boards
 
@@ -126,10 +190,17 @@
     // Its data and the library, fetched from the page once; then it is drawn.
     ready() {
       this.coming ||= Promise.all([unpack(this.board.querySelector("script").textContent), library]).then(([figures]) => {
+        if (this.drawn) return;
         this.figures = figures;
         this.draw();
       });
       return this.coming;
+    }
+
+    // The same without a pause, for print.
+    now() {
+      this.figures ||= JSON.parse(new TextDecoder().decode(inflateNow(this.board.querySelector("script").textContent)));
+      this.draw();
     }
 
     // The choices, in words: for print, where no control is.
@@ -212,12 +283,15 @@
 
   const boards = [...document.querySelectorAll("figure.board")].map(figure => new BoardView(figure));
   // The arm that plays motions: its script and its data.
-  const drawArm = async place => {
-    const [text, data] = await unpack(place.querySelector("script").textContent);
+  const arm = document.getElementById("arm");
+  let armDrawn = false;
+  const drawArm = ([text, data]) => {
+    if (armDrawn) return;
+    armDrawn = true;
     const script = document.createElement("script");
     script.textContent = text;
     document.head.append(script);
-    optikArm(place, JSON.parse(data));
+    optikArm(arm, JSON.parse(data));
   };
   // One after another, from the top, so that the page answers in between.
   const drawAll = async () => {
@@ -226,8 +300,7 @@
       if (board === boards[0]) performance.mark("first plot");
       await new Promise(resolve => setTimeout(resolve));
     }
-    const arm = document.getElementById("arm");
-    if (arm) await drawArm(arm);
+    if (arm) drawArm(await unpack(arm.querySelector("script").textContent));
     performance.mark("all plots");
   };
   drawAll();
@@ -239,7 +312,9 @@
     document.documentElement.classList.add("printing");
     unfolded = [...document.querySelectorAll("details:not([open])")];
     unfolded.forEach(details => (details.open = true));
-    redraw();
+    if (boards.length && !window.Plotly) runScript(inflateNow(document.getElementById("plotly").textContent));
+    boards.forEach(board => board.now());
+    if (arm && !armDrawn) drawArm(JSON.parse(new TextDecoder().decode(inflateNow(arm.querySelector("script").textContent))));
   });
   addEventListener("afterprint", () => {
     document.documentElement.classList.remove("printing");
