@@ -107,7 +107,7 @@ def suite_rows(root: Path, name: str) -> Row:
             name: pl.concat(map(pl.read_parquet, files), how="vertical_relaxed") for name, files in tables.items()
         }
         asked = Path(folder) / "tables" / "asked.csv"
-        frames |= {"targets": pl.read_csv(asked).select("label", "held")} if asked.exists() else {}
+        frames |= {"targets": pl.read_csv(asked).select("where", "held")} if asked.exists() else {}
         for table, rows in frames.items():
             for column in rows:
                 text = json.dumps(column.to_list(), default=str).encode()
