@@ -163,7 +163,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/cell/laser.py": ("tests/planners/test_laser.py",),
     "planners/cell/sighting.py": ("tests/planners/test_laser.py",),
     "planners/cell/drives/setpoints.py": DRIVE,
-    "planners/cell/_parts.py": ("tests/planners/test_laser.py", "tests/planners/test_cell.py"),
+    "planners/cell/_readings.py": ("tests/planners/test_laser.py", "tests/planners/test_cell.py"),
     "optik/arm/mjcf_writer.py": ("tests/planners/test_mjcf.py",),
     "planners/cell/drives/_checks.py": (EDGES, *DRIVE),
     "planners/cell/drives/_stop.py": DRIVE,
@@ -249,7 +249,7 @@ NEWER = (
     "planners/cell/laser.py",
     "planners/cell/drives/setpoints.py",
     "planners/cell/sighting.py",
-    "planners/cell/_parts.py",
+    "planners/cell/_readings.py",
     "optik/arm/mjcf_writer.py",
 )
 """The proofs of contact and torque, shapes, scenes, limits, the time-optimal law and the cell."""
