@@ -11,7 +11,6 @@ from planners.cell.drives.ros import RosDrive
 from planners.cell.drives.setpoints import Setpoints, fit_periods, make_setpoints
 from planners.cell.error_split import ErrorSplit, PathSplit, split_configurations, split_errors
 from planners.cell.gripper import Gripper, HeldObject
-from planners.cell.iso9283 import Cube, PathFigures, PoseFigures, crossings, cube_poses, path_figures, pose_figures
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
@@ -25,7 +24,6 @@ __all__ = [
     "CalibrationStatus",
     "Cell",
     "CellStatus",
-    "Cube",
     "Drive",
     "ErrorSplit",
     "Execution",
@@ -39,10 +37,8 @@ __all__ = [
     "MujocoDrive",
     "Outcome",
     "PanTiltLaser",
-    "PathFigures",
     "PathSplit",
     "Plane",
-    "PoseFigures",
     "RclpyTransport",
     "RosDrive",
     "RosbridgeTransport",
@@ -55,15 +51,11 @@ __all__ = [
     "Step",
     "Transport",
     "calibrate",
-    "crossings",
-    "cube_poses",
     "drives",
     "fit_periods",
     "make_drive",
     "make_setpoints",
     "mujoco_model",
-    "path_figures",
-    "pose_figures",
     "restore_plan",
     "split_configurations",
     "split_errors",

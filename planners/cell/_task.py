@@ -13,17 +13,21 @@ import numpy as np
 
 from optik import se3
 from optik.arm.reach import outside_reach, reach_bound
+from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.ik import IKSolver, get_solver
+from optik.scene import Scene
 from optik.task import POSE
 from optik.types import Array
-from planners.cell._parts import CellParts
-from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell._readings import find_truth, find_variance, locate_spot, read_point
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.drives.setpoints import MOST_PERIODS
 from planners.cell.error_split import PathSplit, split_along
+from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
 from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot
 from planners.following.failure import joint_unit
+from planners.limits import MotionLimits
 from planners.paths.line import Line
 from planners.plan import Plan, PlanStatus, plan
 from planners.timing import TimeLaw, law_for
@@ -61,6 +65,21 @@ TAKEN_AS_EXACT = (
 
 
 @dataclass(frozen=True, eq=False)
+class Equipment:
+    """The equipment of a task: what a `Cell` consists of when the task begins."""
+
+    robot: Robot
+    drive: Drive
+    limits: MotionLimits
+    scene: Scene | None
+    laser: PanTiltLaser  # the calibrated unit
+    unit: PanTiltLaser  # the true unit of a simulation
+    rng: np.random.Generator  # of the noise of its readings
+    base: Array
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class TaskSettings:
     """The settings of a task; see `Cell.move_to_spot`."""
 
@@ -90,7 +109,7 @@ class StepFailed(Exception):
 class CellTask:
     """A running task with its steps so far and their results."""
 
-    def __init__(self, cell: CellParts, settings: TaskSettings) -> None:
+    def __init__(self, cell: Equipment, settings: TaskSettings) -> None:
         self.cell, self.settings = cell, settings
         self.solver = (
             settings.solver if isinstance(settings.solver, IKSolver) else get_solver(cell.robot, settings.solver)
@@ -101,7 +120,7 @@ class CellTask:
         self.spot: Array | None = None
         self.true_spot: Array | None = None
         self.target: Array | None = None
-        self.notes: list[str] = []
+        self.notes = list(cell.notes)
         self.variance = 0.0
         self.floor: float | None = None
         self.clock = 0.0
@@ -150,7 +169,7 @@ class CellTask:
         cell = self.cell
         beam = None if self.spot is None else (cell.laser.pose[:3, 3], self.spot)
         said = [note for step in self.steps if isinstance(step.result, Execution) for note in step.result.notes]
-        notes = tuple(dict.fromkeys(cell.notes + self.notes + said))
+        notes = tuple(dict.fromkeys(self.notes + said))
         return Outcome(
             cell.robot, status, tuple(self.steps), tuple(self.rounds),
             self.along[-1].error.at(-1) if self.along else None, self.along[0] if self.along else None,
@@ -161,18 +180,18 @@ class CellTask:
 
     def _locate(self, reading: Spot) -> None:
         """Run the step "laser": compute the point of a reading."""
-        since = perf_counter()
-        given = self.settings.true_spot
+        since, cell = perf_counter(), self.cell
+        given, plane = self.settings.true_spot, self.settings.plane
         try:
-            seen = self.cell.sighting(reading, self.settings.plane)
+            seen = locate_spot(cell.laser, reading, plane)
             if not seen:
                 raise self._fail("laser", CellStatus.NO_SPOT, f"{seen.status}: {seen.reason}", seen.advice, seen, since)
-            self.true_spot, known = self.cell.truth(reading, self.settings.plane) if given is None else (given, True)
+            self.true_spot, known = find_truth(cell.unit, reading, plane) if given is None else (given, True)
         except InvalidInput as error:
             raise self._fail("laser", CellStatus.NO_SPOT, str(error), "read the spot again") from None
         if not known:
             self.notes.append(TAKEN_AS_EXACT)
-        self.spot, self.variance = seen.point, self.cell.noise(reading, self.settings.plane)
+        self.spot, self.variance = seen.point, find_variance(cell.laser, reading, plane)
         off = 0.0 if seen.covariance is None else float(np.sqrt(np.trace(seen.covariance)))
         noise = f", ± {_mm(off)} (RMS)" if off else ""
         self._add("laser", f"the spot is at {_metres(seen.point)}{noise}", seen, since)
@@ -190,12 +209,8 @@ class CellTask:
             i = int(out.argmax())
             low, high, unit = robot.limits.lower[i], robot.limits.upper[i], joint_unit(robot, i)
             reason = f"{robot.joint_names[i]} is at {q[i]:.6g} {unit}, outside its range [{low:.6g}, {high:.6g}] {unit}"
-            raise self._fail(
-                "target",
-                CellStatus.NO_PLAN,
-                reason,
-                f"move {robot.joint_names[i]} into its range by hand, then start again",
-            )
+            advice = f"move {robot.joint_names[i]} into its range by hand, then start again"
+            raise self._fail("target", CellStatus.NO_PLAN, reason, advice)
         return np.clip(q, robot.limits.lower, robot.limits.upper)
 
     def _aim(self) -> None:
@@ -253,11 +268,11 @@ class CellTask:
     def _add_planned(self, found: Plan) -> None:
         """Record the steps of a plan, up to the one that failed."""
         failed = None if found else FAILED_STEPS.get(found.status, "joints")
-        if found.status is PlanStatus.CONTACT and found._trajectory is not None:
+        if found.status is PlanStatus.CONTACT and found.has_motion:
             failed = "certificate"
         made: dict[str, tuple[str, Any]] = {"joints": (f"followed with {found.solver}", found.prefix)}
         if failed != "joints":
-            made["timing"] = (found.law, found._trajectory)
+            made["timing"] = (found.law, found.trajectory if found.has_motion else None)
         if failed not in ("joints", "timing"):
             T = found.trajectory.duration
             made["timing"] = (f"{found.law}, {T:.3f} s", found.trajectory)
@@ -311,8 +326,8 @@ class CellTask:
         A measurement is rejected if noise and calibration do not explain its distance from the position by the encoders.
         """
         try:
-            read = self.cell.read_tool(tool, self.settings.readings, self.settings.look)
-            seen = read if isinstance(read, Sighting) else self.cell.sighting(read, self.settings.plane)
+            read = self._read_tool(tool) if self.settings.look is None else self.settings.look()
+            seen = read if isinstance(read, Sighting) else locate_spot(self.cell.laser, read, self.settings.plane)
         except InvalidInput as error:
             raise self._fail("tool", CellStatus.NOT_MEASURED, str(error), "read the tool again") from None
         if not seen:
@@ -329,8 +344,13 @@ class CellTask:
             advice = "check the reading of the unit there" + ("" if stated else "; or state the covariance of its pose")
             raise self._fail("tool", CellStatus.NOT_MEASURED, reason, advice, seen)
         # the variance of the readings of spot and tool remains after a correction
-        self.floor = float(np.sqrt(self.variance + self.cell.noise(read, self.settings.plane)))
+        self.floor = float(np.sqrt(self.variance + find_variance(self.cell.laser, read, self.settings.plane)))
         return self.spot - seen.point
+
+    def _read_tool(self, tool: Array) -> Spot | Sighting:
+        """Return a simulated reading of the tool, or the failed sighting if the true unit cannot see it."""
+        visible = self.cell.unit.angles(tool)
+        return read_point(self.cell.unit, tool, self.settings.readings, self.cell.rng) if visible else visible
 
     # ------------------------------------------------------------ the loop: a spot that moves, and corrections
 
@@ -382,7 +402,7 @@ class CellTask:
     def _has_moved(self, follow: Follow, t: float) -> bool:
         """Return whether the spot has left the target or can no longer be seen; called while the arm moves."""
         try:
-            return self._is_away(self.cell.sighting(follow(t), self.settings.plane).point)
+            return self._is_away(locate_spot(self.cell.laser, follow(t), self.settings.plane).point)
         except Exception:  # after any failed reading the arm must come to rest first; then the spot is read again
             return True
 

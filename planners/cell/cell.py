@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Callable
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,14 +19,14 @@ from optik.ik import IKSolver
 from optik.scene import Scene
 from optik.scene.contact import check_scene
 from optik.types import Array
-from planners.cell._parts import MOST_READINGS, CellParts
-from planners.cell._task import CellTask, make_settings
+from planners.cell._readings import MOST_READINGS, find_truth, find_variance, locate_spot, read_point
+from planners.cell._task import CellTask, Equipment, make_settings
 from planners.cell.drives import make_drive
 from planners.cell.drives.base import Drive, StopRequest, Watcher
 from planners.cell.gripper import Gripper, HeldObject, check_width
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Step
-from planners.cell.sighting import Follow, Look, Plane, Spot, check_vectors
+from planners.cell.sighting import Follow, Look, Plane, Sighting, Spot, check_vectors
 from planners.limits import MotionLimits
 from planners.timing import TimeLaw
 
@@ -33,7 +34,7 @@ MOST_ROUNDS = 100
 """Largest number of corrections of one task: because of noise, the error no longer decreases after two or three."""
 
 
-class Cell(CellParts):
+class Cell:
     """The system of the paper: a laser unit and an arm on one platform, the control that plans, and the drive that executes.
 
     Everything is in the arm's base frame, as is the laser's pose, so the platform's pose moves both together.
@@ -85,18 +86,15 @@ class Cell(CellParts):
         *, base: ArrayLike | None = None, gripper: Gripper | None = None, unit: PanTiltLaser | None = None,
         seed: int = 0, scene: Scene | None = None, q: ArrayLike | None = None,
     ) -> None:  # fmt: skip
-        kinds = {
-            "robot": Robot,
-            "laser": PanTiltLaser,
-            "limits": MotionLimits,
-            "gripper": Gripper,
-            "unit": PanTiltLaser,
-        }
-        given = {"robot": robot, "laser": laser, "limits": limits, "gripper": gripper, "unit": unit}
-        for name, kind in kinds.items():
-            if not isinstance(given[name], kind) and (given[name] is not None or name in ("robot", "laser")):
-                raise InvalidInput(name, format_value(given[name]), f"a {kind.__name__}")
-        super().__init__(laser, laser if unit is None else unit, np.eye(4) if base is None else base, seed)
+        for name, value, kind in (
+            ("robot", robot, Robot), ("laser", laser, PanTiltLaser), ("limits", limits, MotionLimits),
+            ("gripper", gripper, Gripper), ("unit", unit, PanTiltLaser),
+        ):  # fmt: skip
+            if not isinstance(value, kind) and (value is not None or name in ("robot", "laser")):
+                raise InvalidInput(name, format_value(value), f"a {kind.__name__}")
+        check_count(seed, "seed", 0)
+        self.laser, self.unit, self._rng = laser, laser if unit is None else unit, np.random.default_rng(seed)
+        self.base = se3.check_pose(np.eye(4) if base is None else base, "base")
         self._bare, self.gripper = robot, gripper
         self.held: HeldObject | None = None
         self.width = None if gripper is None else gripper.opening
@@ -123,7 +121,120 @@ class Cell(CellParts):
         drive.carry(self.robot)
         return drive
 
+    @property
+    def notes(self) -> list[str]:
+        """Remarks on the cell in every outcome."""
+        massless = self.robot.inertia is None and self.gripper is not None
+        note = f"the masses of {self.robot.name} are unknown: the mass of the gripper is not included"
+        return [note] if massless else []
+
+    # ------------------------------------------------------------ platform and laser
+
+    def with_base(self, base: ArrayLike) -> Self:
+        """Return the cell on a platform at another pose, with the same arm, drive and laser.
+
+        Parameters
+        ----------
+        base : (4, 4) array
+            T_world_platform [1, m].
+
+        Returns
+        -------
+        Cell
+            The cell there.
+        """
+        there = copy.copy(self)
+        there.base = se3.check_pose(base, "base")
+        return there
+
+    def from_world(self, points: ArrayLike) -> Array:
+        """Return points of the world in the arm's base frame.
+
+        Parameters
+        ----------
+        points : (3,) or (..., 3) array
+            In the world [m].
+
+        Returns
+        -------
+        (3,) or (..., 3) array
+            In the base frame [m].
+        """
+        local: Array = (check_vectors(points, "points") - self.base[:3, 3]) @ self.base[:3, :3]
+        return local
+
+    def read(self, point: ArrayLike, readings: int = 1) -> Spot:
+        """Return a noisy reading by the true unit; it carries the true point, for simulations.
+
+        Parameters
+        ----------
+        point : (3,) array
+            True point in the base frame [m].
+        readings : int
+            Number of readings.
+
+        Returns
+        -------
+        Spot
+            One reading, or arrays (readings,).
+        """
+        return read_point(self.unit, check_vectors(point, "point"), readings, self._rng)
+
+    def truth(self, spot: Spot, plane: Plane | None = None) -> tuple[Array, bool]:
+        """Return the true point of a reading, and whether it is known; if not, the reading is taken as exact.
+
+        Parameters
+        ----------
+        spot : Spot
+            A reading; one by `read` carries its true point.
+        plane : Plane, optional
+            Plane of the spot, on which ranges are not used.
+
+        Returns
+        -------
+        point : (3,) array
+            In the base frame [m].
+        known : bool
+            Whether the reading carries it.
+        """
+        return find_truth(self.unit, spot, plane)
+
+    def sighting(self, spot: Spot, plane: Plane | None = None) -> Sighting:
+        """Return the spot as the calibrated unit locates it: the mean of its readings.
+
+        Parameters
+        ----------
+        spot, plane
+            As for `truth`.
+
+        Returns
+        -------
+        Sighting
+            FOUND, or another status.
+        """
+        return locate_spot(self.laser, spot, plane)
+
+    def noise(self, spot: Spot, plane: Plane | None = None) -> float:
+        """Return the variance [m²] of a measured point by the noise of its readings alone, summed over the three axes.
+
+        Parameters
+        ----------
+        spot, plane
+            As for `truth`.
+
+        Returns
+        -------
+        float
+            The variance [m²].
+        """
+        return find_variance(self.laser, spot, plane)
+
     # ------------------------------------------------------------ tasks
+
+    def _equipment(self) -> Equipment:
+        return Equipment(
+            self.robot, self.drive, self.limits, self.scene, self.laser, self.unit, self._rng, self.base, tuple(self.notes),
+        )  # fmt: skip
 
     def move_to_spot(
         self,
@@ -183,7 +294,7 @@ class Cell(CellParts):
             true_spot=None if true_spot is None else check_vectors(true_spot, "true_spot"), most_replans=most_replans,
             moved=check_number(moved, "moved", "a distance above 0 [m]", above=0.0),
         )  # fmt: skip
-        return CellTask(self, settings).run(spot)
+        return CellTask(self._equipment(), settings).run(spot)
 
     def resume(
         self, outcome: Outcome, *, solver: str | os.PathLike[str] | IKSolver | None = None, stop: StopRequest | None = None,
@@ -219,7 +330,7 @@ class Cell(CellParts):
             raise InvalidInput("outcome", came, "the outcome of a task that was stopped while the arm moved")
         plan = outcome.executions[-1].plan
         settings = make_settings("optimal", solver=plan.solver if solver is None else solver, stop=stop, watch=watch)
-        return CellTask(self, settings).resume(outcome)
+        return CellTask(self._equipment(), settings).resume(outcome)
 
     def _check_request(self, corrections: int, readings: int, most_replans: int, functions: dict[str, Any]) -> None:
         """Check the counts and the functions of a request; corrections on a real arm need a `look` function."""

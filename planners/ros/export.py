@@ -121,16 +121,9 @@ def to_ros(
 
 
 def ros_message(
-    motion: Motion | HasMotion,
-    *,
-    rate: float | None = None,
-    interpolation: str = "quintic",
-    joint_names: JointNames = None,
-    strict: bool = False,
-    keep_speed: bool = True,
-    frame_id: str = "",
-    allow: Allow = (),
-) -> tuple[dict[str, Any], RosExport]:
+    motion: Motion | HasMotion, *, rate: float | None = None, interpolation: str = "quintic", joint_names: JointNames = None,
+    strict: bool = False, keep_speed: bool = True, frame_id: str = "", allow: Allow = (),
+) -> tuple[dict[str, Any], RosExport]:  # fmt: skip
     """Return the message of a motion as plain data, and the certificate after controller interpolation; see `to_ros`.
 
     The motion itself is not certified. The message's stamp is 0, which is "now" to the controller.

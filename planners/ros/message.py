@@ -39,9 +39,8 @@ class Form(NamedTuple):
 def message_of(trajectory: Trajectory, times: Times, form: Form) -> dict[str, Any]:
     """Return the message with a trajectory's exact states at some times."""
     t, order = times / NANOSECONDS, list(form.columns.values())
-    values: list[Any] = [
-        x[:, order].tolist() for x in sample_states(trajectory, t)[: count_derivatives(form.interpolation)]
-    ]
+    states = sample_states(trajectory, t)[: count_derivatives(form.interpolation)]
+    values: list[Any] = [x[:, order].tolist() for x in states]
     values += [[[]] * t.size] * (len(POINT_FIELDS) - len(values))
     points = [
         {**dict(zip(POINT_FIELDS, point, strict=True)), "effort": [], "time_from_start": write_time(int(ns))}
@@ -79,11 +78,8 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
     """Return the setpoints of a message, or of columns in JSON: ``times``, ``positions`` and others."""
     if not isinstance(message, dict):
         raise InvalidInput("content", repr(message)[:60], "a message with joint_names and points")
-    order, points, times = (
-        order_joints(message.get("joint_names"), names, ignore),
-        message.get("points"),
-        message.get("times"),
-    )
+    order = order_joints(message.get("joint_names"), names, ignore)
+    points, times = message.get("points"), message.get("times")
     if times is not None:
         rows = {field: message[field] for field in POINT_FIELDS if message.get(field)}
         for field, row in rows.items():
@@ -103,9 +99,8 @@ def read_points(message: Any, names: list[str], ignore: Collection[str] = ()) ->
     if times is not None:
         t = read_floats(times, "times", len(points))
         return MessagePoints(t - t[0], float(t[0]), values, False, "times[{}]".format, [])
-    ns = np.array(
-        [read_time(p.get("time_from_start", {}), f"points[{i}].time_from_start") for i, p in enumerate(points)]
-    )
+    since = [p.get("time_from_start", {}) for p in points]
+    ns = np.array([read_time(x, f"points[{i}].time_from_start") for i, x in enumerate(since)])
     t = (ns - ns[0]) / NANOSECONDS
     return MessagePoints(t, ns[0] / NANOSECONDS, values, True, "points[{}].time_from_start".format, [])
 
@@ -119,9 +114,8 @@ def order_joints(found: Any, names: list[str], ignore: Collection[str]) -> list[
         advice = f"ignore={','.join(others)!r} leaves joints out" if others else ""
         raise InvalidInput("joint_names", got[:120], f"{', '.join(names)} in any order", advice=advice)
     for name in (name for name in ignore if name not in listed or name in names):
-        raise InvalidInput(
-            "ignore", repr(name)[:60], f"joints of the file that are not the arm's: {', '.join(listed)}"[:200]
-        )
+        wanted = f"joints of the file that are not the arm's: {', '.join(listed)}"
+        raise InvalidInput("ignore", repr(name)[:60], wanted[:200])
     return [listed.index(name) for name in names]
 
 

@@ -17,6 +17,7 @@ import optik
 from benchmarks.blocks.base import Session, Trials, load_kind
 from benchmarks.blocks.cell import EXECUTED
 from benchmarks.blocks.cell.iso import Iso
+from benchmarks.blocks.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
 from benchmarks.blocks.cell.laws import Laws
 from benchmarks.blocks.cell.settings import Noise, figures_of, read_block
 from benchmarks.blocks.cell.spots import Spots, SpotTrials, answers_along, errors_of, plan_through
@@ -31,7 +32,6 @@ from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, UnknownName
 from optik.ik import make_solver
 from planners.cell.error_split import ErrorSplit
-from planners.cell.iso9283 import NO_NOISE, PathFigures, PoseFigures
 from planners.paths.line import Line
 
 START = [20, -35, 40, 25, 50, -30]

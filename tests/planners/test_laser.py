@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+import optik
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell import PanTiltLaser, Plane, Sighting, SightStatus, Spot, _parts
+from planners.cell import Cell, PanTiltLaser, Plane, Sighting, SightStatus, Spot
 from planners.cell.sighting import SHORTEST_NORMAL
 from tests import oracles
 from tests.seeds import shift_seed
@@ -186,8 +187,7 @@ def test_a_normal_may_be_short_but_has_a_length() -> None:
 
 
 def test_a_reading_of_a_cell_carries_its_true_point() -> None:
-    noisy = replace(UNIT, angle_noise=1e-3, range_noise=1e-3)
-    cell = _parts.CellParts(noisy, noisy, np.eye(4), 0)
+    cell = Cell(optik.load("paper6r"), replace(UNIT, angle_noise=1e-3, range_noise=1e-3), "ideal")
     points = UNIT.point(*np.random.default_rng(2).uniform((-1.0, -0.8, 0.5), (1.0, 0.8, 3.0), (5, 3)).T)
     spots = [cell.read(point) for point in points]
     for spot, point in zip(spots, points, strict=True):

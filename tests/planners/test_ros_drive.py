@@ -332,7 +332,7 @@ def test_an_exception_of_the_caller_stops_the_arm(port, plan):
     with drive.transport:
         with pytest.raises(KeyboardInterrupt):
             drive.execute(plan, watch=careless)
-        reason, _ = drive.wait_for_rest()  # waits until it stands
+        reason, _ = drive.joints.wait_for_rest(20.0)  # waits until it stands
         assert reason == "" and np.abs(drive.measure() - plan.trajectory(4.0)).max() > 0.01
 
 

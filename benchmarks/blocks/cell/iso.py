@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Session, Shard, Trials, fields_of
+from benchmarks.blocks.cell.iso9283 import crossings, cube_poses
 from benchmarks.blocks.cell.settings import AXES, NOISELESS, NOISY, PATH_TEST, POSE_TEST, IsoBlock
 from benchmarks.blocks.cell.trials import (
     EXECUTION,
@@ -25,7 +26,6 @@ from benchmarks.blocks.cell.trials import (
 from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.cell.iso9283 import crossings, cube_poses
 from planners.plan import Plan, plan
 
 CROSSED_PLANES = 41

@@ -10,6 +10,7 @@ import polars as pl
 from pydantic import AfterValidator, model_validator
 
 from benchmarks.blocks.block import Block, Entry
+from benchmarks.blocks.cell.iso9283 import PathFigures, PoseFigures, path_figures, pose_figures
 from benchmarks.blocks.columns import Column, largest, mean, median, quantile
 from benchmarks.blocks.entries import BudgetedMethod, Law, ProblemBlock
 from benchmarks.settings import (
@@ -34,10 +35,11 @@ from optik import se3
 from optik.errors import InvalidInput
 from optik.types import Array
 from planners.cell.drives.setpoints import PERIOD
-from planners.cell.iso9283 import PATH_CYCLES, POSE_CYCLES, PathFigures, PoseFigures, path_figures, pose_figures
 
 POSE_TEST, PATH_TEST = "pose", "path"
 """The two tests of the rows."""
+POSE_CYCLES, PATH_CYCLES = 30, 10
+"""Numbers of cycles of the pose test and of the path test in the standard."""
 
 
 def figures_of(rows: pl.DataFrame) -> list[PoseFigures | PathFigures]:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.cell.iso9283 import POSE_FRACTION, SIMULATED, PoseFigures, describe_cube
 from benchmarks.blocks.cell.laws import OWN_TIME, SAME_TIME
 from benchmarks.blocks.cell.settings import (
     MEASURES,
@@ -39,7 +40,6 @@ from benchmarks.report.cell.tables import (
 from benchmarks.report.figures import add, axis, figure, line
 from benchmarks.report.numbers import number
 from benchmarks.report.sections import claims_of
-from planners.cell.iso9283 import POSE_FRACTION, SIMULATED, PoseFigures, describe_cube
 
 
 def claims(run: Run) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from benchmarks.blocks.base import BlockRows
+from benchmarks.blocks.cell.iso9283 import SIMULATED, PoseFigures
 from benchmarks.blocks.cell.laws import OWN_TIME, SAME_TIME
 from benchmarks.blocks.cell.settings import (
     PATH_TEST,
@@ -27,7 +28,6 @@ from benchmarks.report.base import Run
 from benchmarks.report.tables import Cell, Column, Group, Table, table_of
 from benchmarks.statistics import quantiles
 from optik.types import Array
-from planners.cell.iso9283 import SIMULATED, PoseFigures
 
 NOISE_WORDS = {
     "laser_angle": ("σ of the laser's pan and tilt", 1e3, "mrad"), "laser_range": ("σ of its range", 1e3, "mm"),

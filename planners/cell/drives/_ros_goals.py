@@ -6,27 +6,17 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from optik.errors import InvalidInput, NoSolution
-from optik.types import Array
 from planners.cell.drives._stop import plan_stop
 from planners.certificate.violation import Allow
 from planners.motion import Motion
 from planners.plan import Plan
 from planners.ros.export import JointNames, ros_message
-from planners.trajectory import Trajectory
 
 PREPARING = 5.0
 """Approximate limit on the time to compute the stops of a motion [s]; if they take longer, their instants get farther apart."""
 MOTORS = ("velocity", "acceleration", "torque")
 """Limits of the motors, which a real arm always enforces; the others state how smooth a motion is."""
-DESIRED = 1e-3
-"""Largest distance of a controller's desired state from the sent motion [rad, m]; beyond it the controller executes
-something else, and its time on the motion is unknown."""
-WINDOW = 1.0
-"""Half-width of the time window in which the controller's desired state is searched [s]: feedback may be late, or the
-controller slowed."""
 ROOM = 1e-4
 """Relative slowing of a motion before it is sent [1], so that a stop from any of its states exists within the limits: the
 times of points are whole nanoseconds, and this rounding makes a motion at its limits exceed them."""
@@ -79,12 +69,6 @@ def add_room(plan: Plan) -> Plan:
     return replace(plan, _trajectory=plan.trajectory.slowed(1.0 + ROOM), slowed=plan.slowed * (1.0 + ROOM))
 
 
-def make_stop(sent: Plan, t: float, joint_names: JointNames, allow: Allow = ()) -> TimedStop:
-    """Return a certified stop from an instant of a sent motion, with its message."""
-    found = plan_stop(sent, t, 1.0 - 0.5 * ROOM, allow)
-    return TimedStop(t, *make_message(replace(found, limits=sent.limits), joint_names, allow))
-
-
 def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow = ()) -> Stops:
     """Return the stops from equally spaced instants of a motion; they are computed before it is sent."""
     found: list[TimedStop] = []
@@ -93,7 +77,8 @@ def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow =
     while t < sent.trajectory.end - 0.5 * every:
         since = perf_counter()
         try:
-            found.append(make_stop(sent, t, joint_names, allow))
+            stop = replace(plan_stop(sent, t, 1.0 - 0.5 * ROOM, allow), limits=sent.limits)
+            found.append(TimedStop(t, *make_message(stop, joint_names, allow)))
         except (NoSolution, InvalidInput) as error:
             reason = reason or f"at t = {t:.6g} s: {error}"
         last, took = took, perf_counter() - since
@@ -101,18 +86,3 @@ def make_stops(sent: Plan, every: float, joint_names: JointNames, allow: Allow =
             every = max(every, min(last, took) * sent.trajectory.end / PREPARING)
         t += every
     return Stops(found, every, reason)
-
-
-def find_instant(motion: Trajectory, q: Array, dq: Array, near: float) -> float | None:
-    """Return the instant near a time at which a motion has a state; None if there is none."""
-    low, high = max(near - WINDOW, 0.0), min(near + WINDOW, motion.end)
-    if low >= high:
-        return None
-    for _ in range(6):  # a grid refined to a picosecond; the motion may rest for a while, where Newton's method fails
-        grid = np.linspace(low, high, 201)
-        off = np.abs(motion(grid) - q).max(axis=1) + 0.01 * np.abs(motion(grid, 1) - dq).max(axis=1)
-        best = int(off.argmin())
-        step = float(grid[1] - grid[0])
-        low, high = max(float(grid[best]) - step, 0.0), min(float(grid[best]) + step, motion.end)
-    t = float(grid[best])
-    return t if float(np.abs(motion(t) - q).max()) <= DESIRED else None

@@ -10,11 +10,12 @@ import numpy as np
 from optik.arm.robot import Robot
 from optik.check import check_flag, check_number
 from optik.errors import InvalidInput, NoSolution
+from optik.types import Array
 from planners.cell.drives._checks import START_ADVICE, check_plan, describe_start, find_violation, make_stop_test
 from planners.cell.drives._ros_goals import Stops, add_room, describe_exceeded, make_message, make_stops, motor_motion
-from planners.cell.drives._ros_run import RosArm, RosRun, Timing
+from planners.cell.drives._ros_run import RosOptions, RosRun
 from planners.cell.drives._stop import check_stopped, refuse, relax
-from planners.cell.drives.base import Execution, ExecutionStatus, StopRequest, Watcher
+from planners.cell.drives.base import Drive, Execution, ExecutionStatus, StopRequest, Watcher
 from planners.cell.drives.setpoints import PERIOD
 from planners.certificate.violation import Allow
 from planners.following.failure import joint_unit
@@ -22,6 +23,7 @@ from planners.following.joint_path import find_nearest_s
 from planners.plan import Plan
 from planners.replan import replan
 from planners.ros.export import JointNames, find_columns
+from planners.ros.monitor import JointStates
 from planners.ros.transport import Transport
 
 STATE_AGE = 0.5
@@ -45,7 +47,7 @@ CONTROLLER_NOTES = (
 """Notes of every execution that was sent."""
 
 
-class RosDrive(RosArm):
+class RosDrive(Drive):
     """A drive that sends certified goals to a joint_trajectory_controller. By default it checks everything and sends nothing.
 
     Before it sends, it certifies the motion after controller interpolation, and it measures the joints. To stop, it replaces
@@ -94,11 +96,17 @@ class RosDrive(RosArm):
                 raise InvalidInput(argument, repr(value)[:60], f"a {kind.__name__}")
         self.robot, self.transport, self.period = robot, transport, PERIOD
         self.sends = check_flag(execute, "execute")
-        self.joint_names, self.columns = joint_names, find_columns(robot, joint_names)
-        self.start_tolerance = check_number(start_tolerance, "start_tolerance", "rad or m, above 0", above=0.0)
-        given = {"state_age": state_age, "patience": patience, "grace": grace, "latency": latency}
-        given["stops_every"] = stops_every
-        self.timing = Timing(**{k: check_number(v, k, "seconds above 0", above=0.0) for k, v in given.items()})
+        self.joint_names, columns = joint_names, find_columns(robot, joint_names)
+        wanted = {"start_tolerance": "rad or m, above 0"}
+        given = RosOptions(start_tolerance, state_age, patience, grace, latency, stops_every)._asdict()
+        checked = {k: check_number(v, k, wanted.get(k, "seconds above 0"), above=0.0) for k, v in given.items()}
+        self.options = RosOptions(**checked)
+        names = tuple(sorted(columns, key=columns.__getitem__))
+        self.joints = JointStates(robot, transport, names, self.options.state_age)
+
+    def measure(self) -> Array:
+        """Return the positions of the latest joint states (n,) [rad, m]; NaN for a joint without a fresh state."""
+        return self.joints.read().q
 
     # ------------------------------------------------------------ executing
 
@@ -110,24 +118,25 @@ class RosDrive(RosArm):
         stop_test = make_stop_test(stop)
         refusal = find_violation(plan, allow) or find_violation(plan, allow, motor_motion(plan).certify())
         if refusal is not None:
-            return self._record_unsent(plan, ExecutionStatus.REFUSED, *refusal)
+            return refuse(self, plan, *refusal)
         try:
             sent, message = make_message(add_room(plan), self.joint_names, allow)
         except (NoSolution, InvalidInput) as error:
             advice = error.advice if isinstance(error, NoSolution) else error.expected
-            return self._record_unsent(plan, ExecutionStatus.REFUSED, str(error), advice)
+            return refuse(self, plan, str(error), advice)
         notes = tuple(filter(None, (_describe_slowing(plan, sent), describe_exceeded(sent))))
         stops, (reason, advice) = Stops([], 0.0, ""), self._check_start(sent)
         if self.sends and not reason:
-            stops = make_stops(sent, self.timing.stops_every, self.joint_names, allow)
+            stops = make_stops(sent, self.options.stops_every, self.joint_names, allow)
             reason, advice = self._check_start(sent)  # again, because the computation of the stops takes time
         if reason:
-            return self._record_unsent(sent, ExecutionStatus.REFUSED, reason, advice)
+            return refuse(self, sent, reason, advice)
         if not self.sends:
             description = _describe_message(sent, message, self.transport.address)
-            return replace(self._record_unsent(sent, ExecutionStatus.DRY_RUN, *description), notes=notes)
+            return replace(refuse(self, sent, *description), status=ExecutionStatus.DRY_RUN, notes=notes)
         notes = (*CONTROLLER_NOTES, *notes, self._describe_stops(stops))
-        return RosRun(self, sent, self.transport.send(message), stops, notes).follow(stop_test, watch)
+        goal = self.transport.send(message)
+        return RosRun(self, self.joints, self.options, sent, goal, stops, notes).follow(stop_test, watch)
 
     def resume(
         self, execution: Execution, *, stop: StopRequest | None = None, watch: Watcher | None = None, allow: Allow = ()
@@ -136,22 +145,20 @@ class RosDrive(RosArm):
         check_stopped(execution)
         plan = execution.plan
         check_plan(plan, self.robot)
-        reason, advice = self.wait_for_rest()
+        reason, advice = self.joints.wait_for_rest(self.options.patience)
         if reason:
-            return self._record_unsent(plan, ExecutionStatus.REFUSED, reason, advice)
+            return refuse(self, plan, reason, advice)
         q, joints = self.measure(), plan.joint_path
         s = find_nearest_s(joints, q, _find_position(execution))
         off = np.abs(joints(s) - q)
         i = int(off.argmax())
-        if off[i] > self.start_tolerance:
+        if off[i] > self.options.start_tolerance:
             name, unit = self.robot.joint_names[i], joint_unit(self.robot, i)
             reason = f"the arm is no longer on the path: {name} is {off[i]:.3g} {unit} off it"
-            return self._record_unsent(
-                plan, ExecutionStatus.REFUSED, reason, "plan from the arm's present configuration"
-            )
+            return refuse(self, plan, reason, "plan from the arm's present configuration")
         if s >= joints.end * (1.0 - 1e-9):
             reason = "the arm is already at the end of the path"
-            return self._record_unsent(plan, ExecutionStatus.REFUSED, reason, "nothing to do: the goal is reached")
+            return refuse(self, plan, reason, "nothing to do: the goal is reached")
         still = np.zeros(self.robot.n)
         onward = replan(relax(plan, allow), (joints(s), still, still))
         onward = replace(onward, scene=plan.scene)
@@ -161,27 +168,23 @@ class RosDrive(RosArm):
 
     def _check_start(self, plan: Plan) -> tuple[str, str]:
         """Return reason and advice if the arm is not at the start of a plan; empty strings otherwise."""
-        reason, advice = self.wait_for_rest()
+        reason, advice = self.joints.wait_for_rest(self.options.patience)
         if reason:
             return reason, advice
         q, start = self.measure(), plan.trajectory(0.0)
         off = np.abs(q - start)
         i = int(np.nan_to_num(off, nan=np.inf).argmax())
-        if off[i] <= self.start_tolerance:
+        if off[i] <= self.options.start_tolerance:
             return "", ""
-        return describe_start(self.robot, i, q[i], start[i], self.start_tolerance), START_ADVICE
+        return describe_start(self.robot, i, q[i], start[i], self.options.start_tolerance), START_ADVICE
 
     def _describe_stops(self, stops: Stops) -> str:
         """Return a note on the time from a request to the stop."""
-        latency = self.timing.latency
+        latency = self.options.latency
         note = f"a stop begins {latency:.3g} to {latency + stops.every:.3g} s after its request, plus the delay of the feedback"
         if stops.reason:
             note += f"; {len(stops.found)} stops were found; from other instants the goal is cancelled ({stops.reason})"
         return note
-
-    def _record_unsent(self, plan: Plan, status: ExecutionStatus, reason: str, advice: str) -> Execution:
-        """Return the record of an execution for which nothing was sent."""
-        return replace(refuse(self, plan, reason, advice), status=status)
 
 
 def _find_position(execution: Execution) -> float:

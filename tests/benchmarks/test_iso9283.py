@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import optik
+from benchmarks.blocks.cell import iso9283 as iso
 from optik import se3
 from optik.errors import InvalidInput
-from planners.cell.iso9283 import NO_NOISE, POSE_MARGIN, Cube, crossings, cube_poses, path_figures, pose_figures
 
 START = np.deg2rad([20, -35, 40, 25, 50, -30])
 
@@ -34,7 +34,7 @@ def test_pose_figures_are_the_plain_sums_of_the_standard() -> None:
     for cycles in (2, 5, 30):
         command = optik.load("paper6r").fk(START)
         shifts, turns = rng.normal(3e-4, 1e-4, (cycles, 3)), rng.normal(1e-3, 2e-4, (cycles, 3))
-        found = pose_figures(command, around(command, shifts, turns))
+        found = iso.pose_figures(command, around(command, shifts, turns))
         mean, repeatability = plain_spread((command[:3, 3] + shifts).tolist())
         offset = [mean[i] - command[i, 3] for i in range(3)]
         np.testing.assert_allclose(found.offset, offset, atol=1e-15)
@@ -52,7 +52,7 @@ def test_pose_figures_are_the_plain_sums_of_the_standard() -> None:
 def test_a_known_gaussian_cloud_has_the_repeatability_of_its_chi_distribution() -> None:
     sigma, count = 1e-4, 200_000
     shifts = np.random.default_rng(2).normal(0.0, sigma, (count, 3)) + np.array([1e-3, 0.0, 0.0])
-    found = pose_figures(np.eye(4), around(np.eye(4), shifts, np.zeros((count, 3))))
+    found = iso.pose_figures(np.eye(4), around(np.eye(4), shifts, np.zeros((count, 3))))
     mean = 2.0 * math.sqrt(
         2.0 / math.pi
     )  # of the length of a standard normal vector in space; its variance is 3 − mean²
@@ -63,21 +63,22 @@ def test_a_known_gaussian_cloud_has_the_repeatability_of_its_chi_distribution() 
 
 def test_two_cycles_have_a_closed_form() -> None:
     poses = around(np.eye(4), np.array([[1e-3, 0, 0], [3e-3, 0, 0]]), np.zeros((2, 3)))
-    found = pose_figures(np.eye(4), poses)
+    found = iso.pose_figures(np.eye(4), poses)
     assert found.accuracy == pytest.approx(2e-3, abs=1e-16)
     assert found.repeatability == pytest.approx(1e-3, abs=1e-16)  # both are 1 mm from the mean: S = 0, yet they differ
 
 
 def test_without_noise_repeatability_is_not_applicable_and_never_0() -> None:
     still = around(np.eye(4), np.full((30, 3), 1e-3), np.zeros((30, 3)))
-    for found in (pose_figures(np.eye(4), still), pose_figures(np.eye(4), still, noise=False)):
-        assert (found.repeatability, found.turn_repeatability, found.reason) == (None, None, NO_NOISE)
+    for found in (iso.pose_figures(np.eye(4), still), iso.pose_figures(np.eye(4), still, noise=False)):
+        assert (found.repeatability, found.turn_repeatability, found.reason) == (None, None, iso.NO_NOISE)
         assert found.accuracy == pytest.approx(math.sqrt(3) * 1e-3)
     rounded = around(np.eye(4), np.random.default_rng(4).normal(0.0, 1e-17, (30, 3)), np.zeros((30, 3)))
-    assert pose_figures(np.eye(4), rounded, noise=False).reason == NO_NOISE  # rounding from cycle to cycle is no spread
-    assert "one cycle" in pose_figures(np.eye(4), still[:1]).reason
-    path = path_figures(np.zeros((2, 3)), still[:10, None, :3, 3].repeat(2, axis=1))
-    assert (path.repeatability, path.repeatability_at, path.reason) == (None, None, NO_NOISE)
+    # rounding from cycle to cycle is no spread
+    assert iso.pose_figures(np.eye(4), rounded, noise=False).reason == iso.NO_NOISE
+    assert "one cycle" in iso.pose_figures(np.eye(4), still[:1]).reason
+    path = iso.path_figures(np.zeros((2, 3)), still[:10, None, :3, 3].repeat(2, axis=1))
+    assert (path.repeatability, path.repeatability_at, path.reason) == (None, None, iso.NO_NOISE)
 
 
 def test_path_figures_are_the_largest_of_plain_sums_at_each_point() -> None:
@@ -85,7 +86,7 @@ def test_path_figures_are_the_largest_of_plain_sums_at_each_point() -> None:
     command = np.linspace([0, 0, 0], [0.3, 0.1, 0.2], 21)
     size = np.linspace(1e-5, 3e-4, 21)[::-1, None]
     reached = command + rng.normal(size=(10, 21, 3)) * size + np.array([2e-4, 0, 0])
-    found = path_figures(command, reached)
+    found = iso.path_figures(command, reached)
     plain = [plain_spread(reached[:, i].tolist()) for i in range(21)]
     off = [math.dist(mean, point) for (mean, _), point in zip(plain, command, strict=True)]
     assert found.accuracy == pytest.approx(max(off), abs=1e-15)
@@ -98,20 +99,20 @@ def test_a_followed_path_is_measured_where_it_meets_the_normal_planes() -> None:
     command = np.linspace([0.0, 0, 0], [1.0, 0, 0], 11)
     t = np.linspace(-0.05, 1.05, 333)
     followed = np.stack([t, 0.01 * t, np.full_like(t, 2e-3)], axis=1)  # ahead and behind in time must not count
-    met = crossings(command, np.tile([5.0, 0, 0], (11, 1)), followed)
+    met = iso.crossings(command, np.tile([5.0, 0, 0], (11, 1)), followed)
     np.testing.assert_allclose(met, np.stack([command[:, 0], 0.01 * command[:, 0], np.full(11, 2e-3)], 1), atol=1e-15)
-    short = crossings(command, np.tile([1.0, 0, 0], (11, 1)), followed[t < 0.52])
+    short = iso.crossings(command, np.tile([1.0, 0, 0], (11, 1)), followed[t < 0.52])
     np.testing.assert_allclose(short[-1], followed[t < 0.52][-1])  # the path ends before: the nearest sample
     there_and_back = np.concatenate([followed, followed[::-1] + np.array([0, 0.5, 0])])
-    np.testing.assert_allclose(crossings(command, np.tile([1.0, 0, 0], (11, 1)), there_and_back), met, atol=1e-15)
+    np.testing.assert_allclose(iso.crossings(command, np.tile([1.0, 0, 0], (11, 1)), there_and_back), met, atol=1e-15)
 
 
 @pytest.fixture(scope="module")
-def cube() -> Cube:
-    return cube_poses(optik.load("paper6r"), START)
+def cube() -> iso.Cube:
+    return iso.cube_poses(optik.load("paper6r"), START)
 
 
-def test_the_five_poses_stand_in_a_diagonal_plane_of_the_largest_cube_the_arm_serves(cube: Cube) -> None:
+def test_the_five_poses_stand_in_a_diagonal_plane_of_the_largest_cube_the_arm_serves(cube: iso.Cube) -> None:
     robot = optik.load("paper6r")
     at, centre = cube.poses[:, :3, 3], robot.fk(START)[:3, 3]
     np.testing.assert_allclose(at[0], centre, atol=1e-15)
@@ -141,22 +142,22 @@ def test_the_five_configurations_keep_the_margin_on_both_sides_of_every_range(jo
     lower, upper = np.array(robot.limits.lower), np.array(robot.limits.upper)
     (lower if side < 0 else upper)[joint] = START[joint] + 0.1 * side
     narrow = robot.with_limits(lower=lower, upper=upper)
-    found = cube_poses(narrow, START, most_edge=0.4)
-    assert (found.q >= lower + POSE_MARGIN).all() and (found.q <= upper - POSE_MARGIN).all()
+    found = iso.cube_poses(narrow, START, most_edge=0.4)
+    assert (found.q >= lower + iso.POSE_MARGIN).all() and (found.q <= upper - iso.POSE_MARGIN).all()
     assert abs(found.q[:, joint] - (lower if side < 0 else upper)[joint]).min() < 0.05
 
 
 @pytest.mark.parametrize(
     ("call", "names"),
     [
-        (lambda: pose_figures(np.eye(3), np.eye(4)[None]), "command"),
-        (lambda: pose_figures(np.eye(4), np.eye(4)), "reached"),
-        (lambda: pose_figures(np.eye(4), np.full((2, 4, 4), np.nan)), "reached"),
-        (lambda: path_figures(np.zeros((3, 3)), np.zeros((2, 4, 3))), "reached"),
-        (lambda: path_figures(np.zeros((0, 3)), np.zeros((2, 0, 3))), "command"),
-        (lambda: crossings(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((2, 3))), "tangents"),
-        (lambda: cube_poses(optik.load("paper6r"), np.full(6, 9.0)), "q"),
-        (lambda: cube_poses(optik.load("paper6r"), START, most_edge=0.0), "most_edge"),
+        (lambda: iso.pose_figures(np.eye(3), np.eye(4)[None]), "command"),
+        (lambda: iso.pose_figures(np.eye(4), np.eye(4)), "reached"),
+        (lambda: iso.pose_figures(np.eye(4), np.full((2, 4, 4), np.nan)), "reached"),
+        (lambda: iso.path_figures(np.zeros((3, 3)), np.zeros((2, 4, 3))), "reached"),
+        (lambda: iso.path_figures(np.zeros((0, 3)), np.zeros((2, 0, 3))), "command"),
+        (lambda: iso.crossings(np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((2, 3))), "tangents"),
+        (lambda: iso.cube_poses(optik.load("paper6r"), np.full(6, 9.0)), "q"),
+        (lambda: iso.cube_poses(optik.load("paper6r"), START, most_edge=0.0), "most_edge"),
     ],
 )  # fmt: skip
 def test_wrong_values_are_named(call: object, names: str) -> None:

@@ -18,9 +18,6 @@ from optik.types import Array
 SIMULATED = "simulated"
 """Label of every figure of this module: none was measured on an arm."""
 
-POSE_CYCLES, PATH_CYCLES = 30, 10
-"""Numbers of cycles of the pose test and of the path test in the standard."""
-
 POSE_FRACTION = 0.8
 """Position of the outer four poses on the half diagonals of the measuring plane [1]: a tenth of the diagonal from its ends."""
 
@@ -35,105 +32,39 @@ NO_NOISE = "not applicable: nothing varies from cycle to cycle"
 
 
 class PoseFigures(NamedTuple):
-    """Accuracy and repeatability of one pose, simulated.
-
-    Attributes
-    ----------
-    cycles : int
-        Number of cycles.
-    offset : (3,) array
-        Mean of the reached positions minus the commanded one, in the base frame [m].
-    accuracy : float
-        AP, the length of the offset [m].
-    turn : (3,) array
-        Mean of the rotations from the commanded to the reached orientation, as rotation vectors in the base frame [rad].
-    repeatability : float or None
-        RP = l̄ + 3 S of the distances l from the mean position, S with n − 1 [m]; None if not applicable.
-    turn_repeatability : (3,) array or None
-        3 S of each component of the rotations [rad]; None if not applicable.
-    reason : str
-        Why there is no repeatability; empty if there is one.
-    """
+    """Accuracy and repeatability of one pose, simulated."""
 
     cycles: int
-    offset: Array
-    accuracy: float
-    turn: Array
-    repeatability: float | None
-    turn_repeatability: Array | None
-    reason: str
+    offset: Array  # (3,) mean of the reached positions minus the commanded one, in the base frame [m]
+    accuracy: float  # AP, the length of the offset [m]
+    turn: Array  # (3,) mean of the rotation vectors from the commanded to the reached orientation, in the base frame [rad]
+    repeatability: float | None  # RP = l̄ + 3 S of the distances l from the mean position, S with n − 1 [m]
+    turn_repeatability: Array | None  # (3,) 3 S of each component of the rotation vectors [rad]
+    reason: str  # why there is no repeatability; empty if there is one
 
 
 class PathFigures(NamedTuple):
-    """Accuracy and repeatability of a path, simulated: the largest of its points.
-
-    Attributes
-    ----------
-    cycles : int
-        Number of cycles.
-    accuracy : float
-        AT, the largest distance between the mean position and the commanded point [m].
-    at : int
-        Index of the point of that distance.
-    repeatability : float or None
-        RT, the largest l̄ + 3 S of all points [m]; None if not applicable.
-    repeatability_at : int or None
-        Index of the point of that value.
-    reason : str
-        Why there is no repeatability; empty if there is one.
-    """
+    """Accuracy and repeatability of a path, simulated: the largest of its points."""
 
     cycles: int
-    accuracy: float
-    at: int
-    repeatability: float | None
-    repeatability_at: int | None
-    reason: str
+    accuracy: float  # AT, the largest distance between the mean position and the commanded point [m]
+    at: int  # index of the point of that distance
+    repeatability: float | None  # RT, the largest l̄ + 3 S of all points [m]
+    repeatability_at: int | None  # index of the point of that value
+    reason: str  # why there is no repeatability; empty if there is one
 
 
 class Cube(NamedTuple):
-    """The five poses of the standard in a diagonal plane of a cube.
+    """The five poses of the standard in a diagonal plane of a cube."""
 
-    Attributes
-    ----------
-    poses : (5, 4, 4) array
-        The centre P1, then P2 to P5 around it, in the base frame [1, m].
-    q : (5, n) array
-        Configurations of the poses [rad, m].
-    edge : float
-        Edge of the cube [m].
-    words : str
-        A description of the choice.
-    """
-
-    poses: Array
-    q: Array
-    edge: float
-    words: str
+    poses: Array  # (5, 4, 4) the centre P1, then P2 to P5 around it, in the base frame [1, m]
+    q: Array  # (5, n) configurations of the poses [rad, m]
+    edge: float  # of the cube [m]
+    words: str  # a description of the choice
 
 
 def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PoseFigures:
-    """Return accuracy AP and repeatability RP of one pose.
-
-    Parameters
-    ----------
-    command : (4, 4) array
-        The commanded pose in the base frame [1, m].
-    reached : (k, 4, 4) array
-        The reached pose of each cycle [1, m].
-    noise : bool, optional
-        Whether anything varied from cycle to cycle; without it there is no repeatability.
-
-    Returns
-    -------
-    PoseFigures
-        The figures.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, numbers that are not finite, or no cycle.
-    """
+    """Return AP and RP of a commanded pose (4, 4) from the poses reached (k, 4, 4); without noise there is no RP."""
     T = _check_finite(command, "command", (4, 4), "a pose (4, 4)")
     poses = _check_finite(reached, "reached", (-1, 4, 4), "poses (k, 4, 4), one a cycle")
     at, turns = poses[:, :3, 3], se3.error(np.broadcast_to(T, poses.shape), poses)[:, 3:]
@@ -145,28 +76,7 @@ def pose_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
 
 
 def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) -> PathFigures:
-    """Return accuracy AT and repeatability RT of a path.
-
-    Parameters
-    ----------
-    command : (m, 3) array
-        Points of the commanded path [m].
-    reached : (k, m, 3) array
-        For each cycle, where the followed path meets the planes through these points normal to the path [m]: see
-        `crossings`.
-    noise : bool, optional
-        Whether anything varied from cycle to cycle; without it there is no repeatability.
-
-    Returns
-    -------
-    PathFigures
-        The figures.
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, numbers that are not finite, or no cycle.
-    """
+    """Return AT and RT of commanded points (m, 3) and the points (k, m, 3) where each cycle met their normal planes."""
     points = _check_finite(command, "command", (-1, 3), "points (m, 3)")
     cycles = _check_finite(reached, "reached", (-1, len(points), 3), f"points (k, {len(points)}, 3), one row a cycle")
     off = np.linalg.norm(cycles.mean(axis=0) - points, axis=1)
@@ -179,26 +89,9 @@ def path_figures(command: ArrayLike, reached: ArrayLike, *, noise: bool = True) 
 
 
 def crossings(command: ArrayLike, tangents: ArrayLike, followed: ArrayLike) -> Array:
-    """Return where a followed path meets the normal planes of a commanded one, by straight lines between its samples.
+    """Return where a followed path (k, 3), straight between samples, meets the normal planes of commanded points (m, 3).
 
-    Parameters
-    ----------
-    command : (m, 3) array
-        Points of the commanded path, in order [m].
-    tangents : (m, 3) array
-        Directions of the commanded path at these points, of any length [m].
-    followed : (k, 3) array
-        Positions of the tool over time [m].
-
-    Returns
-    -------
-    (m, 3) array
-        The crossing of each plane that is nearest to its point; where the path ends before a plane, its nearest sample [m].
-
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, numbers that are not finite, a tangent of no length, or less than two samples.
+    Of several crossings of a plane the nearest to the point counts; where the path ends before a plane, its nearest sample.
     """
     points = _check_finite(command, "command", (-1, 3), "points (m, 3)")
     along = _check_finite(tangents, "tangents", points.shape, "a direction for each point")
@@ -224,31 +117,12 @@ def _crossing(point: Array, tangent: Array, path: Array) -> Array:
 
 
 def cube_poses(robot: Robot, q: ArrayLike, *, most_edge: float = 1.0) -> Cube:
-    """Choose the five poses: the largest cube around the tool at a configuration that the arm can serve.
+    """Choose the five poses: the largest cube around the tool at a configuration (n,) that the arm can serve.
 
     The cube's edges are parallel to the base axes and its centre is the tool at `q`. Each of the four planes of the standard
     contains two opposite horizontal edges. The edge is the largest one, in steps of 10 mm, for which all five poses of some
     plane are reached from `q` with its orientation and a margin of 0.02 rad (m) from every joint limit. The first such
     plane is used.
-
-    Parameters
-    ----------
-    robot : Robot
-        The arm.
-    q : (n,) array
-        Configuration at the centre [rad, m].
-    most_edge : float, optional
-        Largest edge in the search [m].
-
-    Returns
-    -------
-    Cube
-        Poses and configurations.
-
-    Raises
-    ------
-    InvalidInput
-        A configuration with another length or outside the limits, or without a cube of 10 mm that the arm can reach.
     """
     centre = robot.configuration(q, "q")
     check_number(most_edge, "most_edge", "metres above 0", above=0.0)
