@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer
+from benchmarks.peers.ik.base import SolverPeer
 from optik import se3
 
 
-class ScipyLeastSquares(Peer):
+class ScipyLeastSquares(SolverPeer):
     """``scipy.optimize.least_squares`` with the limits as bounds and finite differences."""
 
     distribution = "scipy"

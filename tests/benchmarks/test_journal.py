@@ -13,7 +13,9 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.ik.rounds import Caller, Rounds, timed_part
+from benchmarks.blocks.base import Entry
+from benchmarks.blocks.contest import Contestant
+from benchmarks.blocks.ik.rounds import Rounds, timed_part
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
@@ -56,12 +58,12 @@ def test_what_is_kept_is_read_again_unless_it_is_damaged_and_crashes_outlive_the
 # ---------------------------------------------------------------- single calls
 
 
-def called(label: str, seen: list[str], **more: Any) -> Caller:
+def called(label: str, seen: list[str], **more: Any) -> Contestant:
     def call(target: Any, q0: Any) -> Any:
         seen.append(label)
         return q0
 
-    return Caller(label, call, True, lambda raw: raw[None], lambda raw: (1, 2), False, None, **more)
+    return Contestant(Entry(label, label, {}), {}, call, lambda raw: (raw[None], None, 1, 2), **more)
 
 
 def test_a_method_that_has_ended_the_process_is_not_called_and_all_its_problems_count_as_crashed() -> None:
@@ -130,9 +132,9 @@ METHOD = Deadly
 COUNTS = """
 import time
 from pathlib import Path
-from benchmarks.peers.ik.base import Peer
+from benchmarks.peers.ik.base import SolverPeer
 
-class Counts(Peer):
+class Counts(SolverPeer):
     distribution = package = "numpy"
     settings = "counts its calls"
 
@@ -184,7 +186,7 @@ def run(tmp_path: Path, suite: str) -> subprocess.CompletedProcess[str]:
     return optik_process("bench", "run", str(tmp_path / "suite.toml"), "--out", out, "--allow-plugins")
 
 
-def deadly(tmp_path: Path, how: str, nth: int, kind: str = "ik", base: str = "Peer") -> Path:
+def deadly(tmp_path: Path, how: str, nth: int, kind: str = "ik", base: str = "SolverPeer") -> Path:
     file = tmp_path / "deadly.py"
     file.write_text(DEADLY.format(kind=kind, base=base, how=how, nth=nth))
     return file

@@ -34,10 +34,10 @@ PEER = '''
 """A peer of a test."""
 import time
 import numpy as np
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik.base import SolverPeer, one
 from optik.ik import make_solver
 
-class Method(Peer):
+class Method(SolverPeer):
     distribution, package, settings, random = "of-a-test", "numpy", "{words}", {random}
 
     def __init__(self, robot, **options):

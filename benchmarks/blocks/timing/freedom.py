@@ -19,6 +19,7 @@ from benchmarks.blocks.columns import Column, largest, mean, quantile
 from benchmarks.blocks.timing.laws.motions import draw_motion_of
 from benchmarks.blocks.timing.laws.rows import in_group
 from benchmarks.blocks.timing.laws.settings import LimitSet
+from benchmarks.peers.base import Absent
 from benchmarks.problems.base import start_of
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import (
@@ -242,7 +243,7 @@ def solve_by_peer(
     try:
         about, chosen, raw = _PEERS[name](arm, path, q, limits)
         motion = fit_to_limits(arm, raw, limits, enforced, chosen)
-    except NoSolution as error:
+    except (NoSolution, Absent) as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
     proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)
     status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED

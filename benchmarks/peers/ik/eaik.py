@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none, zero_frames
+from benchmarks.peers.ik.base import SolverPeer, need_revolute, none
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 
 
-class EAIK(Peer):
+class EAIK(SolverPeer):
     """``HomogeneousRobot(frames at q = 0).IK(target)``."""
 
     distribution = "EAIK"
@@ -27,7 +27,7 @@ class EAIK(Peer):
 
         need_revolute(robot, 4, 6)
         self.robot = robot
-        arm = HomogeneousRobot(zero_frames(robot))
+        arm = HomogeneousRobot(robot.frames(np.zeros(robot.n)))
         if not arm.hasKnownDecomposition():
             raise InvalidInput("robot", "axes without a known decomposition", "an arm that decomposes into subproblems")
         self.arm: Any = arm

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
-from benchmarks.peers.models import roll_pitch_yaw
+from benchmarks.peers.ik.base import SolverPeer, one
 from optik.arm.robot import Robot
+from optik.arm.urdf import roll_pitch_yaw
 from optik.types import Array
 
 
-class IKPy(Peer):
+class IKPy(SolverPeer):
     """``Chain.inverse_kinematics_frame(target, q0, orientation_mode="all")``."""
 
     distribution = "ikpy"

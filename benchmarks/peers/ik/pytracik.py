@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none, one
+from benchmarks.peers.ik.base import SolverPeer, need_revolute, none, one
 from benchmarks.peers.models import urdf
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
@@ -19,7 +19,7 @@ TRACIK_TOLERANCE = 1e-7
 """Tolerance of TRAC-IK: its default of 1e-5 is above the 1e-6 m and rad that every method must reach."""
 
 
-class PyTracIK(Peer):
+class PyTracIK(SolverPeer):
     """``pytracik.ik(solver, q0, x, y, z, quaternion)`` in Speed mode."""
 
     distribution = "pytracik"

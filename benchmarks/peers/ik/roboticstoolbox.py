@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik.base import SolverPeer, one
 from optik.arm.robot import Robot
 from optik.types import Array
 
 
-class RoboticsToolbox(Peer):
+class RoboticsToolbox(SolverPeer):
     """``ETS.ik_LM(target, q0)`` with a tolerance at which errors are below 1e-6 m and rad."""
 
     distribution = "roboticstoolbox-python"

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none
+from benchmarks.peers.ik.base import SolverPeer, need_revolute, none
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 
 
-class SSIK(Peer):
+class SSIK(SolverPeer):
     """The module that ``ssik build`` generates for the arm, called as ``solve(target, max_solutions=1)``."""
 
     distribution = "ssik"
