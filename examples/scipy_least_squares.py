@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.peers.ik.base import SolverPeer
+from benchmarks.peers.ik.base import Solutions, SolverPeer
 from optik import se3
 
 
@@ -28,9 +28,9 @@ class ScipyLeastSquares(SolverPeer):
 
         self.call = call
 
-    def answers(self, raw):
-        """Return the solution as an array (1, n)."""
-        return raw[None]
+    def read(self, raw):
+        """Return the solution as an array (1, n). Not timed."""
+        return Solutions(raw[None])
 
 
 METHOD = ScipyLeastSquares

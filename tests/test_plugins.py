@@ -616,11 +616,11 @@ def test_the_example_peers_and_problems_keep_their_contracts() -> None:
     way = problems.targets[:, :3, 3] - arm.fk(problems.starts)[:, :3, 3]
     np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.1)
     peer: Any = registry.load_method("benchmarks.peers.ik", EXAMPLES / "scipy_least_squares.py").build(paper6r())
-    found = peer.answers(peer.call(paper6r().fk(START), START + 0.1))
+    found = peer.read(peer.call(paper6r().fk(START), START + 0.1)).q
     np.testing.assert_allclose(paper6r().fk(found[0]), paper6r().fk(START), atol=1e-6)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
     law: Any = registry.load_method("benchmarks.peers.laws", EXAMPLES / "scipy_spline.py").build(limits.arrays(6))
-    motion = law.trajectory(default_joint_path(), law.call(default_joint_path()))
+    motion = law.read(default_joint_path(), law.call(default_joint_path()))
     worst = [float((motion.extrema(order).worst / bound).max()) for order, bound in ((1, 2.0), (2, 10.0))]
     assert max(worst) <= 1.0
     assert max(worst) > 0.99

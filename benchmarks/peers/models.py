@@ -1,4 +1,4 @@
-"""An arm and its objects as peers read them: as URDF, as a model of Pinocchio, and as solids."""
+"""An arm and its objects as peers read them: as URDF, as a model of Pinocchio, as solids, and quaternions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optik.arm.shapes.enclosure import complete_frame
 from optik.arm.urdf import roll_pitch_yaw
 from optik.errors import NoSolution
 from optik.scene import Scene
-from optik.se3 import pose
+from optik.se3 import log_so3, pose
 from optik.types import Array
 
 Solid: TypeAlias = tuple[str, list[float], Array]
@@ -71,3 +71,10 @@ def make_solid(kind: str, a: Array, b: Array, radius: float) -> Solid:
         return "Sphere", [float(radius)], pose(p=a)
     u = (b - a) / length
     return kind, [float(radius), length], pose(np.column_stack([*complete_frame(u), u]), 0.5 * (a + b))
+
+
+def quaternion(R: Array) -> Array:
+    """Return the unit quaternion (4,) of a rotation, scalar first."""
+    w = log_so3(R)
+    half = 0.5 * float(np.linalg.norm(w))
+    return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * w])

@@ -157,11 +157,9 @@ class Worker:
 
     def _ended(self) -> str:
         """End the process, and describe how it ended."""
-        hung = self._hung
         _end(self._process)
-        return (
-            f"no answer for {LONGEST_CALL:g} s" if hung else f"its process ended with status {self._process.returncode}"
-        )
+        status = f"its process ended with status {self._process.returncode}"
+        return f"no answer for {LONGEST_CALL:g} s" if self._hung else status
 
     def _restarted(self) -> bool:
         try:

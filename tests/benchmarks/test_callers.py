@@ -23,7 +23,7 @@ from benchmarks.blocks.ik.rounds import callers_of, timed_part
 from benchmarks.cli.app import app
 from benchmarks.peers import worker as workers
 from benchmarks.peers.base import Absent, Failed
-from benchmarks.peers.ik.base import SolverPeer, WorkerSolver
+from benchmarks.peers.ik.base import Solutions, SolverPeer, WorkerSolver
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.suite import suite_of
@@ -39,7 +39,7 @@ def problems() -> ProblemSet:
 
 
 def caller(call: Callable[..., Any], answers: Any = lambda raw: raw[None], **more: Any) -> Contestant:
-    more = {"about": {}, "read": lambda raw: (answers(raw), None, None, None)} | more
+    more = {"about": {}, "read": lambda raw: Solutions(answers(raw))} | more
     return Contestant(Entry("x", "x", {}), call=call, **more)
 
 
@@ -118,7 +118,7 @@ def test_wrong_options_are_no_refusal() -> None:
 
 
 def test_a_claim_stands_beside_our_judgement() -> None:
-    rows = rows_of(lambda target, q0: q0 + 0.5, read=lambda raw: (raw[None], True, None, None))
+    rows = rows_of(lambda target, q0: q0 + 0.5, read=lambda raw: Solutions(raw[None], claimed=True))
     assert rows["claimed"].all()
     assert not rows["solved"].any()
     assert rows_of(lambda target, q0: q0)["claimed"].null_count() == 6
@@ -188,8 +188,8 @@ class Lies(SolverPeer):
         self.robot = robot
         self.call = lambda target, q0: q0
 
-    def answers(self, raw: Any) -> Any:
-        return raw[None]
+    def read(self, raw: Any) -> Solutions:
+        return Solutions(raw[None])
 
     def fk(self, q: Any) -> Any:
         T = self.robot.fk(q)

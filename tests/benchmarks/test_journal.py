@@ -16,6 +16,7 @@ import optik
 from benchmarks.blocks.base import Entry
 from benchmarks.blocks.contest import Contestant
 from benchmarks.blocks.ik.rounds import Rounds, timed_part
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
@@ -63,7 +64,7 @@ def called(label: str, seen: list[str], **more: Any) -> Contestant:
         seen.append(label)
         return q0
 
-    return Contestant(Entry(label, label, {}), {}, call, lambda raw: (raw[None], None, 1, 2), **more)
+    return Contestant(Entry(label, label, {}), {}, call, lambda raw: Solutions(raw[None], None, 1, 2), **more)
 
 
 def test_a_method_that_has_ended_the_process_is_not_called_and_all_its_problems_count_as_crashed() -> None:
@@ -102,7 +103,9 @@ def test_a_round_that_is_kept_is_not_done_again(tmp_path: Path, monkeypatch: pyt
 DEADLY = """
 import os
 from pathlib import Path
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.peers.{kind}.base import {base}
+from optik.errors import InvalidInput
 
 class Deadly({base}):
     distribution = package = "numpy"
@@ -119,12 +122,10 @@ class Deadly({base}):
             {how}
         return given
 
-    def answers(self, raw):
-        return raw[1][None]
-
-    def trajectory(self, joint_path, raw):
-        from optik.errors import InvalidInput
-        raise InvalidInput("motion", "none", "one")
+    def read(self, *given):
+        if len(given) == 2:
+            raise InvalidInput("motion", "none", "one")
+        return Solutions(given[0][1][None])
 
 METHOD = Deadly
 """
@@ -132,7 +133,7 @@ METHOD = Deadly
 COUNTS = """
 import time
 from pathlib import Path
-from benchmarks.peers.ik.base import SolverPeer
+from benchmarks.peers.ik.base import SolverPeer, Solutions
 
 class Counts(SolverPeer):
     distribution = package = "numpy"
@@ -147,8 +148,8 @@ class Counts(SolverPeer):
         time.sleep(0.15)
         return q0
 
-    def answers(self, raw):
-        return raw[None]
+    def read(self, raw):
+        return Solutions(raw[None])
 
 METHOD = Counts
 """

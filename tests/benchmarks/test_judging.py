@@ -34,7 +34,7 @@ PEER = '''
 """A peer of a test."""
 import time
 import numpy as np
-from benchmarks.peers.ik.base import SolverPeer, one
+from benchmarks.peers.ik.base import SolverPeer, Solutions, one
 from optik.ik import make_solver
 
 class Method(SolverPeer):
@@ -46,11 +46,8 @@ class Method(SolverPeer):
             {body}
         self.call = call
 
-    def answers(self, raw):
-        return one(raw)
-
-    def claims(self, raw):
-        return True
+    def read(self, raw):
+        return Solutions(one(raw), claimed=True)
 
 METHOD = Method
 '''

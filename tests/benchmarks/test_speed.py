@@ -21,7 +21,7 @@ from benchmarks.blocks.ik.judgement import judged, shared, wrapped
 from benchmarks.blocks.ik.rounds import timed_part
 from benchmarks.peers.base import Absent
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import SolverPeer
+from benchmarks.peers.ik.base import Solutions, SolverPeer
 from benchmarks.peers.models import urdf
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
@@ -206,7 +206,7 @@ def test_every_contestant_takes_all_problems_in_every_round() -> None:
             seen.append(label)
             return q0
 
-        return Contestant(Entry(label, label, {}), {}, call, lambda raw: (raw[None], None, 1, 2))
+        return Contestant(Entry(label, label, {}), {}, call, lambda raw: Solutions(raw[None], None, 1, 2))
 
     rows = timed_part(robot, problems, np.arange(6), [called("a"), called("b")], rounds=3)
     blocks = seen[12:]  # after the warm-up of both
@@ -352,7 +352,7 @@ def test_a_broken_import_of_a_peer_shows_itself() -> None:
         def __init__(self, robot: optik.Robot) -> None:
             import nothing_like_that  # noqa: F401
 
-        def answers(self, raw: Any) -> Any: ...
+        def read(self, raw: Any) -> Any: ...
 
     with pytest.raises(ModuleNotFoundError, match="nothing_like_that"):
         Broken.build(optik.load("paper6r"))

@@ -295,7 +295,7 @@ def test_drake_finds_the_optimum_that_toppra_finds_and_takes_its_own_time() -> N
     assert drake.many is not None
     (answer,) = drake.many([(joints,)])
     assert 0.0 < answer.ns < 1e9 * (time.perf_counter() - begin)
-    motions = [peer.trajectory(joints, peer.call(joints)) for peer in (theirs, drake)]
+    motions = [peer.read(joints, peer.call(joints)) for peer in (theirs, drake)]
     assert motions[1].duration == pytest.approx(motions[0].duration, rel=5e-3)  # two splines through the samples
 
 
@@ -311,7 +311,7 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
         def many(self, arguments: Any) -> list[Answer]:
             return [Answer(None, int(1234e6 * joint_path.end), None) for (joint_path,) in arguments]
 
-        def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
+        def read(self, joint_path: JointPath, raw: Any) -> Any:
             raise InvalidInput("motion", "none", "one")
 
     monkeypatch.setattr("benchmarks.blocks.contest.load_method", lambda *a: Elsewhere)
@@ -335,7 +335,7 @@ def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: s
     limits = replace(LIMITS, torque=line.robot.limits.torque) if name.endswith("torque") else LIMITS
     peer = peer_or_skip(name, peer_limits(limits, 6))
     joints = joints_of(line)
-    motion = peer.trajectory(joints, peer.call(joints))
+    motion = peer.read(joints, peer.call(joints))
     proof = certify(line.robot, line.path, motion, limits, enforced=peer.enforced)
     assert all(proof.worst(field)[0] < 1.3 for field in peer.enforced)
     assert (proof.path_error.distance < 1e-6) == (name != "ruckig_joints")
@@ -379,7 +379,7 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
             calls.append(1)
             raise NoSolution("too hard for it")
 
-        def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
+        def read(self, joint_path: JointPath, raw: Any) -> Any: ...
 
     monkeypatch.setattr("benchmarks.blocks.contest.load_method", lambda *a: Failing)
     settings = copy.deepcopy(QUICK)

@@ -77,10 +77,10 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
         return
     problems = near_start(arm, shift_seed(5), count=SLOW.get(name, 200), spreads=[0.1])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
-    rows = judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
+    rows = judged(arm, problems.targets, [peer.read(raw).q for raw in raws], wraps=True)
     assert peer.version()
     assert rows["solved"].sum() >= 0.9 * len(rows)  # from 0.1 rad away; the measured shares are 97 % and more
-    claims = [peer.claims(raw) for raw in raws]
+    claims = [peer.read(raw).claimed for raw in raws]
     assert set(claims) in ({None}, {True}, {True, False})
     right = [solved for claim, solved in zip(claims, rows["solved"], strict=True) if claim]
     assert not right or np.mean(right) > 0.9
@@ -92,8 +92,8 @@ def test_an_unreachable_pose_raises_nothing_and_is_not_claimed(name: str) -> Non
     target = arm.fk(arm.limits.middle)
     target[:3, 3] = (9.0, 0.5, 0.5)
     raw = called(peer, target, np.full(arm.n, 0.1))
-    assert not judged(arm, target[None], [peer.answers(raw)], wraps=True)["solved"].any()
-    assert not peer.claims(raw)
+    assert not judged(arm, target[None], [peer.read(raw).q], wraps=True)["solved"].any()
+    assert not peer.read(raw).claimed
 
 
 @pytest.mark.parametrize("name", names(PEERS))
@@ -108,6 +108,6 @@ def test_a_limit_on_iterations_is_kept_or_refused(name: str) -> None:
     peer = kind.build(arm, iterations=2)
     problems = near_start(arm, 5, count=3, spreads=[0.5])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
-    counts = [peer.iterations(raw) for raw in raws]
+    counts = [peer.read(raw).iterations for raw in raws]
     assert all(count is None or count <= 2 for count in counts)
-    assert not judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)["solved"].all()
+    assert not judged(arm, problems.targets, [peer.read(raw).q for raw in raws], wraps=True)["solved"].all()

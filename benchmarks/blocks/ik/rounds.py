@@ -16,6 +16,7 @@ from benchmarks.blocks.contest import Calls, Contestant, enter, enter_peer, fact
 from benchmarks.blocks.ik.judgement import judged
 from benchmarks.peers.base import Failed
 from benchmarks.peers.ik import PEERS
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import UNKEPT, Journal
 from optik.arm.robot import Robot
@@ -46,7 +47,7 @@ def build_ours(entry: Entry, robot: Robot) -> Contestant:
         return Contestant(entry, about | {"absent": str(error), "outcome": outcome})
     about["build_seconds"] = time.perf_counter() - begin
     return Contestant(
-        entry, about, solver.solve, lambda raw: (raw.q[None], bool(raw), raw.iterations, raw.restarts), solver
+        entry, about, solver.solve, lambda raw: Solutions(raw.q[None], bool(raw), raw.iterations, raw.restarts), solver
     )
 
 
@@ -189,15 +190,15 @@ def _read(caller: Contestant, raw: Any, n: int) -> Reading:
         return Reading(empty, *_failure(raw))
     begin = time.perf_counter_ns()
     try:
-        answers, claimed, iterations, restarts = caller.read(raw)
-        q = np.asarray(answers, dtype=np.float64)
+        found: Solutions = caller.read(raw)
+        q = np.asarray(found.q, dtype=np.float64)
     except Exception as error:
         return Reading(empty, "raised", _failure(error)[1], answers_ns=time.perf_counter_ns() - begin)
     took = time.perf_counter_ns() - begin
     if q.ndim != 2 or q.shape[1] != n:
         return Reading(empty, "raised", f"answers of shape {q.shape}, not (k, {n})", answers_ns=took)
     outcome = "answered" if np.isfinite(q).all(axis=1).any() else "none"
-    return Reading(q, outcome, None, claimed, iterations, restarts, took)
+    return Reading(q, outcome, None, *found[1:], took)
 
 
 READING_TYPES: dict[str, Any] = {

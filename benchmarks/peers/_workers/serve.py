@@ -56,11 +56,13 @@ def _solved(method: Any, do: str, problem: list[Any]) -> dict[str, Any]:
     try:
         raw = call(*given)
     except Exception as error:
-        return {"error": f"{type(error).__name__}: {error}"[:200], "ns": clock() - begin, "cpu_ns": cpu() - begin_cpu}
-    finally:
-        end, end_cpu = clock(), cpu()
-        gc.enable()
-    return {"answer": method.answer(raw) if do == "call" else raw, "ns": end - begin, "cpu_ns": end_cpu - begin_cpu}
+        raw = error
+    end, end_cpu = clock(), cpu()
+    gc.enable()
+    times = {"ns": end - begin, "cpu_ns": end_cpu - begin_cpu}
+    if isinstance(raw, Exception):
+        return {"error": f"{type(raw).__name__}: {raw}"[:200]} | times
+    return {"answer": method.answer(raw) if do == "call" else raw} | times
 
 
 def _say(answers: TextIO, value: dict[str, Any]) -> None:

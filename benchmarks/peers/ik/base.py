@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -21,6 +21,15 @@ FK_TOLERANCE = 1e-9
 
 FK_CONFIGURATIONS, FK_SEED = 5, 20261
 """Number of random configurations for this comparison, and the seed: a wrong model differs at all of them."""
+
+
+class Solutions(NamedTuple):
+    """What a call answered: configurations, and what the method reports; None where it does not say."""
+
+    q: Array  # (k, n) [rad, m], none for k = 0
+    claimed: bool | None = None  # whether it says that it succeeded, which our forward kinematics judges
+    iterations: int | None = None
+    restarts: int | None = None
 
 
 class SolverPeer(Peer):
@@ -64,8 +73,8 @@ class SolverPeer(Peer):
         """Prepare everything that does not depend on the target."""
 
     @abstractmethod
-    def answers(self, raw: Any) -> Array:
-        """Return the configurations of a call, none for k = 0; one correct configuration suffices. Not timed.
+    def read(self, raw: Any) -> Solutions:
+        """Return what a call answered; one correct configuration suffices. Not timed.
 
         Parameters
         ----------
@@ -74,39 +83,9 @@ class SolverPeer(Peer):
 
         Returns
         -------
-        (k, n) array
-            Configurations [rad, m].
+        Solutions
+            Configurations, and what the method reports.
         """
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations of a call; None if the method does not report it.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return None
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method reports success of a call; None if it reports nothing.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim, which our forward kinematics judges.
-        """
-        return None
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the method's own model; None if it has no forward kinematics.
@@ -122,21 +101,6 @@ class SolverPeer(Peer):
             Pose of the tool in the base frame [1, m].
         """
         return None
-
-    def read(self, raw: Any) -> tuple[Array, bool | None, int | None, None]:
-        """Return everything that a call reports.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        tuple
-            Configurations (k, n) [rad, m], claim, number of iterations, and restarts, which no peer reports.
-        """
-        return self.answers(raw), self.claims(raw), self.iterations(raw), None
 
     @classmethod
     def facts(cls, **options: Any) -> dict[str, Any]:
@@ -178,12 +142,12 @@ def need_revolute(robot: Robot, least: int, most: int) -> None:
 
 
 def one(q: Any) -> Array:
-    """Return one configuration as the result of `SolverPeer.answers`."""
+    """Return one configuration for `Solutions`."""
     return np.asarray(q, dtype=np.float64).reshape(1, -1)
 
 
 def none(robot: Robot) -> Array:
-    """Return no configuration as the result of `SolverPeer.answers`."""
+    """Return no configuration for `Solutions`."""
     return np.empty((0, robot.n))
 
 
@@ -203,21 +167,12 @@ class LoopPeer(SolverPeer):
     """A peer whose call returns a configuration (n,) [rad, m], the number of iterations and whether it converged."""
 
     budgeted: ClassVar[bool] = True
-    limits: JointLimits | None = (
-        None  # to which the configuration is clamped, for a method that keeps limits to rounding
-    )
+    limits: JointLimits | None = None  # to which it is clamped, for a method that keeps limits to rounding
 
-    def answers(self, raw: Any) -> Array:
-        """Return the last configuration of the iteration."""
-        return one(raw[0] if self.limits is None else self.limits.clip(raw[0]))
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations; None if the method does not report it."""
-        return None if raw[1] is None else int(raw[1])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Say whether the method reports convergence."""
-        return bool(raw[2])
+    def read(self, raw: Any) -> Solutions:
+        """Return the last configuration of the iteration, whether the method reports convergence, and the iterations."""
+        q, iterations, converged = raw
+        return Solutions(one(q if self.limits is None else self.limits.clip(q)), bool(converged), iterations)
 
 
 class WorkerSolver(WorkerPeer, LoopPeer):
@@ -229,9 +184,9 @@ class WorkerSolver(WorkerPeer, LoopPeer):
         self.robot, self.limits = robot, robot.limits  # these methods respect limits up to rounding
         self.worker = self.start(self.environment, {"urdf": urdf(robot), "iterations": iterations})
 
-    def answers(self, raw: Any) -> Array:
-        """Return the one configuration, if there is one, clamped to the limits."""
-        return none(self.robot) if raw[0] is None else super().answers(raw)
+    def read(self, raw: Any) -> Solutions:
+        """Return the configuration, if there is one, clamped to the limits."""
+        return Solutions(none(self.robot), bool(raw[2])) if raw[0] is None else super().read(raw)
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the model in the worker process."""

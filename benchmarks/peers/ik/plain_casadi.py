@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.ik.base import LoopPeer
+from benchmarks.peers.models import quaternion
 from optik.arm.robot import Robot
-from optik.se3 import quaternion
 from optik.types import Array
 
 

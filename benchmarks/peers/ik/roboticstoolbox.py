@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import SolverPeer, one
+from benchmarks.peers.ik.base import Solutions, SolverPeer, one
 from optik.arm.robot import Robot
 from optik.types import Array
 
@@ -35,17 +35,9 @@ class RoboticsToolbox(SolverPeer):
         budget = {} if iterations is None else {"ilimit": iterations - 1, "slimit": 1}  # it takes ilimit + 1
         self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
-    def answers(self, raw: Any) -> Array:
-        """Return the configuration, whether or not the method reports success."""
-        return one(raw[0])
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations over all searches."""
-        return int(raw.iterations)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method reports success."""
-        return bool(raw.success)
+    def read(self, raw: Any) -> Solutions:
+        """Return the configuration, whether or not the method reports success, and the iterations over all searches."""
+        return Solutions(one(raw[0]), bool(raw.success), int(raw.iterations))
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the ETS."""

@@ -45,7 +45,7 @@ class TimingPeer(Peer):
         Returns
         -------
         Any
-            The result, for `trajectory`.
+            The result, for `read`.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class TimingPeer(Peer):
         """
 
     @abstractmethod
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of a call's motion. Not timed.
 
         Parameters
@@ -69,23 +69,6 @@ class TimingPeer(Peer):
         Trajectory
             The motion.
         """
-
-    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
-        """Return the result of `trajectory`.
-
-        Parameters
-        ----------
-        joint_path : JointPath
-            The path in joint space.
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        Trajectory
-            The motion.
-        """
-        return self.trajectory(joint_path, raw)
 
     @classmethod
     def facts(cls, **options: Any) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class DrakeToppra(WorkerPeer, TimingPeer):
         """Return the path parameters of the samples, and the configurations there."""
         return joint_path.knots.tolist(), joint_path(joint_path.knots).tolist()
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         if raw is None:
             raise NoSolution("Drake's Toppra found no motion from rest to rest")
