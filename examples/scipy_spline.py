@@ -36,7 +36,7 @@ class ScipySpline(TimingPeer):
             ratios.append((most / limit).max() ** (1.0 / order))
         return spline, max(ratios) * (1.0 + 1e-12)
 
-    def trajectory(self, joint_path, raw):
+    def read(self, joint_path, raw):
         """Return the motion of a call. Not timed."""
         spline, duration = raw
         return Trajectory(spline).slowed(duration)

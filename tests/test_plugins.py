@@ -24,8 +24,6 @@ from typer.testing import CliRunner
 import optik
 import planners
 from benchmarks.cli.app import app
-from benchmarks.peers.ik.base import build_peer
-from benchmarks.peers.laws.base import build_timing_peer
 from benchmarks.problems.base import ProblemSet
 from benchmarks.report.page import write_report
 from benchmarks.run import run_suite
@@ -619,12 +617,12 @@ def test_the_example_peers_and_problems_keep_their_contracts() -> None:
     assert problems.frame(arm).height == 5
     way = problems.targets[:, :3, 3] - arm.fk(problems.starts)[:, :3, 3]
     np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.1)
-    peer: Any = build_peer(str(EXAMPLES / "scipy_least_squares.py"), paper6r())
-    found = peer.answers(peer.call(paper6r().fk(START), START + 0.1))
+    peer: Any = registry.load_method("benchmarks.peers.ik", EXAMPLES / "scipy_least_squares.py").build(paper6r())
+    found = peer.read(peer.call(paper6r().fk(START), START + 0.1)).q
     np.testing.assert_allclose(paper6r().fk(found[0]), paper6r().fk(START), atol=1e-6)
     limits = planners.MotionLimits(2.0, 10.0, 100.0)
-    law: Any = build_timing_peer(str(EXAMPLES / "scipy_spline.py"), limits.arrays(6))
-    motion = law.trajectory(default_joint_path(), law.call(default_joint_path()))
+    law: Any = registry.load_method("benchmarks.peers.laws", EXAMPLES / "scipy_spline.py").build(limits.arrays(6))
+    motion = law.read(default_joint_path(), law.call(default_joint_path()))
     worst = [float((motion.extrema(order).worst / bound).max()) for order, bound in ((1, 2.0), (2, 10.0))]
     assert max(worst) <= 1.0
     assert max(worst) > 0.99

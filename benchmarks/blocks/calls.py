@@ -15,10 +15,10 @@ from pydantic import AfterValidator
 from benchmarks.blocks.base import BlockRows, Kind, Session, Shard, chunks
 from benchmarks.blocks.block import Entry, Target
 from benchmarks.blocks.columns import Column
-from benchmarks.blocks.contest import clock_cost
+from benchmarks.blocks.contest import Contestant, clock_cost
 from benchmarks.blocks.entries import IKPeer, Method, ProblemBlock, check_set, need_problems, store_problems
 from benchmarks.blocks.judgement import JUDGED_AT, level_name, shared, solved_at
-from benchmarks.blocks.rounds import FIELDS, Caller, Rounds, build_ours, callers_of, timed_part
+from benchmarks.blocks.rounds import FIELDS, Rounds, build_ours, callers_of, timed_part
 from benchmarks.records import RunFolder
 from benchmarks.settings import LISTED, Count, Entries, check_different, key
 from benchmarks.statistics import shifted_geometric_mean
@@ -220,7 +220,7 @@ class _Calls(Kind):
                 yield Shard(name, work, f"{block.id}: {here[0]:,} of {len(problems):,}")
 
     def _write_facts(
-        self, folder: RunFolder, block: CallBlock, count: int, callers: list[Caller], absent: dict[str, Any]
+        self, folder: RunFolder, block: CallBlock, count: int, callers: list[Contestant], absent: dict[str, Any]
     ) -> None:
         """Write the facts on a block; of a method that is not built again, those of before."""
         file = self.file(block, "json")

@@ -1,4 +1,4 @@
-"""Side-by-side timing: calls in turn with the garbage collector off, fresh processes, and seeds of random methods."""
+"""Contestants and side-by-side timing: calls in turn without garbage collection, fresh processes, seeds of random methods."""
 
 from __future__ import annotations
 
@@ -11,15 +11,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blocks.block import Entry
+from benchmarks.peers.base import Absent, Answer
+from benchmarks.records import Journal
 from optik.errors import OptikError
 from optik.plugins.files import is_path
+from optik.registry import load_method
+from optik.types import Array
 
 Item = TypeVar("Item")
 
@@ -27,14 +32,98 @@ CLOCK_CALLS = 2000
 """Number of empty calls that measure the cost of timing itself: enough for a median that repeats to a few nanoseconds."""
 
 
+def _never(*given: Any) -> Any:
+    raise AssertionError("a contestant that is absent or ended its process is not called")
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A method or law of ours or a peer: ready to be called, absent, or one that ended its process."""
+
+    entry: Entry
+    about: dict[str, Any]  # facts for the report; `absent` is the reason why it is not run
+    call: Callable[..., Any] = _never  # the timed part
+    read: Callable[..., Any] = _never  # from what a call returned to the answer; not timed
+    method: Any = None  # the method, law or peer itself
+    many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = (
+        None  # calls that another process makes and times
+    )
+    ended: str = ""  # how it ended the process in this block; such a contestant is not called again
+
+    @property
+    def label(self) -> str:
+        """Its name in reports."""
+        return self.entry.label
+
+
+def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
+    """Return the facts on one of our entries that a run stores for the report."""
+    words = entry.words or "default settings"
+    return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
+
+
+def enter(
+    entry: Entry,
+    journal: Journal,
+    build: Callable[[Entry], Contestant],
+    facts: Callable[[Entry], dict[str, Any]] = facts_on,
+) -> Contestant:
+    """Build a contestant; one that has ended the process is not even built again, since it may have been that."""
+    if entry.label in journal.crashed:
+        return Contestant(entry, facts(entry), ended=journal.crashed[entry.label])
+    with journal.at_work(entry.label):
+        return build(entry)
+
+
+def enter_peer(entry: Entry, group: str, given: Any) -> Contestant:
+    """Build a peer of a folder for a robot or for limits."""
+    kind = load_method(group, entry.name, "peer")
+    about = facts_on(entry) | kind.facts(**entry.options)
+    begin = time.perf_counter()
+    try:
+        peer = kind.build(given, **entry.options)
+    except Absent as absent:
+        return Contestant(entry, about | {"absent": absent.why, "outcome": absent.outcome})
+    about["build_seconds"] = time.perf_counter() - begin
+    return Contestant(entry, about, peer.call, peer.read, peer, peer.many)
+
+
+class Calls(NamedTuple):
+    """Timed calls: times and processor times of all threads [ns], and what they returned, or their exceptions."""
+
+    ns: NDArray[np.int64]
+    cpu_ns: Array
+    raws: list[Any]
+
+
+def timed_calls(
+    contestant: Contestant,
+    arguments: Sequence[tuple[Any, ...]],
+    failures: tuple[type[Exception], ...],
+    before: Callable[[int], None] | None = None,
+) -> Calls:
+    """Time one call for each tuple of arguments, by the clock of the process that makes them.
+
+    The processor time is the mean over the calls; of each call in a worker process.
+    """
+    if contestant.many is not None:
+        answers = contestant.many(arguments)
+        ns = np.array([a.ns for a in answers], dtype=np.int64)
+        cpu = np.array([np.nan if a.cpu_ns is None else a.cpu_ns for a in answers], dtype=np.float64)
+        return Calls(ns, cpu, [a.raw for a in answers])
+    begin = time.process_time_ns()
+    ns, raws = timed(contestant.call, arguments, failures=failures, before=before)
+    return Calls(ns, np.full(len(ns), (time.process_time_ns() - begin) / max(len(ns), 1)), raws)
+
+
 def timed(
     call: Callable[..., Any],
     arguments: Sequence[tuple[Any, ...]],
     *,
-    keep_errors: bool = False,
+    failures: tuple[type[Exception], ...] = (),
     before: Callable[[int], None] | None = None,
 ) -> tuple[NDArray[np.int64], list[Any]]:
-    """Time one call for each tuple of arguments."""
+    """Time one call for each tuple of arguments; exceptions that are failures take the place of results."""
     clock = time.perf_counter_ns
     took = np.empty(len(arguments), dtype=np.int64)
     raws: list[Any] = []
@@ -47,9 +136,7 @@ def timed(
             begin = clock()
             try:  # costs no time where nothing is raised
                 raw = call(*given)
-            except Exception as error:
-                if not keep_errors:
-                    raise
+            except failures as error:
                 raw = error
             end = clock()
             took[i] = end - begin
@@ -71,12 +158,6 @@ def clock_cost() -> float:
     """Return the time that timing itself adds to a call [ns]: the median for an empty call. It is included in all times."""
     took, _ = timed(lambda target, q0: None, [(None, None)] * CLOCK_CALLS)
     return float(np.median(took))
-
-
-def facts_on(entry: Entry, **more: Any) -> dict[str, Any]:
-    """Return the facts on one of our entries that a run stores for the report."""
-    words = entry.words or "default settings"
-    return {"kind": entry.role, "name": entry.name, "version": None, "settings": words} | more
 
 
 def version_words(about: Mapping[str, Any]) -> str:

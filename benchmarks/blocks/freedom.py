@@ -20,6 +20,7 @@ from benchmarks.blocks.columns import Column, Of, largest, quantile, share
 from benchmarks.blocks.timing.motions import draw_motion_of
 from benchmarks.blocks.timing.rows import in_group
 from benchmarks.blocks.timing.settings import LimitSet
+from benchmarks.peers.base import Absent
 from benchmarks.problems.base import start_of
 from benchmarks.records import RunFolder
 from benchmarks.settings import (
@@ -254,7 +255,7 @@ def solve_by_peer(
     try:
         about, chosen, raw = _PEERS[name](arm, path, q, limits)
         motion = fit_to_limits(arm, raw, limits, enforced, chosen)
-    except NoSolution as error:
+    except (NoSolution, Absent) as error:
         return row | {"status": str(PlanStatus.TIMING_INFEASIBLE), "outcome": str(error)}
     proof = certify(arm, chosen, motion, limits, law=name, enforced=enforced)
     status = PlanStatus.SOLVED if proof.is_valid else PlanStatus.NOT_PROVED

@@ -17,7 +17,7 @@ from benchmarks.blocks.base import NUMBER, TEXT, TRUTH, WHOLE, Field, Kind, Sess
 from benchmarks.blocks.block import Block, Entry, Target
 from benchmarks.blocks.columns import Column, count, mean, median, quantile, share
 from benchmarks.blocks.timing.settings import LimitSet
-from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.base import Absent
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
 from benchmarks.peers.vamp_search import find_by_vamp
 from benchmarks.problems.motionbench import MotionProblem, read_archive, read_problem, write_problems
@@ -220,7 +220,7 @@ def solve_by_all(
         begin, label = time.process_time(), next((one for one in block.peers if ROUNDED.get(one, ("",))[0] == name), "")
         if name != "rrt_connect" and label in journal.crashed:
             continue
-        with suppress(MissingDependency, NotInstalled), journal.at_work("" if name == "rrt_connect" else label):
+        with suppress(MissingDependency, Absent), journal.at_work("" if name == "rrt_connect" else label):
             found = find_polyline(robot, scene, ends, name)
             row = {"found": bool(found), "search_ms": 1e3 * (time.process_time() - begin), "reason": found.reason}
             about = (
@@ -242,7 +242,7 @@ def solve_by_all(
             yield label, METHOD().lost(reason=why)
             continue
         if label == PYROBOPLAN:
-            with suppress(NotInstalled):
+            with suppress(Absent):
                 yield label, solve_by_pyroboplan(robot, limits, problem)
             continue
         search, law = ROUNDED[label]

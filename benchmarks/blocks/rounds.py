@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,118 +13,43 @@ from numpy.typing import NDArray
 
 from benchmarks.blocks.base import TEXT, TRUTH, WHOLE, Field, fields_of
 from benchmarks.blocks.block import Block, Entry
-from benchmarks.blocks.contest import facts_on, reseed, timed, turns
+from benchmarks.blocks.contest import Calls, Contestant, enter, enter_peer, facts_on, reseed, timed_calls, turns
 from benchmarks.blocks.judgement import judged
+from benchmarks.peers.base import Failed
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import Absent, Answer, Failed, build_peer, version_of
-from benchmarks.peers.ik.worker import WorkerPeer
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.problems.base import ProblemSet
 from benchmarks.records import UNKEPT, Journal
 from optik.arm.robot import Robot
 from optik.errors import MissingDependency, Unsupported
-from optik.ik import IKSolver, make_solver
-from optik.registry import load_method
+from optik.ik import make_solver
 from optik.types import Array
 
 
-@dataclass(frozen=True)
-class Caller:
-    """One of our methods or a peer, ready to be called."""
-
-    label: str
-    call: Callable[..., Any]  # the timed part: (target, q0), or (target) where it takes no initial guess
-    takes_start: bool
-    answers: Callable[[Any], Array]  # from what a call returned to configurations (k, n) [rad, m]
-    counts: Callable[[Any], tuple[int | None, int | None]]  # to iterations and restarts, None where it does not say
-    wraps: bool  # whether full turns may be added to bring an answer inside the limits
-    most: int | None  # how many problems it is given
-    about: dict[str, Any] = field(default_factory=dict)  # facts for the report
-    claims: Callable[[Any], bool | None] = lambda raw: (
-        None
-    )  # whether it says that it succeeded, None where it does not say
-    many: Callable[[Sequence[tuple[Any, ...]]], list[Answer]] | None = None  # calls that are timed in a worker process
-    # sets the random numbers of one trial: (seed of the suite, number of the problem, trial); None for a method that draws
-    # none, since setting them costs it its caches
-    reseed: Callable[[int, int, int], None] | None = None
-    ended: str = ""  # how it ended the process in this block; such a method is not called again
-
-
-def callers_of(block: Block, robot: Robot, journal: Journal = UNKEPT) -> tuple[list[Caller], dict[str, dict[str, Any]]]:
+def callers_of(
+    block: Block, robot: Robot, journal: Journal = UNKEPT
+) -> tuple[list[Contestant], dict[str, dict[str, Any]]]:
     """Build every method and peer of a block; return those that are ready, and facts on the others."""
-    ready: list[Caller] = []
-    absent: dict[str, dict[str, Any]] = {}
-    for entry in block.entries:
-        if entry.label in journal.crashed:
-            ready.append(_crashed(entry, journal.crashed[entry.label]))
-            continue
-        with journal.at_work(entry.label):
-            built = (_peer if entry.role == "peer" else _ours)(entry, robot)
-        if isinstance(built, Caller):
-            ready.append(built)
-        else:
-            absent[entry.label] = built
-    return ready, absent
+
+    def build(entry: Entry) -> Contestant:
+        return enter_peer(entry, PEERS, robot) if entry.role == "peer" else build_ours(entry, robot)
+
+    found = [enter(entry, journal, build) for entry in block.entries]
+    return [c for c in found if "absent" not in c.about], {c.label: c.about for c in found if "absent" in c.about}
 
 
-def _crashed(entry: Entry, why: str) -> Caller:
-    """Return a method that has ended the process: it is not even built again, since it may have been that."""
-
-    def never(*given: Any) -> Any:
-        raise AssertionError(f"{entry.label} is not called again")
-
-    about = facts_on(entry) | {"clocked": False, "random": False}
-    return Caller(entry.label, never, True, never, never, False, entry.most, about, ended=why)
-
-
-def build_ours(entry: Entry, robot: Robot) -> IKSolver | Absent:
+def build_ours(entry: Entry, robot: Robot) -> Contestant:
     """Build a method of ours."""
+    begin, about = time.perf_counter(), facts_on(entry, clocked="time_limit" in entry.options)
     try:
-        return make_solver(robot, entry.name, **entry.options)
-    except Unsupported as error:
-        return Absent(str(error), "refused")
-    except MissingDependency as error:
-        return Absent(str(error))
-
-
-def _ours(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """Return a method of ours, or the facts on it if it is not run."""
-    begin = time.perf_counter()
-    built = build_ours(entry, robot)
-    about = facts_on(entry, build_seconds=time.perf_counter() - begin, clocked="time_limit" in entry.options)
-    if isinstance(built, Absent):
-        return about | {"absent": built.why, "outcome": built.outcome}
-
-    def counts(raw: Any) -> tuple[int | None, int | None]:
-        return raw.iterations, raw.restarts
-
-    return Caller(entry.label, built.solve, True, lambda raw: raw.q[None], counts, False, entry.most, about, bool)
-
-
-def _peer(entry: Entry, robot: Robot) -> Caller | dict[str, Any]:
-    """Return a peer, or the facts on it if it is not run."""
-    budget = entry.options.get("iterations")
-    begin = time.perf_counter()
-    peer = build_peer(entry.name, robot, iterations=budget)
-    seconds = time.perf_counter() - begin
-    kind = load_method(PEERS, entry.name, "peer")
-    settings = kind.settings
-    if budget is not None:
-        settings = f"at most {budget:,} iterations; otherwise {settings}"
-    about = facts_on(entry) | {"version": version_of(entry.name), "settings": settings}
-    about |= {"clocked": kind.clocked, "random": kind.random}
-    if isinstance(peer, Absent):
-        return about | {"absent": peer.why, "outcome": peer.outcome}
-
-    def counts(raw: Any) -> tuple[int | None, int | None]:
-        return peer.iterations(raw), None
-
-    def again(seed: int, problem: int, trial: int) -> None:
-        reseed(peer, seed, problem, entry.label, trial)
-
-    return Caller(
-        entry.label, peer.call, peer.takes_start, peer.answers, counts, True, entry.most, about | {"build_seconds": seconds},
-        peer.claims, peer.many if isinstance(peer, WorkerPeer) else None, again if kind.random else None,
-    )  # fmt: skip
+        solver = make_solver(robot, entry.name, **entry.options)
+    except (Unsupported, MissingDependency) as error:
+        outcome = "refused" if isinstance(error, Unsupported) else "absent"
+        return Contestant(entry, about | {"absent": str(error), "outcome": outcome})
+    about["build_seconds"] = time.perf_counter() - begin
+    return Contestant(
+        entry, about, solver.solve, lambda raw: Solutions(raw.q[None], bool(raw), raw.iterations, raw.restarts), solver
+    )
 
 
 FIRST_CALLS = 20
@@ -152,20 +77,15 @@ FIELDS = {
 
 
 class Round(NamedTuple):
-    """One caller's k calls of one round: times [ns], results, and whether it changed its arguments.
+    """One contestant's k calls of one round, and whether it changed its arguments."""
 
-    The processor time is that of all threads of the process, the mean over the round; of each call in a worker process.
-    """
-
-    ns: NDArray[np.int64]
-    cpu_ns: Array
-    raws: list[Any]
+    calls: Calls
     changed: NDArray[np.bool_]
 
     @property
     def times(self) -> pl.DataFrame:
         """Times, and which calls changed their arguments."""
-        return pl.DataFrame({"round_ns": self.ns, "round_cpu_ns": self.cpu_ns, "changed": self.changed})
+        return pl.DataFrame({"round_ns": self.calls.ns, "round_cpu_ns": self.calls.cpu_ns, "changed": self.changed})
 
 
 @dataclass(frozen=True)
@@ -175,7 +95,7 @@ class Rounds:
     journal: Journal = UNKEPT
     part: str = ""
 
-    def done(self, caller: Caller, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
+    def done(self, caller: Contestant, index: int, turn: int, work: Callable[[], pl.DataFrame]) -> pl.DataFrame:
         """Do a round, unless its rows are stored."""
         name = f"{self.part}-{index:02d}-{turn:02d}"
         rows = self.journal.kept(name)
@@ -194,7 +114,7 @@ def timed_part(
     robot: Robot,
     problems: ProblemSet,
     here: NDArray[np.int64],
-    callers: list[Caller],
+    callers: list[Contestant],
     rounds: int,
     *,
     seed: int = 0,
@@ -203,7 +123,7 @@ def timed_part(
 ) -> pl.DataFrame:
     """Time some problems: in every round each caller takes all of them, one after another; their rows name the budget."""
     kept = kept or Rounds()
-    mine = [np.intersect1d(here, problems.chosen(c.most)) for c in callers]
+    mine = [np.intersect1d(here, problems.chosen(c.entry.most)) for c in callers]
     given = [i for i in range(len(callers)) if len(mine[i])]
     ready = [i for i in given if not callers[i].ended]
     done: dict[int, list[pl.DataFrame]] = {i: [] for i in ready}
@@ -228,30 +148,24 @@ def timed_part(
     return pl.concat(frame.select(stored) for frame in frames)
 
 
-def one_round(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
+def one_round(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
     """Call one caller once for each problem, with copies of the target and the initial guess."""
-    arguments = _arguments(caller, problems, mine)
-    if caller.many is not None:
-        answers = caller.many(arguments)
-        ns = np.array([a.ns for a in answers], dtype=np.int64)
-        cpu = np.array([np.nan if a.cpu_ns is None else a.cpu_ns for a in answers], dtype=np.float64)
-        raws = [a.raw for a in answers]
-    else:
-        again, (seed, turn) = caller.reseed, trial
-        before = None if again is None else lambda i: again(seed, int(mine[i]), turn)
-        begin = time.process_time_ns()
-        ns, raws = timed(caller.call, arguments, keep_errors=True, before=before)
-        cpu = np.full(len(mine), (time.process_time_ns() - begin) / max(len(mine), 1))
-        raws = [_failed(raw) if isinstance(raw, Exception) else raw for raw in raws]
+    arguments, (seed, turn) = _arguments(caller, problems, mine), trial
+
+    def again(i: int) -> None:
+        reseed(caller.method, seed, int(mine[i]), caller.label, turn)
+
+    # setting the random numbers of a method that draws none costs it its caches
+    calls = timed_calls(caller, arguments, (Exception,), again if caller.about.get("random") else None)
     fresh = _arguments(caller, problems, mine)
     changed = [
         any(not np.array_equal(a, b) for a, b in zip(*pair, strict=True)) for pair in zip(arguments, fresh, strict=True)
     ]
-    return Round(ns, cpu, raws, np.array(changed, dtype=bool))
+    return Round(calls, np.array(changed, dtype=bool))
 
 
-def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) -> list[tuple[Any, ...]]:
-    if caller.takes_start:
+def _arguments(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64]) -> list[tuple[Any, ...]]:
+    if getattr(caller.method, "takes_start", True):
         return [(problems.targets[i].copy(), problems.starts[i].copy()) for i in mine]
     return [(problems.targets[i].copy(),) for i in mine]
 
@@ -259,10 +173,12 @@ def _arguments(caller: Caller, problems: ProblemSet, mine: NDArray[np.int64]) ->
 # ---------------------------------------------------------------- what calls returned
 
 
-def _failed(error: Exception) -> Failed:
-    """Return an exception of a call: a refusal where the method says that it does not support the problem."""
+def _failure(error: Exception) -> tuple[str, str]:
+    """Return how a call failed, and what it said: a refusal where the method says that it does not support the problem."""
+    if isinstance(error, Failed):
+        return error.outcome, error.error
     outcome = "refused" if isinstance(error, Unsupported) else "raised"
-    return Failed(outcome, f"{type(error).__name__}: {error}"[:LONGEST_ERROR])
+    return outcome, f"{type(error).__name__}: {error}"[:LONGEST_ERROR]
 
 
 class Reading(NamedTuple):
@@ -277,22 +193,22 @@ class Reading(NamedTuple):
     answers_ns: int = 0
 
 
-def _read(caller: Caller, raw: Any, n: int) -> Reading:
+def _read(caller: Contestant, raw: Any, n: int) -> Reading:
     """Read the result of one call; a caller that cannot read it counts as failed."""
     empty = np.empty((0, n))
-    if isinstance(raw, Failed):
-        return Reading(empty, raw.outcome, raw.error)
+    if isinstance(raw, Exception):
+        return Reading(empty, *_failure(raw))
     begin = time.perf_counter_ns()
     try:
-        q = np.asarray(caller.answers(raw), dtype=np.float64)
-        took = time.perf_counter_ns() - begin
-        if q.ndim != 2 or q.shape[1] != n:
-            return Reading(empty, "raised", f"answers of shape {q.shape}, not (k, {n})", answers_ns=took)
-        claimed, counts = caller.claims(raw), caller.counts(raw)
+        found: Solutions = caller.read(raw)
+        q = np.asarray(found.q, dtype=np.float64)
     except Exception as error:
-        return Reading(empty, "raised", _failed(error).error, answers_ns=time.perf_counter_ns() - begin)
+        return Reading(empty, "raised", _failure(error)[1], answers_ns=time.perf_counter_ns() - begin)
+    took = time.perf_counter_ns() - begin
+    if q.ndim != 2 or q.shape[1] != n:
+        return Reading(empty, "raised", f"answers of shape {q.shape}, not (k, {n})", answers_ns=took)
     outcome = "answered" if np.isfinite(q).all(axis=1).any() else "none"
-    return Reading(q, outcome, None, claimed, *counts, took)
+    return Reading(q, outcome, None, *found[1:], took)
 
 
 _READ = ("outcome", "error", "claimed", "iterations", "restarts", "answers_ns")
@@ -300,11 +216,11 @@ _READ = ("outcome", "error", "claimed", "iterations", "restarts", "answers_ns")
 
 
 def _first_round_rows(
-    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Caller, found: Round
+    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Contestant, found: Round
 ) -> pl.DataFrame:
     """Return the first round of one caller: judged answers, and times."""
-    read = [_read(caller, raw, robot.n) for raw in found.raws]
-    judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.wraps)
+    read = [_read(caller, raw, robot.n) for raw in found.calls.raws]
+    judgement = judged(robot, problems.targets[mine], [r.q for r in read], wraps=caller.entry.role == "peer")
     columns = {name: pl.Series([getattr(r, name) for r in read], dtype=FIELDS[name].type) for name in _READ}
     return judgement.with_columns(problem=pl.Series(mine), **columns, **found.times.to_dict())
 

@@ -24,7 +24,6 @@ from rich.text import Text
 import optik
 from benchmarks.cli.command import Command, JsonCommand, argument, err_console, option, out_console, print_json
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import missing, version_of
 from benchmarks.peers.laws import TIMING_PEERS
 from benchmarks.provenance import provenance, version_here
 from optik.compiled import archive
@@ -150,8 +149,8 @@ def _check_peers() -> Iterator[Check]:
     for folder, part in ((PEERS, "peers: inverse kinematics"), (TIMING_PEERS, "peers: time laws")):
         for name in sorted(own_names(folder)):
             kind = load_method(folder, name, "peer")
-            why = missing(kind)
-            state, words = ("absent", why) if why else ("usable", f"{kind.distribution} {version_of(name, folder)}")
+            why = kind.missing()
+            state, words = ("absent", why) if why else ("usable", f"{kind.distribution} {kind.version()}")
             yield Check(part, name, state, words)
 
 
@@ -306,14 +305,14 @@ class PeerCommand(Command):
                 advice = f"this one shares the environment of optik: pip install {kind.distribution}"
                 raise InvalidInput("--install", self.name, "a peer with a separate environment", advice=advice)
             _install(kind)
-        state = missing(kind) or f"{kind.distribution} {version_of(self.name)}"
+        state = kind.missing() or f"{kind.distribution} {kind.version()}"
         out_console.print(f"{self.name}: {state}", soft_wrap=True)
         out_console.print(kind.settings, soft_wrap=True)
 
 
 def _install(kind: Any) -> None:
     """Create the environment of a peer, and remove it if this fails."""
-    folder, python = kind.environment(), kind.python()
+    folder, python = kind.folder(), kind.python()
     outside = {k: v for k, v in os.environ.items() if k not in ("PIP_CONSTRAINT", "PYTHONPATH", "PYTHONHOME")}
     try:
         with err_console.status(f"installing {', '.join(kind.requirements)}"):

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from functools import lru_cache
 from math import factorial
 
 import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
-from benchmarks.peers.ik.base import Failed
 from benchmarks.peers.ik.drake import METHOD as DRAKE
-from benchmarks.peers.ik.worker import WORKERS, Worker
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
 from optik.types import Array
@@ -24,8 +20,6 @@ from planners.trajectory import Trajectory
 
 TAKEN = (*DERIVATIVES, "torque")
 """Names of the limits that the programme has."""
-MOST_MOVERS = 4
-"""Number of worker processes of this peer, one for each arm and set of limits."""
 END_POINTS = 3
 """Control points at each end that are equal: velocity and acceleration are 0 there."""
 
@@ -47,9 +41,7 @@ def solve_by_drake(robot: Robot, path: Path, limits: MotionLimits) -> tuple[Traj
     if "torque" in given:
         model["urdf"] = robot.to_urdf()
     duration = line.trajectory.duration if line else 1.0
-    (answer,) = _worker(json.dumps(model)).solve([(ends.tolist(), duration)])
-    if isinstance(answer.raw, Failed):
-        raise NoSolution(f"{answer.raw.outcome}: {answer.raw.error}")
+    answer = DRAKE.start("drake_moves", model, keep=True).ask(ends.tolist(), duration)
     if not answer.raw["success"]:
         raise NoSolution(f"SNOPT ended with {answer.raw['status']}")
     points = np.array(answer.raw["points"])
@@ -65,9 +57,3 @@ def _pair(bound: Array | list[Array]) -> list[list[float]]:
     both = np.asarray(bound)
     lower, upper = both if both.ndim == 2 else (-both, both)
     return [lower.tolist(), upper.tolist()]
-
-
-@lru_cache(MOST_MOVERS)
-def _worker(model: str) -> Worker:
-    """Return the worker process for an arm and its limits: importing Drake takes a second."""
-    return Worker(DRAKE.python(), WORKERS / "drake_moves.py", json.loads(model))

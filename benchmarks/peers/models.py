@@ -1,8 +1,7 @@
-"""An arm and its objects as peers read them: as URDF, as a model of Pinocchio, as solids, and rotations by other numbers."""
+"""An arm and its objects as peers read them: as URDF, as a model of Pinocchio, as solids, and quaternions."""
 
 from __future__ import annotations
 
-from math import atan2, hypot
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.arm.shapes.enclosure import complete_frame
+from optik.arm.urdf import roll_pitch_yaw
 from optik.errors import NoSolution
 from optik.scene import Scene
 from optik.se3 import log_so3, pose
@@ -78,12 +78,3 @@ def quaternion(R: Array) -> Array:
     w = log_so3(R)
     half = 0.5 * float(np.linalg.norm(w))
     return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * w])
-
-
-def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Return the angles with R = Rz(yaw) Ry(pitch) Rx(roll); if pitch is ±90°, yaw is zero."""
-    across = hypot(R[0, 0], R[1, 0])
-    pitch = atan2(-R[2, 0], across)
-    if across < 1e-9:
-        return atan2(-R[1, 2], R[1, 1]), pitch, 0.0
-    return atan2(R[2, 1], R[2, 2]), pitch, atan2(R[1, 0], R[0, 0])

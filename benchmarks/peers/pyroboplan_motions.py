@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from functools import lru_cache
-
 import numpy as np
 from scipy.interpolate import PPoly
 
-from benchmarks.peers.ik.base import Failed, NotInstalled
+from benchmarks.peers.base import Absent
 from benchmarks.peers.ik.drake import METHOD as DRAKE
-from benchmarks.peers.ik.worker import WORKERS, Worker
 from benchmarks.peers.models import list_solids, make_solid
 from optik.arm.robot import Robot
 from optik.errors import NoSolution
@@ -25,7 +21,7 @@ def move_by_pyroboplan(
 ) -> tuple[Array, Trajectory, float, float]:
     """Return the vertices of pyroboplan's path, its motion, which stops there, and CPU times of the search and in all [ms]."""
     if why := DRAKE.missing():
-        raise NotInstalled(why)
+        raise Absent(why)
     if limits.velocity is None or limits.acceleration is None or robot.shapes is None:
         raise NoSolution("it takes limits of velocity and acceleration, and an arm with shapes")
     solids, (link, a, b, radius) = list_solids(scene), robot.shapes.capsules
@@ -39,9 +35,7 @@ def move_by_pyroboplan(
     checked = np.argwhere(scene.pair_mask(robot) & (link > 0)[:, None])
     objects = [(0, kind, sizes, T.tolist()) for kind, sizes, T in solids]
     problem = {"objects": objects, "pairs": np.add(checked, (0, len(own))).tolist()}
-    (answer,) = _worker(json.dumps(model)).solve([(problem, [q.tolist() for q in ends])])
-    if isinstance(answer.raw, Failed):
-        raise NoSolution(f"{answer.raw.outcome}: {answer.raw.error}")
+    answer = DRAKE.start("pyroboplan", model, keep=True).ask(problem, [q.tolist() for q in ends])
     if not answer.raw["path"]:
         raise NoSolution("it found no path")
     q, v, a = (np.array(answer.raw[name]).T for name in ("positions", "velocities", "accelerations"))
@@ -49,9 +43,3 @@ def move_by_pyroboplan(
     if not np.allclose(motion([0.0, motion.end]), ends, rtol=0.0, atol=1e-9):
         raise NoSolution("its motion misses the start or the goal")
     return np.array(answer.raw["path"]), motion, answer.raw["search_ns"] / 1e6, (answer.cpu_ns or 0) / 1e6
-
-
-@lru_cache(maxsize=4)
-def _worker(model: str) -> Worker:
-    """Return the worker process for an arm and its limits: importing the package takes a second."""
-    return Worker(DRAKE.python(), WORKERS / "pyroboplan.py", json.loads(model))

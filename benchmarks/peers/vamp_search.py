@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import NotInstalled
-from benchmarks.peers.models import Solid, list_solids, roll_pitch_yaw
+from benchmarks.peers.base import Absent
+from benchmarks.peers.models import Solid, list_solids
 from optik.arm.robot import Robot
+from optik.arm.urdf import roll_pitch_yaw
 from optik.errors import NoSolution
 from optik.scene import Scene
 from optik.types import Array
@@ -16,7 +17,7 @@ from planners.search.base import SearchResult, SearchStatus
 
 
 def find_by_vamp(robot: Robot, scene: Scene, ends: tuple[Array, Array]) -> SearchResult:
-    """Return VAMP's simplified path by its default settings; NotInstalled where it is absent or has not this arm."""
+    """Return VAMP's simplified path by its default settings; Absent where it is absent or has not this arm."""
     vamp, name = _find_arm(robot)
     arm, search, settings, simplification = vamp.configure_robot_and_planner_with_kwargs(name, "rrtc")
     start, goal = (q.astype(np.float32) for q in ends)
@@ -41,12 +42,12 @@ def _find_arm(robot: Robot) -> tuple[Any, str]:
     try:
         import vamp
     except ModuleNotFoundError:
-        raise NotInstalled("pip install vamp-planner") from None
+        raise Absent("pip install vamp-planner") from None
     for name in vamp.robots:
         arm = getattr(vamp, name)
         if tuple(arm.joint_names()) == robot.joint_names and robot.shapes and robot.shapes.m == arm.n_spheres():
             return vamp, name
-    raise NotInstalled(f"VAMP has no sphere model of {robot.name}")
+    raise Absent(f"VAMP has no sphere model of {robot.name}")
 
 
 def _make_world(vamp: Any, solids: list[Solid], around: str) -> Any:

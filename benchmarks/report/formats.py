@@ -42,7 +42,7 @@ TITLE_WIDTH, POINTS = 48, 8
 """Number of characters in a line of a figure's title, and the size of all text [pt]."""
 
 
-STYLE = {
+PAPER_STYLE = {
     "font.size": POINTS, "axes.titlesize": POINTS, "axes.labelsize": POINTS, "xtick.labelsize": POINTS,
     "ytick.labelsize": POINTS, "legend.fontsize": POINTS, "svg.fonttype": "none", "svg.hashsalt": "optik", "pdf.fonttype": 42,
 }  # fmt: skip
@@ -59,7 +59,7 @@ def draw(figures: Sequence[Figure], kind: str = "svg") -> bytes:
     columns = min(len(figures), PER_ROW)
     rows = -(-len(figures) // columns)
     size = (COLUMN_MM if columns == 1 else PAGE_MM) / 25.4, (PANEL_MM * rows + 14.0) / 25.4
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(PAPER_STYLE):
         return _drawn(Sheet(figsize=size, layout="constrained"), figures, rows, columns, kind)
 
 

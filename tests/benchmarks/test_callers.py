@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -17,12 +18,12 @@ from typer.testing import CliRunner
 
 import optik
 from benchmarks.blocks.block import Entry
-from benchmarks.blocks.contest import reseed
-from benchmarks.blocks.rounds import Caller, callers_of, timed_part
+from benchmarks.blocks.contest import Contestant
+from benchmarks.blocks.rounds import callers_of, timed_part
 from benchmarks.cli.app import app
-from benchmarks.peers.ik import worker as workers
-from benchmarks.peers.ik.base import Absent, NotInstalled, Peer, build_peer, different_model
-from benchmarks.peers.ik.worker import WorkerPeer
+from benchmarks.peers import worker as workers
+from benchmarks.peers.base import Absent, Failed
+from benchmarks.peers.ik.base import Solutions, SolverPeer, WorkerSolver
 from benchmarks.problems.base import ProblemSet
 from benchmarks.problems.near_start import near_start
 from benchmarks.suite import suite_of
@@ -37,11 +38,14 @@ def problems() -> ProblemSet:
     return near_start(ARM, 5, count=6)
 
 
+def caller(call: Callable[..., Any], answers: Any = lambda raw: raw[None], **more: Any) -> Contestant:
+    more = {"about": {}, "read": lambda raw: Solutions(answers(raw))} | more
+    return Contestant(Entry("x", "x", {}), call=call, **more)
+
+
 def rows_of(call: Callable[..., Any], rounds: int = 3, **more: Any) -> pl.DataFrame:
-    caller = Caller(
-        "x", call, True, more.pop("answers", lambda raw: raw[None]), lambda raw: (None, None), False, None, **more
-    )
-    return timed_part(ARM, problems(), np.arange(len(problems())), [caller], rounds).sort("problem")
+    everyone = np.arange(len(problems()))
+    return timed_part(ARM, problems(), everyone, [caller(call, **more)], rounds).sort("problem")
 
 
 def nth(calls: list[int], n: int) -> bool:
@@ -114,7 +118,7 @@ def test_wrong_options_are_no_refusal() -> None:
 
 
 def test_a_claim_stands_beside_our_judgement() -> None:
-    rows = rows_of(lambda target, q0: q0 + 0.5, claims=lambda raw: True)
+    rows = rows_of(lambda target, q0: q0 + 0.5, read=lambda raw: Solutions(raw[None], claimed=True))
     assert rows["claimed"].all()
     assert not rows["solved"].any()
     assert rows_of(lambda target, q0: q0)["claimed"].null_count() == 6
@@ -156,9 +160,8 @@ def test_remembered_answers_show_in_the_first_time() -> None:
             time.sleep(0.002)
         return q0
 
-    caller = Caller("x", call, True, lambda raw: raw[None], lambda raw: (None, None), False, None)
     many = near_start(ARM, 5, count=30)  # the first 20 are called before the first round
-    rows = timed_part(ARM, many, np.arange(30), [caller], 3).sort("problem")
+    rows = timed_part(ARM, many, np.arange(30), [caller(call)], 3).sort("problem")
     assert (rows["first_ns"][20:] > 1_500_000).all()
     assert rows["ns"].median() < 500_000  # type: ignore[operator]
 
@@ -175,7 +178,7 @@ def test_threads_of_a_caller_show_in_the_processor_time() -> None:
     assert rows_of(call)["cpu_ns"].min() > 20 * alone  # type: ignore[operator]
 
 
-class Lies(Peer):
+class Lies(SolverPeer):
     """A peer with another model of the arm."""
 
     distribution, package, settings = "numpy", "numpy", "none"
@@ -185,8 +188,8 @@ class Lies(Peer):
         self.robot = robot
         self.call = lambda target, q0: q0
 
-    def answers(self, raw: Any) -> Any:
-        return raw[None]
+    def read(self, raw: Any) -> Solutions:
+        return Solutions(raw[None])
 
     def fk(self, q: Any) -> Any:
         T = self.robot.fk(q)
@@ -195,15 +198,15 @@ class Lies(Peer):
 
 
 def test_a_peer_with_another_model_is_never_timed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.peers.ik.base.load_method", lambda *a: Lies)
-    absent = build_peer("lies", ARM)
-    assert isinstance(absent, Absent)
-    assert absent.outcome == "differs"
-    assert absent.why == "its model differs from optik's by 1.0e-03 m, and by 0.0e+00 in the rotation matrix"
+    with pytest.raises(Absent) as absent:
+        Lies.build(ARM)
+    assert absent.value.outcome == "differs"
+    assert absent.value.why == "its model differs from optik's by 1.0e-03 m, and by 0.0e+00 in the rotation matrix"
     monkeypatch.setattr(Lies, "shift", 1e-11)
-    assert isinstance(build_peer("lies", ARM), Lies)
+    assert isinstance(Lies.build(ARM), Lies)
     monkeypatch.setattr(Lies, "shift", np.nan)
-    assert different_model(Lies(ARM), ARM) is not None
+    with pytest.raises(Absent, match="differs"):
+        Lies.build(ARM)
 
 
 # ---------------------------------------------------------------- worker processes
@@ -240,30 +243,28 @@ class Method:
                 open({marker!r}, "w").close()
                 os._exit(7)
         return q0
-    def answer(self, raw): return raw, True, 4
-    def fk(self, q): return [[1.0, 0.0, 0.0, q[0]], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    def answer(self, raw): return raw, 4, True
+    def fk(self, q):
+        if "blind" in {mode!r}: raise KeyError("tool")
+        return [[1.0, 0.0, 0.0, q[0]], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 METHOD = Method
 """
 
 
-def worker(tmp_path: Path, mode: str) -> WorkerPeer:
+class Fake(WorkerSolver):
+    """A peer whose environment is the one of the tests."""
+
+    distribution, package, settings = "fake", "fake", "none"
+
+    @classmethod
+    def python(cls) -> Path:
+        return Path(sys.executable)
+
+
+def worker(tmp_path: Path, mode: str) -> Fake:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(mode=mode, marker=str(tmp_path / "marker")))
-
-    class Fake(WorkerPeer):
-        name, distribution, package, settings = "fake", "fake", "fake", "none"
-        requirements: ClassVar[tuple[str, ...]] = ()
-
-        @classmethod
-        def python(cls) -> Path:
-            import sys
-
-            return Path(sys.executable)
-
-        @classmethod
-        def script(cls) -> Path:
-            return script
-
+    Fake.environment = str(script.with_suffix(""))
     return Fake(ARM)
 
 
@@ -281,9 +282,9 @@ def test_a_worker_that_ends_costs_one_restart_and_then_one_problem(
     found = peer.many(GIVEN)
     outcomes = [getattr(answer.raw, "outcome", "answered") for answer in found]
     assert outcomes == ["answered"] * 3 + [outcome] + ["answered"] * 2
-    assert [answer.raw["q"] for i, answer in enumerate(found) if i != 3] == [[float(i)] * 6 for i in (0, 1, 2, 4, 5)]
+    assert [answer.raw[0] for i, answer in enumerate(found) if i != 3] == [[float(i)] * 6 for i in (0, 1, 2, 4, 5)]
     assert all(answer.ns > 0 for answer in found)
-    assert peer._worker.starts == starts
+    assert peer.worker.starts == starts
     if mode == "crash":
         assert found[3].raw.error == "its process ended with status 7"
         assert found[3].cpu_ns is None
@@ -293,7 +294,7 @@ def test_a_worker_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(workers, "LONGEST_CALL", 0.3)
     found = worker(tmp_path, "hang").many(GIVEN)
     assert found[3].raw.error == "no answer for 0.3 s"
-    assert found[5].raw["q"] == [5.0] * 6
+    assert found[5].raw[0] == [5.0] * 6
 
 
 def test_a_worker_that_always_ends_is_not_started_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -302,19 +303,31 @@ def test_a_worker_that_always_ends_is_not_started_for_ever(tmp_path: Path, monke
     found = peer.many([GIVEN[3]] * 30)
     assert {answer.raw.outcome for answer in found} == {"crashed"}
     assert len(found) == 30
-    assert peer._worker.starts == 4
+    assert peer.worker.starts == 4
 
 
 def test_a_worker_says_that_it_refuses_or_is_broken(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="seven joints"):
         worker(tmp_path, "refuse")
-    with pytest.raises(NotInstalled, match="nothing_like_that"):
+    with pytest.raises(Absent, match="nothing_like_that"):
         worker(tmp_path, "broken")
+
+
+def test_a_kept_worker_answers_every_peer_with_its_model_and_a_failed_call_is_an_exception(tmp_path: Path) -> None:
+    peer = worker(tmp_path, "raise")
+    first, again, other = (Fake.start(Fake.environment, {"n": n}, keep=True) for n in (1, 1, 2))
+    assert first is again and first is not other
+    assert peer.call(np.eye(4), np.full(6, 1.0)) == [[1.0] * 6, 4, True]
+    with pytest.raises(Failed, match=r"^raised: ZeroDivisionError: by zero$"):
+        peer.call(*GIVEN[3])
+    assert peer.fk(np.full(6, 2.0)) == pytest.approx(np.eye(4) + 2.0 * np.eye(4)[[0]].T @ np.eye(4)[[3]])
+    with pytest.raises(Absent, match="its forward kinematics failed: KeyError"):
+        worker(tmp_path, "blind").fk(np.zeros(6))
 
 
 def test_rows_of_a_worker_have_the_times_that_it_took_itself(tmp_path: Path) -> None:
     peer = worker(tmp_path, "none")
-    rows = rows_of(peer.call, answers=peer.answers, claims=peer.claims, many=peer.many)
+    rows = rows_of(peer.call, read=peer.read, many=peer.many)
     assert set(rows["outcome"]) == {"answered"}
     assert (rows["ns"] < 1_000_000).all()
     assert rows["claimed"].all()
@@ -327,17 +340,10 @@ def test_random_numbers_are_keyed_by_problem_and_round_and_never_by_the_part() -
     def shifted(target: Any, q0: Any) -> Any:
         return q0 + 1e-3 * np.random.standard_normal(6)  # noqa: NPY002
 
-    def again(seed: int, problem: int, trial: int) -> None:
-        reseed(None, seed, problem, "x", trial)
-
-    caller = Caller(
-        "x", shifted, True, lambda raw: raw[None], lambda raw: (None, None), False, None, reseed=again
-    )  # fmt: skip
+    drawn = caller(shifted, about={"random": True})
     every = np.arange(len(problems()))
-    whole = timed_part(ARM, problems(), every, [caller], 2, seed=3)["position_error"]
-    parts = [
-        timed_part(ARM, problems(), one, [caller], 2, seed=3)["position_error"] for one in np.array_split(every, 3)
-    ]
-    other = timed_part(ARM, problems(), every, [caller], 2, seed=4)["position_error"]
+    whole = timed_part(ARM, problems(), every, [drawn], 2, seed=3)["position_error"]
+    parts = [timed_part(ARM, problems(), one, [drawn], 2, seed=3)["position_error"] for one in np.array_split(every, 3)]
+    other = timed_part(ARM, problems(), every, [drawn], 2, seed=4)["position_error"]
     assert whole.to_list() == pl.concat(parts).to_list()
     assert (whole != other).all()

@@ -13,7 +13,10 @@ import polars as pl
 import pytest
 
 import optik
-from benchmarks.blocks.rounds import Caller, Rounds, timed_part
+from benchmarks.blocks.block import Entry
+from benchmarks.blocks.contest import Contestant
+from benchmarks.blocks.rounds import Rounds, timed_part
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.problems.near_start import near_start
 from benchmarks.records import Journal, RunFolder
 from benchmarks.report import write_report
@@ -56,12 +59,12 @@ def test_what_is_kept_is_read_again_unless_it_is_damaged_and_crashes_outlive_the
 # ---------------------------------------------------------------- single calls
 
 
-def called(label: str, seen: list[str], **more: Any) -> Caller:
+def called(label: str, seen: list[str], **more: Any) -> Contestant:
     def call(target: Any, q0: Any) -> Any:
         seen.append(label)
         return q0
 
-    return Caller(label, call, True, lambda raw: raw[None], lambda raw: (1, 2), False, None, **more)
+    return Contestant(Entry(label, label, {}), {}, call, lambda raw: Solutions(raw[None], None, 1, 2), **more)
 
 
 def test_a_method_that_has_ended_the_process_is_not_called_and_all_its_problems_count_as_crashed() -> None:
@@ -100,7 +103,9 @@ def test_a_round_that_is_kept_is_not_done_again(tmp_path: Path, monkeypatch: pyt
 DEADLY = """
 import os
 from pathlib import Path
+from benchmarks.peers.ik.base import Solutions
 from benchmarks.peers.{kind}.base import {base}
+from optik.errors import InvalidInput
 
 class Deadly({base}):
     distribution = package = "numpy"
@@ -117,12 +122,10 @@ class Deadly({base}):
             {how}
         return given
 
-    def answers(self, raw):
-        return raw[1][None]
-
-    def trajectory(self, joint_path, raw):
-        from optik.errors import InvalidInput
-        raise InvalidInput("motion", "none", "one")
+    def read(self, *given):
+        if len(given) == 2:
+            raise InvalidInput("motion", "none", "one")
+        return Solutions(given[0][1][None])
 
 METHOD = Deadly
 """
@@ -130,9 +133,9 @@ METHOD = Deadly
 COUNTS = """
 import time
 from pathlib import Path
-from benchmarks.peers.ik.base import Peer
+from benchmarks.peers.ik.base import SolverPeer, Solutions
 
-class Counts(Peer):
+class Counts(SolverPeer):
     distribution = package = "numpy"
     settings = "counts its calls"
 
@@ -145,8 +148,8 @@ class Counts(Peer):
         time.sleep(0.15)
         return q0
 
-    def answers(self, raw):
-        return raw[None]
+    def read(self, raw):
+        return Solutions(raw[None])
 
 METHOD = Counts
 """
@@ -184,7 +187,7 @@ def run(tmp_path: Path, suite: str) -> subprocess.CompletedProcess[str]:
     return optik_process("bench", "run", str(tmp_path / "suite.toml"), "--out", out, "--allow-plugins")
 
 
-def deadly(tmp_path: Path, how: str, nth: int, kind: str = "ik", base: str = "Peer") -> Path:
+def deadly(tmp_path: Path, how: str, nth: int, kind: str = "ik", base: str = "SolverPeer") -> Path:
     file = tmp_path / "deadly.py"
     file.write_text(DEADLY.format(kind=kind, base=base, how=how, nth=nth))
     return file

@@ -34,10 +34,10 @@ PEER = '''
 """A peer of a test."""
 import time
 import numpy as np
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik.base import SolverPeer, Solutions, one
 from optik.ik import make_solver
 
-class Method(Peer):
+class Method(SolverPeer):
     distribution, package, settings, random = "of-a-test", "numpy", "{words}", {random}
 
     def __init__(self, robot, **options):
@@ -46,11 +46,8 @@ class Method(Peer):
             {body}
         self.call = call
 
-    def answers(self, raw):
-        return one(raw)
-
-    def claims(self, raw):
-        return True
+    def read(self, raw):
+        return Solutions(one(raw), claimed=True)
 
 METHOD = Method
 '''

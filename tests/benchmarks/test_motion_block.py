@@ -19,7 +19,7 @@ from benchmarks.blocks import motion
 from benchmarks.blocks.base import load_kind
 from benchmarks.blocks.block import Target
 from benchmarks.blocks.motion import FIELDS, OF_OMPL, OURS, PYROBOPLAN, ROUNDED, MotionBlock
-from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.base import Absent
 from benchmarks.peers.ik.drake import METHOD as DRAKE
 from benchmarks.peers.models import list_solids
 from benchmarks.peers.pyroboplan_motions import move_by_pyroboplan
@@ -111,7 +111,7 @@ def test_a_peer_that_ended_the_process_has_rows_that_say_so_and_is_at_work_while
 
     def find(*arguments: Any) -> Any:
         seen.append((arguments[-1], journal.left))
-        raise NotInstalled("nothing")
+        raise Absent("nothing")
 
     find_own, polyline = motion.find_polyline, lambda *a: find_own(*a) if a[-1] == "rrt_connect" else find(*a)
     monkeypatch.setattr(motion, "find_polyline", polyline)
@@ -202,7 +202,7 @@ def test_pyroboplan_moves_around_the_obstacles_and_is_certified(suite: Suite) ->
 
 def test_vamp_finds_paths_for_an_arm_with_its_joints_and_spheres_only() -> None:
     if find_spec("vamp") is None:  # it has no wheels: who compares with it builds it
-        with pytest.raises(NotInstalled, match="pip install vamp-planner"):
+        with pytest.raises(Absent, match="pip install vamp-planner"):
             motion.find_polyline(optik.load("panda"), Scene(), (np.zeros(7), np.ones(7)), "vamp")
         return
     vamp = import_module("vamp")
@@ -219,7 +219,7 @@ def test_vamp_finds_paths_for_an_arm_with_its_joints_and_spheres_only() -> None:
     blocked = motion.find_polyline(arm, Scene(spheres=[(arm.fk(ends[1])[:3, 3], 0.1)]), ends, "vamp")
     assert not blocked and "an end is in contact" in blocked.reason
     for other in (panda, panda.with_shapes(spheres), arm.with_shapes(panda.shapes)):
-        with pytest.raises(NotInstalled, match="no sphere model"):
+        with pytest.raises(Absent, match="no sphere model"):
             motion.find_polyline(other, scene, ends, "vamp")
 
 

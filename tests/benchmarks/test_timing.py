@@ -22,9 +22,9 @@ from benchmarks.blocks.block import Target
 from benchmarks.blocks.timing.detail import maximum_velocity
 from benchmarks.blocks.timing.motions import DrawnLine, draw_motion
 from benchmarks.blocks.timing.timers import line_rows
-from benchmarks.peers.ik.base import Absent
+from benchmarks.peers.base import Absent, Answer
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
+from benchmarks.peers.laws.base import TimingPeer, peer_limits
 from benchmarks.records import RunFolder
 from benchmarks.report.base import Run, load_report
 from benchmarks.report.numbers import ratio
@@ -34,6 +34,7 @@ from benchmarks.suite import Suite, suite_of
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import make_solver
 from optik.registry import load_method, names
+from optik.types import Array
 from planners import MotionLimits, certify, follow, make_law
 from planners.following.joint_path import JointPath
 from tests.benchmarks.browser import CHROMIUM
@@ -270,43 +271,46 @@ def test_a_peer_says_what_it_is_without_its_package(name: str, tmp_path: Path, m
     assert kind.settings
     monkeypatch.setitem(sys.modules, kind.package, None)
     monkeypatch.setenv("OPTIK_PEERS", str(tmp_path))  # no environments
-    absent = build_timing_peer(name, LIMITS.arrays(6))
     apart = f"no environment in {tmp_path / 'drake'}: optik bench peer drake --install"
-    assert absent == Absent(apart if name == "drake_toppra" else f"not installed: pip install {kind.distribution}")
+    with pytest.raises(Absent) as absent:
+        kind.build(LIMITS.arrays(6))
+    assert absent.value.why == apart if name == "drake_toppra" else f"not installed: pip install {kind.distribution}"
+
+
+def peer_or_skip(name: str, limits: dict[str, Array]) -> TimingPeer:
+    try:
+        return load_method(TIMING_PEERS, name).build(limits)  # type: ignore[no-any-return]
+    except Absent as absent:
+        pytest.skip(absent.why)
 
 
 def test_drake_finds_the_optimum_that_toppra_finds_and_takes_its_own_time() -> None:
-    theirs, drake = (build_timing_peer(name, LIMITS.arrays(6)) for name in ("toppra_const_accel", "drake_toppra"))
-    assert isinstance(theirs, TimingPeer)
-    if isinstance(drake, Absent):
-        pytest.skip(drake.why)
+    theirs, drake = (peer_or_skip(name, LIMITS.arrays(6)) for name in ("toppra_const_accel", "drake_toppra"))
     joints = joints_of(draw_motion("paper6r", "near_singular", 1, seed=4))
     begin = time.perf_counter()
-    raw = drake.call(joints)
-    took = drake.took_ms(raw)
-    assert took is not None
-    assert 0.0 < took < 1e3 * (time.perf_counter() - begin)
-    motions = [peer.trajectory(joints, peer.call(joints)) for peer in (theirs, drake)]
+    assert drake.many is not None
+    (answer,) = drake.many([(joints,)])
+    assert 0.0 < answer.ns < 1e9 * (time.perf_counter() - begin)
+    motions = [peer.read(joints, peer.call(joints)) for peer in (theirs, drake)]
     assert motions[1].duration == pytest.approx(motions[0].duration, rel=5e-3)  # two splines through the samples
 
 
 def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
     class Elsewhere(TimingPeer):
-        settings, enforced = "", ()
+        distribution, package, settings, enforced = "x", "x", "", ()
 
         def __init__(self, limits: Any) -> None:
             pass
 
-        def call(self, joint_path: JointPath) -> Any:
-            return joint_path.end
+        def call(self, joint_path: JointPath) -> Any: ...
 
-        def took_ms(self, raw: Any) -> float | None:
-            return 1234.0 * float(raw)
+        def many(self, arguments: Any) -> list[Answer]:
+            return [Answer(None, int(1234e6 * joint_path.end), None) for (joint_path,) in arguments]
 
-        def trajectory(self, joint_path: JointPath, raw: Any) -> Any:
+        def read(self, joint_path: JointPath, raw: Any) -> Any:
             raise InvalidInput("motion", "none", "one")
 
-    monkeypatch.setattr("benchmarks.blocks.timing.timers.build_timing_peer", lambda name, limits: Elsewhere(limits))
+    monkeypatch.setattr("benchmarks.blocks.contest.load_method", lambda *a: Elsewhere)
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {
         "laws": [{"law": "quintic"}],
@@ -325,11 +329,9 @@ def test_a_time_that_was_measured_elsewhere_is_the_time_of_the_call(monkeypatch:
 def test_a_peer_that_is_here_times_a_line_nearly_within_what_it_promises(name: str) -> None:
     line = draw_motion("paper6r", "regular", 1, seed=4)
     limits = replace(LIMITS, torque=line.robot.limits.torque) if name.endswith("torque") else LIMITS
-    peer = build_timing_peer(name, peer_limits(limits, 6))
-    if isinstance(peer, Absent):
-        pytest.skip(peer.why)
+    peer = peer_or_skip(name, peer_limits(limits, 6))
     joints = joints_of(line)
-    motion = peer.trajectory(joints, peer.call(joints))
+    motion = peer.read(joints, peer.call(joints))
     proof = certify(line.robot, line.path, motion, limits, enforced=peer.enforced)
     assert all(proof.worst(field)[0] < 1.3 for field in peer.enforced)
     assert (proof.path_error.distance < 1e-6) == (name != "ruckig_joints")
@@ -373,9 +375,9 @@ def test_a_law_that_fails_is_a_row_that_says_why(tmp_path: Path, monkeypatch: py
             calls.append(1)
             raise NoSolution("too hard for it")
 
-        def trajectory(self, joint_path: JointPath, raw: Any) -> Any: ...
+        def read(self, joint_path: JointPath, raw: Any) -> Any: ...
 
-    monkeypatch.setattr("benchmarks.blocks.timing.timers.build_timing_peer", lambda *a: Failing({}))
+    monkeypatch.setattr("benchmarks.blocks.contest.load_method", lambda *a: Failing)
     settings = copy.deepcopy(QUICK)
     settings["timing"][0] |= {"lines": settings["timing"][0]["lines"][:1], "rounds": 3, "laws": [{"law": "quintic"}]}
     settings["timing"][0] |= {"plan": "quintic", "targets": [{"law": "copp", "measure": "solved", "at_least": 1}]}

@@ -8,10 +8,11 @@ import pytest
 
 import optik
 from benchmarks.blocks.judgement import judged
+from benchmarks.peers.base import Absent
 from benchmarks.peers.ik import PEERS
-from benchmarks.peers.ik.base import Absent, Peer, build_peer, version_of
+from benchmarks.peers.ik.base import SolverPeer
 from benchmarks.problems.near_start import near_start
-from optik.registry import names
+from optik.registry import load_method, names
 from tests.seeds import shift_seed
 
 ROBOTS = ("paper6r", "panda", "ur5e")
@@ -31,14 +32,17 @@ WITHOUT_MODEL = ("scipy",)
 
 
 @cache
-def peer_of(name: str, robot: str) -> Peer | Absent:
-    return build_peer(name, optik.load(robot))
+def peer_of(name: str, robot: str) -> SolverPeer | Absent:
+    try:
+        return load_method(PEERS, name).build(optik.load(robot))  # type: ignore[no-any-return]
+    except Absent as absent:
+        return absent
 
 
-def usable(name: str, robot: str) -> Peer | None:
+def usable(name: str, robot: str) -> SolverPeer | None:
     """The peer; None where it refuses the robot, which its reason says."""
     peer = peer_of(name, robot)
-    if isinstance(peer, Peer):
+    if not isinstance(peer, Absent):
         return peer
     if peer.outcome == "refused":
         assert f"does not support {robot}" in peer.why
@@ -48,7 +52,7 @@ def usable(name: str, robot: str) -> Peer | None:
     pytest.skip(peer.why)
 
 
-def called(peer: Peer, target: optik.types.Array, q0: optik.types.Array) -> object:
+def called(peer: SolverPeer, target: optik.types.Array, q0: optik.types.Array) -> object:
     return peer.call(target.copy(), q0.copy()) if peer.takes_start else peer.call(target.copy())
 
 
@@ -73,10 +77,10 @@ def test_it_solves_warm_problems_and_its_claims_hold(name: str, robot: str) -> N
         return
     problems = near_start(arm, shift_seed(5), count=SLOW.get(name, 200), spreads=[0.1])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
-    rows = judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)
-    assert version_of(name)
+    rows = judged(arm, problems.targets, [peer.read(raw).q for raw in raws], wraps=True)
+    assert peer.version()
     assert rows["solved"].sum() >= 0.9 * len(rows)  # from 0.1 rad away; the measured shares are 97 % and more
-    claims = [peer.claims(raw) for raw in raws]
+    claims = [peer.read(raw).claimed for raw in raws]
     assert set(claims) in ({None}, {True}, {True, False})
     right = [solved for claim, solved in zip(claims, rows["solved"], strict=True) if claim]
     assert not right or np.mean(right) > 0.9
@@ -88,20 +92,22 @@ def test_an_unreachable_pose_raises_nothing_and_is_not_claimed(name: str) -> Non
     target = arm.fk(arm.limits.middle)
     target[:3, 3] = (9.0, 0.5, 0.5)
     raw = called(peer, target, np.full(arm.n, 0.1))
-    assert not judged(arm, target[None], [peer.answers(raw)], wraps=True)["solved"].any()
-    assert not peer.claims(raw)
+    assert not judged(arm, target[None], [peer.read(raw).q], wraps=True)["solved"].any()
+    assert not peer.read(raw).claimed
 
 
 @pytest.mark.parametrize("name", names(PEERS))
 def test_a_limit_on_iterations_is_kept_or_refused(name: str) -> None:
     arm = optik.load("paper6r")
     usable(name, "paper6r")
-    peer = build_peer(name, arm, iterations=2)
-    if isinstance(peer, Absent):
-        assert peer == Absent("has no limit on iterations that can be set", "refused")
+    kind = load_method(PEERS, name)
+    if not kind.budgeted:
+        with pytest.raises(Absent, match=r"^has no limit on iterations that can be set$"):
+            kind.build(arm, iterations=2)
         return
+    peer = kind.build(arm, iterations=2)
     problems = near_start(arm, 5, count=3, spreads=[0.5])
     raws = [called(peer, T, q) for T, q in zip(problems.targets, problems.starts, strict=True)]
-    counts = [peer.iterations(raw) for raw in raws]
+    counts = [peer.read(raw).iterations for raw in raws]
     assert all(count is None or count <= 2 for count in counts)
-    assert not judged(arm, problems.targets, [peer.answers(raw) for raw in raws], wraps=True)["solved"].all()
+    assert not judged(arm, problems.targets, [peer.read(raw).q for raw in raws], wraps=True)["solved"].all()

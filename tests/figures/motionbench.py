@@ -16,7 +16,7 @@ import numpy as np
 
 import optik
 from benchmarks.blocks.motion import OF_OMPL, ROUNDED, find_polyline, time_rounded
-from benchmarks.peers.ik.base import NotInstalled
+from benchmarks.peers.base import Absent
 from optik import Robot, Scene
 from optik.errors import MissingDependency, OptikError
 from optik.scene.contact import find_contact
@@ -65,7 +65,7 @@ def round_and_time(
     search, law = ROUNDED[method]
     try:
         found = find_polyline(robot, scene, ends, search)
-    except (MissingDependency, NotInstalled):
+    except (MissingDependency, Absent):
         return None
     return time_rounded(robot, limits, scene, ends, found, law) if found else None
 

@@ -196,7 +196,7 @@ def deadly() -> Row:
     """A suite with a method in every block that ends its process, repeated until it is complete; and without the method."""
     folder = Path(mkdtemp())
     (folder / "solver.py").write_text(SOLVER)
-    for name, kind, base in (("peer", "ik", "Peer"), ("law", "laws", "TimingPeer")):
+    for name, kind, base in (("peer", "ik", "SolverPeer"), ("law", "laws", "TimingPeer")):
         (folder / f"{name}.py").write_text(
             DEADLY.format(kind=kind, base=base, how="os._exit(3)", nth=5 if kind == "ik" else 2)
         )

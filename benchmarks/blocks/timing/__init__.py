@@ -14,17 +14,15 @@ import polars as pl
 from benchmarks.blocks.arms import scene_named
 from benchmarks.blocks.base import Kind, Session, Shard, Trials
 from benchmarks.blocks.block import Target
-from benchmarks.blocks.contest import clock_cost, facts_on
+from benchmarks.blocks.contest import clock_cost
 from benchmarks.blocks.entries import about_file, check_same
 from benchmarks.blocks.timing.detail import write_example
 from benchmarks.blocks.timing.motions import DrawnLine, motion_of, stands_of
 from benchmarks.blocks.timing.rows import FIELDS, in_group, with_optimum
 from benchmarks.blocks.timing.rows import MEASURES as MEASURES
 from benchmarks.blocks.timing.settings import GIVEN_LINE, LawBlock, LineSet, told
-from benchmarks.blocks.timing.timers import line_rows
-from benchmarks.peers.ik.base import Absent, version_of
+from benchmarks.blocks.timing.timers import enter_laws, line_rows
 from benchmarks.peers.laws import TIMING_PEERS
-from benchmarks.peers.laws.base import TimingPeer, build_timing_peer, peer_limits
 from benchmarks.records import Journal, RunFolder
 from benchmarks.settings import naming
 from optik.registry import load_method
@@ -83,25 +81,9 @@ class Motions:
 
 def _facts(block: LawBlock, journal: Journal) -> dict[str, dict[str, Any]]:
     """Return the facts on every law and peer by label, for the report."""
-    found: dict[str, dict[str, Any]] = {}
-    for entry in (*block.laws, *([block.reference] if block.reference else [])):
-        enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
-        found[entry.label] = facts_on(entry, enforced=enforced)
-    for entry in block.peers:
-        peer = load_method(TIMING_PEERS, entry.name, "peer of timing")
-        built: TimingPeer | Absent | None = None
-        if entry.label not in journal.crashed:
-            with journal.at_work(entry.label):
-                arm = block.lines[0].load()
-                built = build_timing_peer(entry.name, peer_limits(block.limits[0].of(arm), arm.n))
-        absent = {"absent": built.why} if isinstance(built, Absent) else {}
-        about = {
-            "version": version_of(entry.name, TIMING_PEERS),
-            "settings": peer.settings,
-            "enforced": list(peer.enforced),
-        }
-        found[entry.label] = facts_on(entry) | about | absent
-    return found
+    arm = block.lines[0].load()
+    found = enter_laws(block, arm.n, block.limits[0].of(arm), journal)
+    return {c.label: c.about for c in sorted(found, key=lambda c: c.entry.role == "peer")}
 
 
 class _Timing(Kind):

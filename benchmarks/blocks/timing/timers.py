@@ -4,45 +4,28 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from benchmarks.blocks.block import Entry
-from benchmarks.blocks.contest import timed, turns
+from benchmarks.blocks.contest import Contestant, enter, enter_peer, facts_on, timed, timed_calls, turns
 from benchmarks.blocks.timing.motions import DrawnLine
 from benchmarks.blocks.timing.rows import facts_of
 from benchmarks.blocks.timing.settings import LawBlock, told
-from benchmarks.peers.ik.base import Absent
-from benchmarks.peers.laws.base import build_timing_peer, peer_limits
+from benchmarks.peers.laws import TIMING_PEERS
+from benchmarks.peers.laws.base import TimingPeer, peer_limits
 from benchmarks.records import UNKEPT, Journal
 from optik import se3
 from optik.errors import InvalidInput, NoSolution
 from optik.ik import IKSolver, make_solver
-from optik.registry import short_name
+from optik.registry import load_method, short_name
 from planners.certificate.certification import certify
 from planners.certificate.violation import LIMIT_WORDS
 from planners.following.follow import FollowResult, JointPath, follow
 from planners.limits import MotionLimits
 from planners.plan import Plan, PlanStatus, make_law, plan
-from planners.timing.base import TimeLaw
 from planners.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class Timer:
-    """A law or a peer, ready to time joint paths within some limits."""
-
-    label: str
-    role: str  # law, peer or reference
-    enforced: tuple[str, ...]  # limits that it enforces
-    call: Callable[[JointPath], Any]  # the timed function of a joint path
-    motion: Callable[[JointPath, Any], Trajectory]  # from a joint path and the result of `call`; not timed
-    law: TimeLaw | None  # for whole plans, if it is a law of optik
-    told: MotionLimits  # limits that the law receives: all but those of `without`; the certificate judges all limits
-    took_ms: Callable[[Any], float | None] = lambda raw: None  # time of a call that another process measured, else None
-    ended: str = ""  # how the law crashed the process in this block; it is not called again
 
 
 def line_rows(block: LawBlock, line: DrawnLine, journal: Journal = UNKEPT) -> list[dict[str, Any]]:
@@ -71,7 +54,8 @@ def _rows_by(name: str, block: LawBlock, line: DrawnLine, journal: Journal) -> l
     rows = []
     for limits in block.limits:
         within = limits.of(line.robot)
-        timers = timers_of(block, line, within, journal)
+        entered = enter_laws(block, line.robot.n, within, journal, line.index)
+        timers = [c for c in entered if "absent" not in c.about]
         if followed.failure is not None:
             found = [
                 _row_of(c) | {"status": str(followed.failure.status), "reason": followed.failure.reason} for c in timers
@@ -84,49 +68,37 @@ def _rows_by(name: str, block: LawBlock, line: DrawnLine, journal: Journal) -> l
     return rows
 
 
-def _row_of(c: Timer) -> dict[str, Any]:
-    return {"method": c.label, "entry": c.role, "status": "solved", "reason": ""}
+def _row_of(c: Contestant) -> dict[str, Any]:
+    return {"method": c.label, "entry": c.entry.role, "status": "solved", "reason": ""}
 
 
-def timers_of(block: LawBlock, line: DrawnLine, limits: MotionLimits, journal: Journal = UNKEPT) -> list[Timer]:
-    """Return all laws, the installed peers that take this line, and the reference."""
-    found: list[Timer | None] = []
-    for entry in (*block.laws, *block.peers, *([block.reference] if block.reference else [])):
-        if entry.role == "peer" and entry.most is not None and line.index >= entry.most:
-            continue
-        if entry.label in journal.crashed:
-            found.append(_crashed(entry, journal.crashed[entry.label]))
-            continue
-        with journal.at_work(entry.label):
-            found.append(_peer(entry, limits, line.robot.n) if entry.role == "peer" else _ours(entry, limits))
-    return [timer for timer in found if timer is not None]
+def enter_laws(
+    block: LawBlock, n: int, limits: MotionLimits, journal: Journal = UNKEPT, index: int = 0
+) -> list[Contestant]:
+    """Build all laws, the peers that take motions with this index, and the reference."""
+
+    def build(entry: Entry) -> Contestant:
+        if entry.role == "peer":
+            return enter_peer(entry, TIMING_PEERS, peer_limits(limits, n))
+        law, within = make_law(entry.name, **entry.options), told(limits, entry)
+        return Contestant(entry, _facts(entry), lambda q: law.run(q, within), lambda q, raw: raw, law)
+
+    entries = (*block.laws, *block.peers, *([block.reference] if block.reference else []))
+    given = [entry for entry in entries if entry.role != "peer" or entry.most is None or index < entry.most]
+    return [enter(entry, journal, build, _facts) for entry in given]
 
 
-def _peer(entry: Entry, limits: MotionLimits, n: int) -> Timer | None:
-    """Return a peer; None if it is not installed."""
-    peer = build_timing_peer(entry.name, peer_limits(limits, n))
-    if isinstance(peer, Absent):
-        return None
-    return Timer(entry.label, "peer", peer.enforced, peer.call, peer.trajectory, None, limits, peer.took_ms)
-
-
-def _crashed(entry: Entry, why: str) -> Timer:
-    """Return a law or a peer that has crashed the process, and is not called again."""
-
-    def never(*given: Any) -> Any:
-        raise AssertionError(f"{entry.label} is not called again")
-
-    return Timer(entry.label, entry.role, (), never, never, None, MotionLimits(), ended=why)
-
-
-def _ours(entry: Entry, limits: MotionLimits) -> Timer:
-    law, within = make_law(entry.name, **entry.options), told(limits, entry)
-    enforced = tuple(name for name in law.enforced if name not in entry.without)
-    return Timer(entry.label, entry.role, enforced, lambda q: law.run(q, within), lambda q, raw: raw, law, within)
+def _facts(entry: Entry) -> dict[str, Any]:
+    """Return the facts on a law or a peer, for the report."""
+    if entry.role == "peer":
+        peer: type[TimingPeer] = load_method(TIMING_PEERS, entry.name, "peer of timing")
+        return facts_on(entry) | peer.facts()
+    enforced = [name for name in make_law(entry.name, **entry.options).enforced if name not in entry.without]
+    return facts_on(entry, enforced=enforced)
 
 
 def _times(
-    timers: Sequence[Timer], joints: JointPath, rounds: int, journal: Journal
+    timers: Sequence[Contestant], joints: JointPath, rounds: int, journal: Journal
 ) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Return the times of all calls [ms], and the last result of each law or peer; the first round does not count."""
     times: dict[str, list[float]] = {c.label: [] for c in timers}
@@ -134,13 +106,12 @@ def _times(
     for turn, c in turns(timers, rounds + 1):
         failed = isinstance(raws.get(c.label), NoSolution)  # it would fail again, and some take seconds to
         if not failed and (
-            c.role != "reference" or turn == rounds
+            c.entry.role != "reference" or turn == rounds
         ):  # the reference is slow, and its time is not compared
             # each call has a copy of its own: what another call has computed on the path must not save it time
             with journal.at_work(c.label):
-                ms, raws[c.label] = _once_ms(lambda c=c: _caught(c.call, copy.copy(joints)))  # type: ignore[misc]
-            own = None if isinstance(raws[c.label], NoSolution) else c.took_ms(raws[c.label])
-            times[c.label].append(ms if own is None else own)
+                ns, _, (raws[c.label],) = timed_calls(c, [(copy.copy(joints),)], (NoSolution,))
+            times[c.label].append(float(ns[0]) / 1e6)
     return times, raws
 
 
@@ -150,7 +121,7 @@ def _timed_rows(
     limits: MotionLimits,
     solver: IKSolver,
     joints: JointPath,
-    timers: Sequence[Timer],
+    timers: Sequence[Contestant],
     journal: Journal,
 ) -> list[dict[str, Any]]:
     """Return the rows of one line within some limits."""
@@ -159,7 +130,7 @@ def _timed_rows(
     for c in timers:
         row = _row_of(c)
         if c.ended:
-            rows.append({"method": c.label, "entry": c.role, "status": "crashed", "reason": c.ended})
+            rows.append({"method": c.label, "entry": c.entry.role, "status": "crashed", "reason": c.ended})
             continue
         row["ms_law"] = float(np.median(times[c.label][1:] or times[c.label]))
         with journal.at_work(c.label):
@@ -168,33 +139,35 @@ def _timed_rows(
 
 
 def _judged(
-    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, c: Timer, raw: Any
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, joints: JointPath, c: Contestant, raw: Any
 ) -> dict[str, Any]:
     """Return the columns on the motion of a law or a peer, by its certificate."""
     motion = _motion(c, joints, raw)
     if isinstance(motion, str):
         return {"status": "timing_infeasible", "reason": motion}
     ms, proof = _median_ms(  # the first call of a path prepares what all later ones use
-        lambda: certify(line.robot, line.path, motion, limits, law=c.label, enforced=c.enforced), 1
+        lambda: certify(line.robot, line.path, motion, limits, law=c.label, enforced=tuple(c.about["enforced"])), 1
     )
-    if c.law is None:
+    if c.entry.role == "peer":
         facts = facts_of(line.robot, line.path, motion, proof, limits)
     else:  # what `plan` returns: slowed until it keeps what the law promises
         facts = _planned_row(block, line, limits, solver, c)
     return {"ms_certificate": ms} | facts
 
 
-def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Timer) -> dict[str, Any]:
+def _planned_row(
+    block: LawBlock, line: DrawnLine, limits: MotionLimits, solver: IKSolver, c: Contestant
+) -> dict[str, Any]:
     """Return the columns of a whole plan by a law of ours, and its time for the law whose plans are timed."""
+    within = told(limits, c.entry)
 
     def plan_it() -> Plan:
-        assert c.law is not None
         return plan(
-            line.robot, line.path, line.q_start, solver=solver, timing=c.law, limits=c.told, allow=LIMIT_WORDS,
+            line.robot, line.path, line.q_start, solver=solver, timing=c.method, limits=within, allow=LIMIT_WORDS,
             **block.plan_options,
         )  # fmt: skip
 
-    if c.role == "law" and (block.detail or c.label == block.plan):
+    if c.entry.role == "law" and (block.detail or c.label == block.plan):
         ms, planned = _median_ms(plan_it, block.rounds)
         timed_plan = {"ms_plan": ms}
     else:
@@ -204,35 +177,25 @@ def _planned_row(block: LawBlock, line: DrawnLine, limits: MotionLimits, solver:
     ):  # one that is not proved is a motion
         return timed_plan | {"status": str(planned.status), "reason": planned.failure.reason}
     proof = planned.certificate
-    if c.told is not limits:
-        proof = certify(
-            line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=c.enforced, scene=planned.scene
-        )
+    if within is not limits:
+        enforced = tuple(c.about["enforced"])
+        scene = planned.scene
+        proof = certify(line.robot, line.path, planned.trajectory, limits, law=c.label, enforced=enforced, scene=scene)
     facts = facts_of(line.robot, line.path, planned.trajectory, proof, limits)
     end = np.abs(planned.trajectory(planned.trajectory.end) - planned.joint_path(planned.joint_path.end)).max()
     return timed_plan | facts | {"slowed": planned.slowed, "end_error": float(end)}
 
 
-def _motion(c: Timer, joints: JointPath, raw: Any) -> Trajectory | str:
+def _motion(c: Contestant, joints: JointPath, raw: Any) -> Trajectory | str:
     """Return the motion of a call, or the reason why there is none."""
     if isinstance(raw, NoSolution):
         return raw.reason
     try:
-        return c.motion(joints, raw)
+        return c.read(joints, raw)  # type: ignore[no-any-return]
+    except NoSolution as error:
+        return error.reason
     except InvalidInput as error:  # an answer with NaN, or with times that run back
         return f"its answer is no motion: {error}"
-
-
-def _caught(call: Callable[[JointPath], Any], joints: JointPath) -> Any:
-    try:
-        return call(joints)
-    except NoSolution as error:
-        return error
-
-
-def _once_ms(call: Callable[[], Any]) -> tuple[float, Any]:
-    ns, raws = timed(call, [()])
-    return float(ns[0]) / 1e6, raws[0]
 
 
 def _median_ms(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:

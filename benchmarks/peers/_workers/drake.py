@@ -57,8 +57,8 @@ class _Method:
         return found.GetSolution(q), found.is_success()
 
     def answer(self, raw: Any) -> Any:
-        """Return configuration, claim and iterations (not reported) of a call."""
-        return raw[0], bool(raw[1]), None
+        """Return configuration, iterations (not reported) and claim of a call."""
+        return raw[0], None, bool(raw[1])
 
     def fk(self, q: list[float]) -> Any:
         """Return the tool pose by its own model."""

@@ -42,10 +42,10 @@ class _Method:
         problem.AddJointAccelerationLimit(-acceleration, acceleration)
         return problem.SolvePathParameterization(0.0, 0.0)
 
-    def answer(self, raw: Any) -> dict[str, Any]:
+    def answer(self, raw: Any) -> dict[str, Any] | None:
         """Return the times of the grid points, with s and ṡ there; nothing if it found no motion."""
         if raw is None:
-            return {"t": None}
+            return None
         t = raw.get_segment_times()
         rate = raw.MakeDerivative()
         return {

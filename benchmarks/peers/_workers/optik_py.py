@@ -27,8 +27,8 @@ class _Method:
         return self.robot.ik(config, target, q0)
 
     def answer(self, raw: Any) -> Any:
-        """Return configuration, claim and iterations (not reported) of a call."""
-        return (None, False, None) if raw is None else (raw[0], True, None)
+        """Return configuration, iterations (not reported) and claim of a call."""
+        return (None, None, False) if raw is None else (raw[0], None, True)
 
     def fk(self, q: list[float]) -> Any:
         """Return the tool pose by its own model."""

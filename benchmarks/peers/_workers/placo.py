@@ -43,10 +43,10 @@ class _Method:
                 break
             solver.solve(True)
             robot.update_kinematics()
-        return robot.state.q[7:].copy(), bool(converged), i
+        return robot.state.q[7:].copy(), i, bool(converged)
 
     def answer(self, raw: Any) -> Any:
-        """Return configuration, claim and iterations of a call."""
+        """Return configuration, iterations and claim of a call."""
         return raw
 
     def fk(self, q: list[float]) -> Any:

@@ -3,8 +3,8 @@
 Run as ``python -I serve.py METHOD_FILE`` by the interpreter of the environment that has the package. This file and METHOD_FILE
 import nothing of ours: one of the packages has the import name ``optik``, too. METHOD_FILE defines ``METHOD``, a class that is
 built from a model (for IK ``urdf``, its file ``urdf_file``, and ``iterations`` or None), and raises ValueError for an arm that
-it does not support, with the methods ``prepared(target, q0)``, ``call``, the timed part, ``answer(raw)`` and ``fk(q)``.
-``answer`` returns configuration, claim and iterations; or, of a time law, a dictionary of plain data.
+it does not support, with the methods ``prepared(*problem)``, ``call``, the timed part, ``answer(raw)``, and for IK ``fk(q)``.
+``answer`` returns plain data and arrays: for IK configuration or None, iterations and claim.
 """
 
 import gc
@@ -24,14 +24,11 @@ def main() -> None:
     method: Any = None
     for line in sys.stdin:
         request = json.loads(line)
-        if request["do"] == "build":
+        if "model" in request:
             method, reply = _build(request["model"])
             _say(answers, reply)
-        elif request["do"] == "fk":
-            _say(answers, _pose(method, request["q"]))
-        else:
-            for problem in request["problems"]:
-                _say(answers, _solved(method, *problem))
+        for problem in request.get("problems", ()):
+            _say(answers, _solved(method, request["do"], problem))
 
 
 def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
@@ -50,35 +47,26 @@ def _build(model: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         folder.cleanup()
 
 
-def _solved(method: Any, *problem: Any) -> dict[str, Any]:
+def _solved(method: Any, do: str, problem: list[Any]) -> dict[str, Any]:
     """Time one call, without reading the request and writing the answer."""
     clock, cpu = time.perf_counter_ns, time.process_time_ns
-    given = method.prepared(*problem)
+    given, call = (method.prepared(*problem), method.call) if do == "call" else (problem, getattr(method, do))
     gc.disable()
     begin_cpu, begin = cpu(), clock()
     try:
-        raw = method.call(*given)
+        raw = call(*given)
     except Exception as error:
-        return {"error": f"{type(error).__name__}: {error}"[:200], "ns": clock() - begin, "cpu_ns": cpu() - begin_cpu}
-    finally:
-        end, end_cpu = clock(), cpu()
-        gc.enable()
-    answer, times = method.answer(raw), {"ns": end - begin, "cpu_ns": end_cpu - begin_cpu}
-    if isinstance(answer, dict):
-        return answer | times
-    q, claimed, iterations = answer
-    return {"q": None if q is None else [float(x) for x in q], "claimed": claimed, "iterations": iterations} | times
-
-
-def _pose(method: Any, q: list[float]) -> dict[str, Any]:
-    try:
-        return {"pose": [[float(x) for x in row] for row in method.fk(q)]}
-    except Exception as error:
-        return {"error": f"{type(error).__name__}: {error}"[:200]}
+        raw = error
+    end, end_cpu = clock(), cpu()
+    gc.enable()
+    times = {"ns": end - begin, "cpu_ns": end_cpu - begin_cpu}
+    if isinstance(raw, Exception):
+        return {"error": f"{type(raw).__name__}: {raw}"[:200]} | times
+    return {"answer": method.answer(raw) if do == "call" else raw} | times
 
 
 def _say(answers: TextIO, value: dict[str, Any]) -> None:
-    answers.write(json.dumps(value) + "\n")
+    answers.write(json.dumps(value, default=lambda array: array.tolist()) + "\n")
     answers.flush()
 
 

@@ -1,21 +1,19 @@
-"""Peers of inverse kinematics: their base class and results, and the loop of those that iterate from one start."""
+"""Peers of inverse kinematics: their base class, and the loop of those that iterate from one start."""
 
 from __future__ import annotations
 
-import importlib.util
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from benchmarks.peers.ik import PEERS
-from benchmarks.provenance import version_here
+from benchmarks.peers.base import Absent, Failed, Peer
+from benchmarks.peers.models import urdf
+from benchmarks.peers.worker import WorkerPeer
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
-from optik.registry import load_method
 from optik.types import Array
 
 FK_TOLERANCE = 1e-9
@@ -25,8 +23,17 @@ FK_CONFIGURATIONS, FK_SEED = 5, 20261
 """Number of random configurations for this comparison, and the seed: a wrong model differs at all of them."""
 
 
-class Peer(ABC):
-    """An IK method of another package for one robot; its file binds the class to ``METHOD``.
+class Solutions(NamedTuple):
+    """What a call answered: configurations, and what the method reports; None where it does not say."""
+
+    q: Array  # (k, n) [rad, m], none for k = 0
+    claimed: bool | None = None  # whether it says that it succeeded, which our forward kinematics judges
+    iterations: int | None = None
+    restarts: int | None = None
+
+
+class SolverPeer(Peer):
+    """An IK method of another package for one robot.
 
     Parameters
     ----------
@@ -38,12 +45,6 @@ class Peer(ABC):
 
     Attributes
     ----------
-    distribution : str
-        Name of its distribution, for ``pip install``.
-    package : str
-        Name of its package, for ``import``; imported in ``__init__`` only.
-    settings : str
-        How it is set up and called, for the report.
     takes_start : bool
         Whether ``call`` has the arguments (target, q0) or only (target).
     budgeted : bool
@@ -54,34 +55,26 @@ class Peer(ABC):
     fk_tolerance : float
         Largest difference between its forward kinematics and ours [m, rad]; larger than the default only where the method
         computes with fewer digits.
-    call : callable
-        The timed part, a complete call from Python.
 
     Raises
     ------
-    ModuleNotFoundError
-        Its package is not installed.
     InvalidInput
         The method does not support the arm.
     """
 
-    distribution: ClassVar[str]
-    package: ClassVar[str]
-    settings: ClassVar[str]
     takes_start: ClassVar[bool] = True
     budgeted: ClassVar[bool] = False
     clocked: ClassVar[bool] = False
     random: ClassVar[bool] = False
     fk_tolerance: ClassVar[float] = FK_TOLERANCE
-    call: Callable[..., Any]
 
     @abstractmethod
     def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
         """Prepare everything that does not depend on the target."""
 
     @abstractmethod
-    def answers(self, raw: Any) -> Array:
-        """Return the configurations of a call, none for k = 0; one correct configuration suffices. Not timed.
+    def read(self, raw: Any) -> Solutions:
+        """Return what a call answered; one correct configuration suffices. Not timed.
 
         Parameters
         ----------
@@ -90,39 +83,9 @@ class Peer(ABC):
 
         Returns
         -------
-        (k, n) array
-            Configurations [rad, m].
+        Solutions
+            Configurations, and what the method reports.
         """
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations of a call; None if the method does not report it.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        int or None
-            Number of iterations.
-        """
-        return None
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method reports success of a call; None if it reports nothing.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        bool or None
-            Its own claim, which our forward kinematics judges.
-        """
-        return None
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the method's own model; None if it has no forward kinematics.
@@ -139,95 +102,34 @@ class Peer(ABC):
         """
         return None
 
+    @classmethod
+    def facts(cls, **options: Any) -> dict[str, Any]:
+        """Return the facts for the report, with the limit on iterations if there is one."""
+        words = f"at most {options['iterations']:,} iterations; otherwise {cls.settings}" if options else cls.settings
+        return super().facts() | {"settings": words, "clocked": cls.clocked, "random": cls.random}
 
-class NotInstalled(Exception):
-    """A peer that is not installed on this machine; the message says how to install it."""
-
-
-@dataclass(frozen=True)
-class Failed:
-    """The failure of a call."""
-
-    outcome: str  # raised (an exception), crashed (its process ended) or refused (it does not support the problem)
-    error: str  # what it said
-
-
-class Answer(NamedTuple):
-    """One timed call."""
-
-    raw: Any  # what it returned, or `Failed`
-    ns: int  # its time [ns]; where its process ended, the time until then
-    cpu_ns: int | None  # time of all threads of its process [ns]; None where its process ended
-
-
-@dataclass(frozen=True)
-class Absent:
-    """A peer that is not run, and the reason."""
-
-    why: str
-    # absent: its package is missing; refused: it does not support the robot; differs: its model of the robot is not ours
-    outcome: str = "absent"
-
-
-def build_peer(name: str, robot: Robot, *, iterations: int | None = None) -> Peer | Absent:
-    """Build a peer for a robot, and compare its forward kinematics with optik's."""
-    kind = load_method(PEERS, name, "peer")
-    if iterations is not None and not kind.budgeted:
-        return Absent("has no limit on iterations that can be set", "refused")
-    options = {} if iterations is None else {"iterations": iterations}
-    try:
-        peer: Peer | Absent = built_or_absent(kind, robot, **options)
-    except InvalidInput as error:
-        return Absent(f"does not support {robot.name}: {error.got}; supported: {error.expected}", "refused")
-    if isinstance(peer, Absent):
+    @classmethod
+    def build(cls, given: Robot, **options: Any) -> Self:
+        """Build it for a robot, and compare its forward kinematics with optik's; raise `Absent` if it cannot be run."""
+        if options and not cls.budgeted:
+            raise Absent("has no limit on iterations that can be set", "refused")
+        try:
+            peer = super().build(given, **options)
+        except InvalidInput as error:
+            raise Absent(
+                f"does not support {given.name}: {error.got}; supported: {error.expected}", "refused"
+            ) from None
+        worst = np.zeros(2)
+        for q in given.limits.sample(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
+            pose = peer.fk(q.copy())
+            if pose is None:
+                return peer
+            off = np.asarray(pose, dtype=np.float64) - given.fk(q)
+            worst = np.maximum(worst, [np.linalg.norm(off[:3, 3]), np.linalg.norm(off[:3, :3])])
+        if not (worst <= cls.fk_tolerance).all():
+            words = f"by {worst[0]:.1e} m, and by {worst[1]:.1e} in the rotation matrix"
+            raise Absent(f"its model differs from optik's {words}", "differs")
         return peer
-    return different_model(peer, robot) or peer
-
-
-def different_model(peer: Peer, robot: Robot) -> Absent | None:
-    """Compare the forward kinematics of a peer with optik's at random configurations inside the limits."""
-    worst = np.zeros(2)
-    for q in robot.limits.sample(np.random.default_rng(FK_SEED), FK_CONFIGURATIONS):
-        pose = peer.fk(q.copy())
-        if pose is None:
-            return None
-        off = np.asarray(pose, dtype=np.float64) - robot.fk(q)
-        worst = np.maximum(worst, [np.linalg.norm(off[:3, 3]), np.linalg.norm(off[:3, :3])])
-    if (worst <= peer.fk_tolerance).all():
-        return None
-    return Absent(
-        f"its model differs from optik's by {worst[0]:.1e} m, and by {worst[1]:.1e} in the rotation matrix", "differs"
-    )
-
-
-def built_or_absent(kind: Any, *arguments: Any, **options: Any) -> Any:
-    """Call a class that depends on an optional package."""
-    try:
-        return kind(*arguments, **options)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != kind.package:
-            raise
-        return Absent(f"not installed: pip install {kind.distribution}")
-    except NotInstalled as error:
-        return Absent(str(error))
-    except ImportError as error:  # installed, but not for this machine
-        return Absent(f"cannot be imported here: {error}")
-
-
-def missing(kind: Any) -> str:
-    """Return why a peer cannot run here, without importing it; empty if it can."""
-    if hasattr(kind, "missing"):
-        return str(kind.missing())
-    return "" if importlib.util.find_spec(kind.package) else f"pip install {kind.distribution}"
-
-
-def version_of(name: str, folder: str = PEERS) -> str | None:
-    """Return the installed version of a peer."""
-    kind: Any = load_method(folder, name, "peer")
-    if hasattr(kind, "version"):
-        found: str | None = kind.version()
-        return found
-    return version_here(kind.distribution)
 
 
 def need_revolute(robot: Robot, least: int, most: int) -> None:
@@ -239,22 +141,17 @@ def need_revolute(robot: Robot, least: int, most: int) -> None:
         raise InvalidInput("robot", f"{robot.n} joints", wanted)
 
 
-def zero_frames(robot: Robot) -> Array:
-    """Return the joint frames and the tool frame at q = 0."""
-    return robot.frames(np.zeros(robot.n))
-
-
 def one(q: Any) -> Array:
-    """Return one configuration as the result of `Peer.answers`."""
+    """Return one configuration for `Solutions`."""
     return np.asarray(q, dtype=np.float64).reshape(1, -1)
 
 
 def none(robot: Robot) -> Array:
-    """Return no configuration as the result of `Peer.answers`."""
+    """Return no configuration for `Solutions`."""
     return np.empty((0, robot.n))
 
 
-METHOD_BASE = Peer
+METHOD_BASE = SolverPeer
 """Base class of the METHOD of every module here, and of every plug-in."""
 
 
@@ -266,25 +163,37 @@ TASK_DAMPING = 1e-3
 """``lm_damping`` of a frame task: without it the quadratic programme of an arm with seven joints may be singular."""
 
 
-class LoopPeer(Peer):
+class LoopPeer(SolverPeer):
     """A peer whose call returns a configuration (n,) [rad, m], the number of iterations and whether it converged."""
 
     budgeted: ClassVar[bool] = True
-    limits: JointLimits | None = (
-        None  # to which the configuration is clamped, for a method that keeps limits to rounding
-    )
+    limits: JointLimits | None = None  # to which it is clamped, for a method that keeps limits to rounding
 
-    def answers(self, raw: Any) -> Array:
-        """Return the last configuration of the iteration."""
-        return one(raw[0] if self.limits is None else self.limits.clip(raw[0]))
+    def read(self, raw: Any) -> Solutions:
+        """Return the last configuration of the iteration, whether the method reports convergence, and the iterations."""
+        q, iterations, converged = raw
+        return Solutions(one(q if self.limits is None else self.limits.clip(q)), bool(converged), iterations)
 
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations."""
-        return int(raw[1])
 
-    def claims(self, raw: Any) -> bool | None:
-        """Say whether the method reports convergence."""
-        return bool(raw[2])
+class WorkerSolver(WorkerPeer, LoopPeer):
+    """An IK method in a separate environment; a subclass only states its facts."""
+
+    requirements: ClassVar[tuple[str, ...]]  # what pip installs into the environment
+
+    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
+        self.robot, self.limits = robot, robot.limits  # these methods respect limits up to rounding
+        self.worker = self.start(self.environment, {"urdf": urdf(robot), "iterations": iterations})
+
+    def read(self, raw: Any) -> Solutions:
+        """Return the configuration, if there is one, clamped to the limits."""
+        return Solutions(none(self.robot), bool(raw[2])) if raw[0] is None else super().read(raw)
+
+    def fk(self, q: Array) -> Array | None:
+        """Return the tool pose by the model in the worker process."""
+        try:
+            return np.array(self.worker.ask(q.tolist(), do="fk").raw)
+        except Failed as error:
+            raise Absent(f"its forward kinematics failed: {error.error}") from None
 
 
 def frame_task_loop(

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from benchmarks.peers.ik.worker import WorkerPeer
+from benchmarks.peers.ik.base import WorkerSolver
 
 
-class Drake(WorkerPeer):
+class Drake(WorkerSolver):
     """The method of ``benchmarks/peers/_workers/drake.py``."""
 
-    name = "drake"
+    environment = "drake"
     distribution = "drake"
     package = "pydrake"
-    budgeted = True
     requirements: ClassVar[tuple[str, ...]] = ("drake==1.51.1", "pyroboplan==1.3.1")
     settings = (
         "InverseKinematics built and solved for each target: six equalities by AddPositionConstraint on three points of the "

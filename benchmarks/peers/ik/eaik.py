@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none, zero_frames
+from benchmarks.peers.ik.base import Solutions, SolverPeer, need_revolute, none
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 
 
-class EAIK(Peer):
+class EAIK(SolverPeer):
     """``HomogeneousRobot(frames at q = 0).IK(target)``."""
 
     distribution = "EAIK"
@@ -27,19 +27,17 @@ class EAIK(Peer):
 
         need_revolute(robot, 4, 6)
         self.robot = robot
-        arm = HomogeneousRobot(zero_frames(robot))
+        arm = HomogeneousRobot(robot.frames(np.zeros(robot.n)))
         if not arm.hasKnownDecomposition():
             raise InvalidInput("robot", "axes without a known decomposition", "an arm that decomposes into subproblems")
         self.arm: Any = arm
         self.call = arm.IK
 
-    def answers(self, raw: Any) -> Array:
-        """Return all branches; for one without an exact solution EAIK returns the nearest, which our judgement rejects."""
-        return np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n) if len(raw.Q) else none(self.robot)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether a branch is exact: EAIK marks the others as least squares."""
-        return bool(len(raw.Q)) and not bool(np.all(raw.is_LS))
+    def read(self, raw: Any) -> Solutions:
+        """Return all branches; for one without an exact solution EAIK returns the nearest, and marks it as least squares."""
+        if not len(raw.Q):
+            return Solutions(none(self.robot), claimed=False)
+        return Solutions(np.asarray(raw.Q, dtype=np.float64).reshape(-1, self.robot.n), not bool(np.all(raw.is_LS)))
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by EAIK's product of exponentials."""

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
-from benchmarks.peers.models import roll_pitch_yaw
+from benchmarks.peers.ik.base import Solutions, SolverPeer, one
 from optik.arm.robot import Robot
+from optik.arm.urdf import roll_pitch_yaw
 from optik.types import Array
 
 
-class IKPy(Peer):
+class IKPy(SolverPeer):
     """``Chain.inverse_kinematics_frame(target, q0, orientation_mode="all")``."""
 
     distribution = "ikpy"
@@ -47,9 +47,9 @@ class IKPy(Peer):
         self.chain: Any = chain
         self.call = call
 
-    def answers(self, raw: Any) -> Array:
+    def read(self, raw: Any) -> Solutions:
         """Return the final configuration of the optimiser; IKPy does not report whether it reached the target."""
-        return one(raw)
+        return Solutions(one(raw))
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the chain of IKPy."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from benchmarks.peers.ik.worker import WorkerPeer
+from benchmarks.peers.ik.base import WorkerSolver
 
 
-class OptikPy(WorkerPeer):
+class OptikPy(WorkerSolver):
     """The method of ``benchmarks/peers/_workers/optik_py.py``."""
 
-    name = "optik_py"
+    environment = "optik_py"
     distribution = "optik-py"
     package = "optik"
     requirements: ClassVar[tuple[str, ...]] = ("optik-py==0.5.0",)
+    budgeted = False
     clocked = True
     random = True
     settings = (

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from benchmarks.peers.ik.worker import WorkerPeer
+from benchmarks.peers.ik.base import WorkerSolver
 
 
-class Placo(WorkerPeer):
+class Placo(WorkerSolver):
     """The method of ``benchmarks/peers/_workers/placo.py``."""
 
-    name = "placo"
+    environment = "placo"
     distribution = "placo"
     package = "placo"
-    budgeted = True
     requirements: ClassVar[tuple[str, ...]] = ("placo==0.10.2",)
     settings = (
         "KinematicsSolver with joint limits and one frame task (soft, weights 1), solve(True) and update_kinematics in a "

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none, one
+from benchmarks.peers.ik.base import Solutions, SolverPeer, need_revolute, none, one
 from benchmarks.peers.models import urdf
 from optik.arm.limits import JointLimits
 from optik.arm.robot import Robot
@@ -19,7 +19,7 @@ TRACIK_TOLERANCE = 1e-7
 """Tolerance of TRAC-IK: its default of 1e-5 is above the 1e-6 m and rad that every method must reach."""
 
 
-class PyTracIK(Peer):
+class PyTracIK(SolverPeer):
     """``pytracik.ik(solver, q0, x, y, z, quaternion)`` in Speed mode."""
 
     distribution = "pytracik"
@@ -56,14 +56,12 @@ class PyTracIK(Peer):
 
         self.call = call
 
-    def answers(self, raw: Any) -> Array:
+    def read(self, raw: Any) -> Solutions:
         """Return the configuration after the return code; none if the code is negative."""
         values = np.asarray(raw, dtype=np.float64).ravel()
-        return one(values[-self.robot.n :]) if values.size > self.robot.n and values[0] >= 0 else none(self.robot)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the return code is not negative."""
-        return float(np.ravel(raw)[0]) >= 0.0 if np.size(raw) else False
+        claimed = bool(values.size) and float(values[0]) >= 0.0
+        q = one(values[-self.robot.n :]) if claimed and values.size > self.robot.n else none(self.robot)
+        return Solutions(q, claimed)
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the KDL chain that TRAC-IK read from the URDF."""

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, one
+from benchmarks.peers.ik.base import Solutions, SolverPeer, one
 from optik.arm.robot import Robot
 from optik.types import Array
 
 
-class RoboticsToolbox(Peer):
+class RoboticsToolbox(SolverPeer):
     """``ETS.ik_LM(target, q0)`` with a tolerance at which errors are below 1e-6 m and rad."""
 
     distribution = "roboticstoolbox-python"
@@ -35,17 +35,9 @@ class RoboticsToolbox(Peer):
         budget = {} if iterations is None else {"ilimit": iterations - 1, "slimit": 1}  # it takes ilimit + 1
         self.call = partial(self.ets.ik_LM, tol=1e-13, **budget)
 
-    def answers(self, raw: Any) -> Array:
-        """Return the configuration, whether or not the method reports success."""
-        return one(raw[0])
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations over all searches."""
-        return int(raw.iterations)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method reports success."""
-        return bool(raw.success)
+    def read(self, raw: Any) -> Solutions:
+        """Return the configuration, whether or not the method reports success, and the iterations over all searches."""
+        return Solutions(one(raw[0]), bool(raw.success), int(raw.iterations))
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by the ETS."""

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.ik.base import Peer, need_revolute, none
+from benchmarks.peers.ik.base import Solutions, SolverPeer, need_revolute, none
 from optik.arm.robot import Robot
 from optik.errors import InvalidInput
 from optik.types import Array
 
 
-class SSIK(Peer):
+class SSIK(SolverPeer):
     """The module that ``ssik build`` generates for the arm, called as ``solve(target, max_solutions=1)``."""
 
     distribution = "ssik"
@@ -41,13 +41,9 @@ class SSIK(Peer):
         self.arm: Any = arm
         self.call = partial(_module(arm).solve, max_solutions=1)
 
-    def answers(self, raw: Any) -> Array:
+    def read(self, raw: Any) -> Solutions:
         """Return the branches inside the limits."""
-        return np.array([solution.q for solution in raw]) if raw else none(self.robot)
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method found a branch."""
-        return bool(raw)
+        return Solutions(np.array([solution.q for solution in raw]) if raw else none(self.robot), bool(raw))
 
     def fk(self, q: Array) -> Array | None:
         """Return the tool pose by ssik's own model of the arm."""

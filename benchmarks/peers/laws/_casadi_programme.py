@@ -60,7 +60,7 @@ class CasadiProgramme(TimingPeer):
             raise NoSolution(f"{self.solver} ended with {stats['return_status']}")
         return np.asarray(answer["x"]).ravel(), s, duration
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of its s(t), a cubic on each interval."""
         x, s, duration = raw
         unit = joint_path.end

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any, ClassVar
 
-from benchmarks.peers.ik.base import Absent, built_or_absent
-from benchmarks.peers.laws import TIMING_PEERS
-from optik.registry import load_method
+from benchmarks.peers.base import Peer
 from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import MotionLimits
 from planners.trajectory import Trajectory
 
 
-class TimingPeer(ABC):
-    """A time law of another package for given limits; its file binds the class to ``METHOD``.
+class TimingPeer(Peer):
+    """A time law of another package for given limits.
 
     Parameters
     ----------
@@ -25,24 +23,10 @@ class TimingPeer(ABC):
 
     Attributes
     ----------
-    distribution : str
-        Name of its distribution, for ``pip install``.
-    package : str
-        Name of its package, for ``import``; imported in ``__init__`` only.
-    settings : str
-        How it is set up and called, for the report.
     enforced : tuple of str
         Limits that it promises to keep.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        Its package is not installed.
     """
 
-    distribution: ClassVar[str]
-    package: ClassVar[str]
-    settings: ClassVar[str]
     enforced: ClassVar[tuple[str, ...]]
 
     @abstractmethod
@@ -61,7 +45,7 @@ class TimingPeer(ABC):
         Returns
         -------
         Any
-            The result, for `trajectory`.
+            The result, for `read`.
 
         Raises
         ------
@@ -69,23 +53,8 @@ class TimingPeer(ABC):
             The peer found no motion.
         """
 
-    def took_ms(self, raw: Any) -> float | None:
-        """Return the time of a call that was measured in a worker process.
-
-        Parameters
-        ----------
-        raw : Any
-            Return value of `call`.
-
-        Returns
-        -------
-        float or None
-            [ms]; None where the call itself is to be timed.
-        """
-        return None
-
     @abstractmethod
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of a call's motion. Not timed.
 
         Parameters
@@ -101,16 +70,15 @@ class TimingPeer(ABC):
             The motion.
         """
 
+    @classmethod
+    def facts(cls, **options: Any) -> dict[str, Any]:
+        """Return the facts for the report."""
+        return super().facts() | {"enforced": list(cls.enforced)}
+
 
 def peer_limits(limits: MotionLimits, n: int) -> dict[str, Array]:
     """Return the limits in the form that peers take."""
     return limits.arrays(n) | {"torque": limits.bounds(n)["torque"]}
-
-
-def build_timing_peer(name: str, limits: dict[str, Array]) -> TimingPeer | Absent:
-    """Build a timing peer for given limits."""
-    peer: TimingPeer | Absent = built_or_absent(load_method(TIMING_PEERS, name, "peer of timing"), limits)
-    return peer
 
 
 METHOD_BASE = TimingPeer

@@ -81,7 +81,7 @@ class Copp(TimingPeer):
         """Return the robot for the next pass, with ṡ² (k,) of the previous one; here the same robot."""
         return robot
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory with s, ṡ = √a and s̈ = b of its profile at the stations, and its polynomials between them."""
         s, t, profile = raw
         speed = np.sqrt(np.maximum(profile.a, 0.0))

@@ -49,7 +49,7 @@ class RuckigJoints(TimingPeer):
             raise NoSolution(f"Ruckig: {result}")
         return found
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of Ruckig's cubic pieces, divided wherever a joint changes its jerk."""
         joints = [_joint(profile) for profile in raw.profiles[0]]
         knots = np.unique(np.concatenate([[0.0, raw.duration], *(joint.x for joint in joints)]))

@@ -62,7 +62,7 @@ class ToppraConstAccel(TimingPeer):
         """Return the constraints for a joint path: those that apply to every path."""
         return self._constraints
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return the trajectory of its s(t), which has a constant s̈ between grid points, along the joint path."""
         s, speed = np.asarray(raw.gridpoints), np.asarray(raw.sd_vec)
         steps = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])

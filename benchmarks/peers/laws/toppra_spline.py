@@ -31,7 +31,7 @@ class ToppraSpline(ToppraConstAccel):
             raise NoSolution("TOPP-RA found no motion from rest to rest")
         return found
 
-    def trajectory(self, joint_path: JointPath, raw: Any) -> Trajectory:
+    def read(self, joint_path: JointPath, raw: Any) -> Trajectory:
         """Return TOPP-RA's cubic spline in time, unchanged."""
         return Trajectory(PPoly(raw.cspl.c, raw.cspl.x - raw.cspl.x[0], extrapolate=True))
 

@@ -12,18 +12,14 @@ import threading
 import time
 import weakref
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
-from benchmarks.peers.ik.base import Answer, Failed, NotInstalled, Peer, none, one
-from benchmarks.peers.models import urdf
-from optik.arm.robot import Robot
+from benchmarks.peers.base import Absent, Answer, Failed, Peer
 from optik.errors import InvalidInput
-from optik.types import Array
 
-WORKERS = Path(__file__).resolve().parents[1] / "_workers"
+WORKERS = Path(__file__).resolve().parent / "_workers"
 """Folder of the scripts that other environments run."""
 
 LONGEST_CALL = 60.0
@@ -34,6 +30,9 @@ MOST_WORKER_CRASHES = 20
 
 LONGEST_START = 300.0
 """Time limit of importing a package and building a robot [s], for a busy machine with a cold disk."""
+
+MOST_KEPT = 4
+"""Number of worker processes that are kept for later calls with the same model: importing Drake takes a second."""
 
 
 def peers_folder() -> Path:
@@ -50,80 +49,61 @@ def peers_folder() -> Path:
 
 
 class WorkerPeer(Peer):
-    """A peer whose package is in a separate environment; a subclass only states its facts."""
+    """A peer whose package is in a separate environment, where a worker process makes and times its calls."""
 
-    name: ClassVar[str]  # of the peer, of its environment, and of its script in benchmarks/peers/_workers
-    requirements: ClassVar[tuple[str, ...]]  # what pip installs into the environment
-
-    def __init__(self, robot: Robot, *, iterations: int | None = None) -> None:
-        self.robot = robot
-        if why := self.missing():
-            raise NotInstalled(why)
-        self._worker = Worker(self.python(), self.script(), {"urdf": urdf(robot), "iterations": iterations})
+    environment: ClassVar[str]  # name of the environment, and of the peer that installs it
+    worker: Worker
 
     @classmethod
-    def environment(cls) -> Path:
-        """Return the folder of the peer's environment, which need not exist."""
-        return peers_folder() / cls.name
+    def folder(cls) -> Path:
+        """Return the folder of the environment, which need not exist."""
+        return peers_folder() / cls.environment
 
     @classmethod
     def python(cls) -> Path:
-        """Return the interpreter of the peer's environment, which need not exist."""
-        return cls.environment() / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+        """Return the interpreter of the environment, which need not exist."""
+        return cls.folder() / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
 
     @classmethod
     def missing(cls) -> str:
         """Return why the peer cannot run here; empty if it can."""
         if cls.python().exists():
             return ""
-        return f"no environment in {cls.environment()}: optik bench peer {cls.name} --install"
-
-    @classmethod
-    def script(cls) -> Path:
-        """Return the file in ``benchmarks/peers/_workers`` that defines the peer's method for the worker process."""
-        return WORKERS / f"{cls.name}.py"
+        return f"no environment in {cls.folder()}: optik bench peer {cls.environment} --install"
 
     @classmethod
     def version(cls) -> str | None:
         """Return the version of the peer's distribution, read from the metadata in its environment."""
-        stem = cls.distribution.replace("-", "_")
-        found = sorted(cls.environment().glob(f"**/site-packages/{stem}-*.dist-info"))
+        packages = "Lib/site-packages" if sys.platform == "win32" else "lib/python*/site-packages"
+        found = sorted(cls.folder().glob(f"{packages}/{cls.distribution.replace('-', '_')}-*.dist-info"))
         return found[0].name.removesuffix(".dist-info").rpartition("-")[2] if found else None
 
-    def call(self, target: Array, q0: Array) -> Any:
+    @classmethod
+    def start(cls, script: str, model: dict[str, Any], *, keep: bool = False) -> Worker:
+        """Start a worker process with a script of `_workers`, or return the one that is kept for the script and model."""
+        if why := cls.missing():
+            raise Absent(why)
+        return (_kept if keep else Worker)(cls.python(), WORKERS / f"{script}.py", json.dumps(model))
+
+    def plain(self, *arguments: Any) -> tuple[Any, ...]:
+        """Return the arguments of a call as plain data."""
+        return tuple(each.tolist() for each in arguments)
+
+    def call(self, *arguments: Any) -> Any:
         """Make one call in the worker process; comparisons use `many`, whose times exclude the pipe."""
-        answer = self.many([(target, q0)])[0].raw
-        if isinstance(answer, Failed):
-            raise RuntimeError(f"{answer.outcome}: {answer.error}")
-        return answer
+        return self.worker.ask(*self.plain(*arguments)).raw
 
     def many(self, arguments: Sequence[tuple[Any, ...]]) -> list[Answer]:
         """Make calls one after another in the worker process, which times each of them."""
-        return self._worker.solve([(target.tolist(), q0.tolist()) for target, q0 in arguments])
-
-    def answers(self, raw: Any) -> Array:
-        """Return the one configuration, if there is one, clamped to the limits, which these methods respect up to rounding."""
-        return none(self.robot) if raw["q"] is None else one(self.robot.limits.clip(raw["q"]))
-
-    def iterations(self, raw: Any) -> int | None:
-        """Return the number of iterations; None if the method does not report it."""
-        return None if raw["iterations"] is None else int(raw["iterations"])
-
-    def claims(self, raw: Any) -> bool | None:
-        """Return whether the method reports success."""
-        return None if raw["claimed"] is None else bool(raw["claimed"])
-
-    def fk(self, q: Array) -> Array | None:
-        """Return the tool pose by the model in the worker process."""
-        return np.array(self._worker.fk(q.tolist()))
+        return self.worker.solve([self.plain(*each) for each in arguments])
 
 
 class Worker:
     """A process that runs ``serve.py`` with another interpreter; started again after a crash."""
 
-    def __init__(self, python: Path, script: Path, model: dict[str, Any]) -> None:
+    def __init__(self, python: Path, script: Path, model: str) -> None:
         self._command = [str(python), "-I", str(WORKERS / "serve.py"), str(script)]
-        self._model = model
+        self._model: dict[str, Any] = json.loads(model)
         self.starts = 0
         self._start()
 
@@ -136,32 +116,31 @@ class Worker:
         weakref.finalize(self, _end, self._process)
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         threading.Thread(target=_read, args=(self._process.stdout, self._lines), daemon=True).start()
-        self._ask({"do": "build", "model": self._model})
+        self._ask({"model": self._model})
         reply = self._next(LONGEST_START)
         if reply is None:
-            raise NotInstalled("its worker process ended at the start")
+            raise Absent("its worker process ended at the start")
         if "refused" in reply:
             raise InvalidInput("robot", reply["refused"], "an arm that the package supports")
         if "error" in reply:
-            raise NotInstalled(f"cannot be loaded in its environment: {reply['error']}")
+            raise Absent(f"cannot be loaded in its environment: {reply['error']}")
 
-    def fk(self, q: list[float]) -> Any:
-        """Return the tool pose of one configuration."""
-        self._ask({"do": "fk", "q": q})
-        reply = self._next(LONGEST_CALL) or {"error": "its worker process ended"}
-        if "error" in reply:
-            raise NotInstalled(f"its forward kinematics failed: {reply['error']}")
-        return reply["pose"]
+    def ask(self, *problem: Any, do: str = "call") -> Answer:
+        """Solve one problem; raise `Failed` where that fails."""
+        (answer,) = self.solve([problem], do)
+        if isinstance(answer.raw, Failed):
+            raise answer.raw
+        return answer
 
-    def solve(self, problems: list[tuple[Any, Any]]) -> list[Answer]:
+    def solve(self, problems: Sequence[tuple[Any, ...]], do: str = "call") -> list[Answer]:
         """Solve problems; after a crash, repeat that problem and solve the others in a new process."""
         found: list[Answer] = []
         tried_again, crashes = False, 0
         while len(found) < len(problems):
             begin = time.perf_counter_ns()
-            self._ask({"do": "solve", "problems": problems[len(found) :]})
+            self._ask({"do": do, "problems": problems[len(found) :]})
             while len(found) < len(problems) and (reply := self._next(LONGEST_CALL)) is not None:
-                raw = Failed("raised", reply["error"]) if "error" in reply else reply
+                raw = Failed("raised", reply["error"]) if "error" in reply else reply["answer"]
                 found.append(Answer(raw, reply["ns"], reply["cpu_ns"]))
                 tried_again, crashes, begin = False, 0, time.perf_counter_ns()
             if len(found) == len(problems):
@@ -178,16 +157,14 @@ class Worker:
 
     def _ended(self) -> str:
         """End the process, and describe how it ended."""
-        hung = self._hung
         _end(self._process)
-        return (
-            f"no answer for {LONGEST_CALL:g} s" if hung else f"its process ended with status {self._process.returncode}"
-        )
+        status = f"its process ended with status {self._process.returncode}"
+        return f"no answer for {LONGEST_CALL:g} s" if self._hung else status
 
     def _restarted(self) -> bool:
         try:
             self._start()
-        except (NotInstalled, InvalidInput):
+        except (Absent, InvalidInput):
             return False
         return True
 
@@ -205,6 +182,9 @@ class Worker:
             self._hung = True
             return None
         return dict(json.loads(line)) if line else None
+
+
+_kept = lru_cache(MOST_KEPT)(Worker)
 
 
 def _read(stream: Any, lines: queue.SimpleQueue[str]) -> None:
