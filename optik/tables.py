@@ -53,7 +53,7 @@ class TableColumn(NamedTuple):
     size: float = 1.0
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """A table: its file, the line of its header, its separator and columns, numbered lines, and assumptions."""
 
     file: str
@@ -88,7 +88,7 @@ class Table(NamedTuple):
                 raise InvalidInput(self.locate(row, names[j]), repr(cells[j])[:60], "a finite number")
         return np.asarray(values * [self.columns[name].size for name in names])
 
-    def resolve(self, wanted: Mapping[str, str]) -> Table:
+    def resolve(self, wanted: Mapping[str, str]) -> TextTable:
         """Return the table with wanted columns named without units; a unit in the header replaces the wanted unit."""
         columns: dict[str, TableColumn] = {}
         for whole, column in self.columns.items():
@@ -114,12 +114,12 @@ class Table(NamedTuple):
         advice = NO_HEADER if any(isfinite(read_number(name)) for name in names) else advice
         return InvalidInput(self.locate(), repr(",".join(names))[:160], expected, advice=advice)
 
-    def select_rows(self, rows: Iterable[int]) -> Table:
+    def select_rows(self, rows: Iterable[int]) -> TextTable:
         """Return some rows."""
         return self._replace(lines=[self.lines[i] for i in rows])
 
 
-def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> Table:
+def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Names = None) -> TextTable:
     """Read a table; `columns` names the columns of a file without a header, or renames them; `ignore` leaves some out."""
     if not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:60], "the path of a CSV file")
@@ -136,7 +136,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
         raise InvalidInput(name, "no lines", "a header line that names the columns, and rows")
     number = lines[0][0]
     try:
-        table = _read_header(Table(name, number, ",", {}, lines, []), read_names(columns, "columns"))
+        table = _read_header(TextTable(name, number, ",", {}, lines, []), read_names(columns, "columns"))
         width, marks = len(table.columns), set[str]()
         for word in left:
             if table.columns.pop(word, None) is None:
@@ -159,7 +159,7 @@ def read_table(file: str | os.PathLike[str], columns: Names = None, ignore: Name
     return table
 
 
-def _read_header(table: Table, given: tuple[str, ...]) -> Table:
+def _read_header(table: TextTable, given: tuple[str, ...]) -> TextTable:
     """Return the table with its separator and columns, without the line of the header."""
     first = table.lines[0][1].strip(" ")
     fitting = [each for each in SEPARATORS if given and _holds_numbers(_split(first, each), len(given))]

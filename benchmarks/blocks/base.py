@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 import polars as pl
 
-from benchmarks.blocks.block import Block, Outcome, Target, measure_named
+from benchmarks.blocks.block import Block, Target, TargetOutcome, measure_named
 from benchmarks.records import UNKEPT, Journal, RunFolder, rows_file
 from optik.errors import InvalidInput
 from optik.registry import load_method, names
@@ -321,11 +321,11 @@ class Kind:
         """Return the rows of the entries of a target on which it is judged, and their number in words."""
         return rows, f"{len(rows):,} rows"
 
-    def outcomes(self, block: Any, folder: RunFolder) -> list[Outcome]:
+    def outcomes(self, block: Any, folder: RunFolder) -> list[TargetOutcome]:
         """Return the outcome of every target of a block."""
         rows = self.rows(folder, block) if block.targets else None
         return [
-            Outcome(
+            TargetOutcome(
                 block.id, block.title, target, measure_named(self.block.measures, target.measure, "measure"),
                 *self.judge(rows, target),
             )

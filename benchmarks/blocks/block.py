@@ -66,7 +66,7 @@ class Target(Settings):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TargetOutcome:
     """One target of a block, with its id and title, and its outcome."""
 
     block: str

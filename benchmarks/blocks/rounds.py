@@ -76,7 +76,7 @@ FIELDS = {
 """Fields of the rows."""
 
 
-class Round(NamedTuple):
+class CallRound(NamedTuple):
     """One contestant's k calls of one round, and whether it changed its arguments."""
 
     calls: Calls
@@ -148,7 +148,7 @@ def timed_part(
     return pl.concat(frame.select(stored) for frame in frames)
 
 
-def one_round(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> Round:
+def one_round(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64], trial: tuple[int, int]) -> CallRound:
     """Call one caller once for each problem, with copies of the target and the initial guess."""
     arguments, (seed, turn) = _arguments(caller, problems, mine), trial
 
@@ -161,7 +161,7 @@ def one_round(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64],
     changed = [
         any(not np.array_equal(a, b) for a, b in zip(*pair, strict=True)) for pair in zip(arguments, fresh, strict=True)
     ]
-    return Round(calls, np.array(changed, dtype=bool))
+    return CallRound(calls, np.array(changed, dtype=bool))
 
 
 def _arguments(caller: Contestant, problems: ProblemSet, mine: NDArray[np.int64]) -> list[tuple[Any, ...]]:
@@ -216,7 +216,7 @@ _READ = ("outcome", "error", "claimed", "iterations", "restarts", "answers_ns")
 
 
 def _first_round_rows(
-    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Contestant, found: Round
+    robot: Robot, problems: ProblemSet, mine: NDArray[np.int64], caller: Contestant, found: CallRound
 ) -> pl.DataFrame:
     """Return the first round of one caller: judged answers, and times."""
     read = [_read(caller, raw, robot.n) for raw in found.calls.raws]

@@ -233,7 +233,7 @@ def format_duration(seconds: float) -> str:
 # ---------------------------------------------------------------- optik bench report, optik bench compare
 
 
-class Format(StrEnum):
+class ReportFormat(StrEnum):
     """Formats of a report."""
 
     HTML = "html"
@@ -251,7 +251,7 @@ class ReportCommand(JsonCommand):
     """
 
     folder: Path = argument("RUN", "Folder of a run.")
-    format: list[Format] | None = option(
+    format: list[ReportFormat] | None = option(
         "Output",
         "Repeatable. html: one page; md: report.md with figures; csv or tex: one file per table; pdf: one file per figure. "
         "By default html.",
@@ -268,9 +268,9 @@ class ReportCommand(JsonCommand):
         """Write the report."""
         from benchmarks.records import RunFolder
 
-        formats = list(dict.fromkeys(self.format or [Format.HTML]))
+        formats = list(dict.fromkeys(self.format or [ReportFormat.HTML]))
         columns = [key for key in map(str.strip, self.columns.split(",")) if key]
-        if columns and not {Format.MD, Format.CSV, Format.TEX} & set(formats):
+        if columns and not {ReportFormat.MD, ReportFormat.CSV, ReportFormat.TEX} & set(formats):
             raise InvalidInput("--columns", repr(self.columns), "--format md, csv or tex")
         with err_console.status("writing the report"):
             written = {one: self._write(one, RunFolder(self.folder), columns) for one in formats}
@@ -279,22 +279,26 @@ class ReportCommand(JsonCommand):
             print_json({"report": files[0] if files else None, "files": files})
             return
         for one, paths in written.items():
-            what = "figures" if one is Format.PDF else "tables"
+            what = "figures" if one is ReportFormat.PDF else "tables"
             words = f"no {what} written: no part of this run is finished"
             if paths:
-                whole = one in (Format.HTML, Format.MD)
+                whole = one in (ReportFormat.HTML, ReportFormat.MD)
                 words = f"report: {paths[0]}" if whole else f"{len(paths)} {what} in {paths[0].parent}"
             out_console.print(words, soft_wrap=True)
 
-    def _write(self, form: Format, folder: RunFolder, columns: list[str]) -> list[Path]:
+    def _write(self, form: ReportFormat, folder: RunFolder, columns: list[str]) -> list[Path]:
         """Write the files of a format."""
         from benchmarks.report import formats, write_report
 
-        if form is Format.HTML:
+        if form is ReportFormat.HTML:
             return [write_report(folder)]
-        if form is Format.PDF:
+        if form is ReportFormat.PDF:
             return formats.write_figures(folder)
-        writers = {Format.MD: formats.write_markdown, Format.CSV: formats.write_csv, Format.TEX: formats.write_tex}
+        writers = {
+            ReportFormat.MD: formats.write_markdown,
+            ReportFormat.CSV: formats.write_csv,
+            ReportFormat.TEX: formats.write_tex,
+        }
         return writers[form](folder, columns)
 
 

@@ -34,7 +34,7 @@ ORDERS = 4
 """A value and its first three derivatives in s."""
 
 
-class Joint(NamedTuple):
+class SimultaneousSolution(NamedTuple):
     """Solution: duration [s], coefficients (C, D), ṡ, s̈, Δt, s⃛ (K + 1, 4), joints (n,) at the start, and what IPOPT says."""
 
     duration: float
@@ -187,7 +187,7 @@ def ranges(choice: Choice, z0: Array) -> tuple[Array, Array]:
 
 def solve_jointly(
     choice: Choice, start: tuple[Array, Array, Array] | None = None, *, iterations: int = 1000
-) -> Joint:  # fmt: skip
+) -> SimultaneousSolution:  # fmt: skip
     """Solve under limits of velocity, acceleration and jerk, from given (z, p, q) or the core's initial guess."""
     programme, n, (C, D) = choice.optimum.programme, choice.robot.n, choice.p.shape
     K, (length, time) = programme.s.size - 1, programme.units
@@ -213,7 +213,7 @@ def solve_jointly(
     )  # fmt: skip
     x, stats = np.asarray(answer["x"]).ravel(), solver.stats()
     law, coefficients, joints = np.split(x, [4 * (K + 1), 4 * (K + 1) + C * D])
-    return Joint(
+    return SimultaneousSolution(
         float(answer["f"]) * time, coefficients.reshape(C, D), law.reshape(K + 1, 4), joints[:n], int(stats["iter_count"]),
         bool(stats["success"]), str(stats["return_status"]),
     )  # fmt: skip
@@ -222,7 +222,9 @@ def solve_jointly(
 # ---------------------------------------------------------------- the peer
 
 
-def solve_as_peer(robot: Robot, path: FreePath | PointToPoint, q: Array, limits: MotionLimits) -> tuple[Choice, Joint]:
+def solve_as_peer(
+    robot: Robot, path: FreePath | PointToPoint, q: Array, limits: MotionLimits
+) -> tuple[Choice, SimultaneousSolution]:
     """Return the problem of a path from its start configuration, and IPOPT's solution from the core's initial guess."""
     given = {name for name in limits.names if limits.value(name) is not None}
     if given != set(DERIVATIVES):
@@ -241,7 +243,9 @@ def solve_as_peer(robot: Robot, path: FreePath | PointToPoint, q: Array, limits:
     return choice, found
 
 
-def motion_of(choice: Choice, found: Joint, limits: MotionLimits) -> tuple[FreePath | PointToPoint, Trajectory]:
+def motion_of(
+    choice: Choice, found: SimultaneousSolution, limits: MotionLimits
+) -> tuple[FreePath | PointToPoint, Trajectory]:
     """Return the chosen path, and the motion along it by the solution's s(t), a cubic on each interval."""
     path, inside = choice.path_of(found.p), choice.robot.limits
     q = np.clip(found.q_start, inside.lower, inside.upper)  # IPOPT passes bounds by up to 1e-8

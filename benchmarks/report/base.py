@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blocks.base import GROUP, BlockRows, Kind, load_kind
-from benchmarks.blocks.block import Outcome
+from benchmarks.blocks.block import TargetOutcome
 from benchmarks.experiments.base import UNTESTED, Finding
 from benchmarks.records import MANIFEST, RunFolder, slug
 from benchmarks.report.figures import Json, method_colour, method_dash, method_symbol
@@ -222,7 +222,7 @@ class Run:
         return {"color": self.colour(label), "width": 2, "dash": method_dash(self.labels.index(label))}
 
     @cached_property
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[TargetOutcome]:
         """Every target of the suite with its outcome."""
         return [outcome for kind, block in self.suite.pairs() for outcome in kind.outcomes(block, self.folder)]
 

@@ -16,7 +16,7 @@ from optik.arm.robot import Robot
 from optik.check import locate_error
 from optik.errors import InvalidInput
 from optik.file_io import check_suffix, decode_text, read_bytes
-from optik.tables import Names, Table, read_names, read_table, warn_of_assumptions
+from optik.tables import Names, TextTable, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.paths.goal import find_continuous
 from planners.ros.export import JointNames, find_columns
@@ -167,7 +167,7 @@ def _remove_turns(t: Array, q: Array, robot: Robot, unwrap: Names, place: Callab
     return wrapped
 
 
-def _read_columns(table: Table, robot: Robot, names: list[str]) -> MessagePoints:
+def _read_columns(table: TextTable, robot: Robot, names: list[str]) -> MessagePoints:
     """Return the setpoints of a table."""
     wanted = dict.fromkeys(CLOCKS, "s")
     for prefixes, per in zip(COLUMN_KINDS, ("", "/s", "/s2"), strict=True):

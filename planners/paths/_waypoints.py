@@ -14,7 +14,7 @@ from optik.arm.reach import FARTHEST_REACH, reach_bound
 from optik.arm.robot import Robot
 from optik.check import real_array
 from optik.errors import InvalidInput
-from optik.tables import UNIT_SIZES, Table
+from optik.tables import UNIT_SIZES, TextTable
 from optik.task import POSE
 from optik.types import Array, Flags
 
@@ -51,7 +51,7 @@ class JointWaypoint(NamedTuple):
     tolerance: tuple[float, float] | None
 
 
-def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | None, unit: str | None) -> Array:
+def read_waypoints(table: TextTable, orientation: ArrayLike | None, robot: Robot | None, unit: str | None) -> Array:
     """Return the poses (k, 4, 4) of a table; see `Polyline.from_csv`."""
     table, turned = _resolve(table, {}, unit)
     table.refuse_others(POSITION_COLUMNS + turned, ACCEPTED_HEADER)
@@ -64,7 +64,7 @@ def read_waypoints(table: Table, orientation: ArrayLike | None, robot: Robot | N
     return _read_poses(table, turned, _check_rotation(np.eye(3) if orientation is None else orientation), robot)
 
 
-def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[JointWaypoint]:
+def read_joint_waypoints(robot: Robot, table: TextTable, unit: str | None) -> list[JointWaypoint]:
     """Return the rows of a table, of which the first is a configuration; see `PointToPoint.from_csv`."""
     in_units = [f"q{i + 1}_{'mm' if slides else 'deg'}" for i, slides in enumerate(robot.prismatic)]
     accepted = (
@@ -108,7 +108,7 @@ def read_joint_waypoints(robot: Robot, table: Table, unit: str | None) -> list[J
     return [JointWaypoint(next(targets[kind]), tuple(next(tolerance)) if has else None) for kind, has in given]
 
 
-def _find_filled(table: Table, names: Iterable[str]) -> Flags:
+def _find_filled(table: TextTable, names: Iterable[str]) -> Flags:
     """Return the rows whose cells in these columns are filled; all of a row or none must be."""
     names, filled = list(names), []
     for row in range(len(table.lines)):
@@ -122,8 +122,8 @@ def _find_filled(table: Table, names: Iterable[str]) -> Flags:
 
 
 def _resolve(
-    table: Table, others: Mapping[str, str], unit: str | None, accepted: str = ACCEPTED_HEADER
-) -> tuple[Table, tuple[str, ...]]:
+    table: TextTable, others: Mapping[str, str], unit: str | None, accepted: str = ACCEPTED_HEADER
+) -> tuple[TextTable, tuple[str, ...]]:
     """Return the table with the bare names of its columns, and the columns of its orientation; note assumptions."""
     if unit is not None and unit not in UNIT_SIZES[0]:
         raise InvalidInput("unit", repr(unit)[:60], f"the unit of x,y,z: {', '.join(UNIT_SIZES[0])}")
@@ -142,7 +142,7 @@ def _resolve(
     return resolved, turned[0] if turned else ()
 
 
-def _read_poses(table: Table, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
+def _read_poses(table: TextTable, turned: tuple[str, ...], first: Array, robot: Robot | None) -> Array:
     """Return the poses (k, 4, 4) of rows; a tool axis has the orientation nearest to the first one."""
     p, values = table.read_numbers(POSITION_COLUMNS), table.read_numbers(turned)
     far, most = np.linalg.norm(p, axis=1), FARTHEST_POINT
@@ -163,7 +163,7 @@ def _check_rotation(orientation: ArrayLike) -> Array:
     return se3.nearest_pose(se3.check_pose(se3.pose(R), "orientation"))[:3, :3]
 
 
-def _read_rotations(table: Table, turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
+def _read_rotations(table: TextTable, turned: tuple[str, ...], values: Array, first: Array) -> list[Array]:
     """Return the rotation of the tool (3, 3) for each row."""
     if not turned:
         return [first] * len(values)

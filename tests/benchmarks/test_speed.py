@@ -15,7 +15,7 @@ import pytest
 
 import optik
 from benchmarks.blocks.base import load_kind
-from benchmarks.blocks.block import Entry, Outcome, Target, measure_named
+from benchmarks.blocks.block import Entry, Target, TargetOutcome, measure_named
 from benchmarks.blocks.calls import MEASURES, CallRows, median_ratio
 from benchmarks.blocks.contest import Contestant, ProcessFailed, fresh, timed
 from benchmarks.blocks.judgement import judged, shared, wrapped
@@ -299,7 +299,7 @@ def test_a_ratio_is_on_the_problems_that_both_were_given() -> None:
     ],
 )
 def test_a_bound_is_held_at_the_bound(value: float, bounds: dict[str, float], held: bool | None, asked: str) -> None:
-    outcome = Outcome(
+    outcome = TargetOutcome(
         "x", "X", Target(measure="success", method="a", **bounds), measure_named(MEASURES, "success", "x"), value, ""
     )  # type: ignore[arg-type]
     assert outcome.held is held
