@@ -36,8 +36,8 @@ def provenance(seed: int, workers: int) -> dict[str, Any]:
     }
 
 
-REFERENCE_LOOPS = {"short": (1_000, 101), "long": (300_000, 3)}
-"""Steps of the reference computations, about 40 µs and 12 ms, and how often each is timed: load interrupts long work."""
+REFERENCE_LOOPS = {"short": (1_000, 101), "middle": (25_000, 15), "long": (300_000, 3)}
+"""Steps of the reference computations, about 40 µs, 1 ms and 12 ms, and how often each is timed: load interrupts long work."""
 
 
 def time_reference() -> dict[str, float | None]:

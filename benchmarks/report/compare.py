@@ -24,12 +24,12 @@ from optik.types import Array
 BETTER_VERDICT, WORSE_VERDICT, NOISE_VERDICT, MACHINE_VERDICT = "better", "worse", "within noise", "the machine"
 """Verdicts. The last is of a time whose change is that of the reference computation on the machine."""
 
-SHORT_WORK, SECONDS = 1e-3, {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
-"""Work that takes less [s] is compared with the short reference computation; and the units of times [s]."""
+WORK, SECONDS = {"short": 2e-4, "middle": 4e-3, "long": math.inf}, {"µs": 1e-6, "ms": 1e-3, "s": 1.0}
+"""Work that takes less [s] is compared with this reference computation; and the units of times [s]."""
 SAME_SPEED = 0.05
 """Relative difference of the reference computation in two runs that counts as the same speed of the machine."""
 
-CLOCK_NOISE = 0.1
+CLOCK_NOISE = 0.15
 """Relative change of a time that two runs of the same code on a shared machine show."""
 
 FALSE_ALARMS = 0.05
@@ -194,7 +194,8 @@ def _compare_machines(a: Run, b: Run, file: str) -> dict[str, MachineChange]:
         x, y = (np.array([one[name] for one in times]) for times in (before, after))
         ratio = float(np.median(y) / np.median(x))
         spread = max(float(np.diff(np.quantile(v, (0.1, 0.9)))[0] / np.median(v)) for v in (x, y))
-        found[name] = MachineChange(1.0 if abs(ratio - 1.0) <= max(SAME_SPEED, spread) else ratio, spread)
+        same = abs(ratio - 1.0) <= max(SAME_SPEED, spread)
+        found[name] = MachineChange(1.0, max(spread, abs(ratio - 1.0))) if same else MachineChange(ratio, spread)
     return found
 
 
@@ -223,7 +224,7 @@ def _difference(
     seconds = float(np.median(x)) * SECONDS.get(measure.unit, 1.0)
     if not measure.clock:
         return _values(measure, x, y, pairs, noise, 1.0)
-    loop, clock = "short" if seconds < SHORT_WORK else "long", "_cpu" if measure.clock == "cpu" else ""
+    loop, clock = next(name for name, most in WORK.items() if seconds < most), "_cpu" if measure.clock == "cpu" else ""
     machine = machines.get(loop + clock, MachineChange())
     return _values(measure, x, y, pairs, max(noise, machine.spread, CLOCK_NOISE), machine.ratio)
 
@@ -236,14 +237,14 @@ def _in_pairs(a: pl.DataFrame, b: pl.DataFrame, only: str) -> tuple[pl.DataFrame
 
 
 def _spread(column: str, measure: Field, rows: pl.DataFrame) -> float:
-    """Return half the relative spread of the rounds of a call: the median over all calls."""
+    """Return the relative spread of the rounds of a call: the median over all calls."""
     if not measure.rounds or not set(measure.rounds) <= set(rows.columns):
         return 0.0
     timed = rows.filter(pl.all_horizontal(pl.col(column, *measure.rounds) > 0))
     if timed.is_empty():
         return 0.0
     value, least, most = (timed[name].to_numpy().astype(float) for name in (column, *measure.rounds))
-    return float(np.median((most - least) / (2.0 * value)))
+    return float(np.median((most - least) / value))
 
 
 def _shares(measure: Field, x: Array, y: Array, pairs: int) -> tuple[Difference, bool]:
@@ -284,8 +285,8 @@ def _judged(d: Difference, measure: Field, p: float, apart: bool) -> Difference:
     change = d.change if d.machine == 1.0 else _percent((1.0 + d.change / 100.0) / d.machine)
     loss = change if measure.better == "less" else -change
     shown = apart if math.isnan(p) else p < FALSE_ALARMS
-    if d.machine != 1.0 and loss < 0.0 and (change * d.change <= 0.0 or abs(d.change) <= 100.0 * SAME_SPEED):
-        shown = False  # a machine that was slower makes no code faster
+    if d.machine != 1.0 and (change * d.change <= 0.0 or abs(d.change) <= d.noise):
+        shown = False  # load slows long work more than short: what only its reference shows is the machine
     if shown and abs(change) > d.noise and change != 0.0:
         verdict = WORSE_VERDICT if loss > 0 else BETTER_VERDICT
     else:

@@ -39,8 +39,8 @@ PART_SECONDS = 1800.0
 DEATHS = 2
 """Crashes in the same work after which it is not repeated: a single one may be a kill."""
 
-REFERENCE_SECONDS = 2.0
-"""Least time between two reference computations of a block [s]: they take 0.05 s."""
+REFERENCE_SECONDS = 1.0
+"""Least time between two reference computations of a block [s]: they take 0.06 s."""
 
 WAIT_SECONDS = 600.0
 """Longest wait for `compiled_aside` before timed work [s]; the main process compiles the remaining kernels."""
