@@ -18,6 +18,7 @@ from planners import Line, MotionLimits, Trajectory, load_motion, plan, save
 from planners.files import formats
 from planners.files.base import Format
 from planners.motion import Motion, get_motion
+from planners.ros.export import YAML_SUFFIXES
 from tests import oracles
 from tests.planners.cases import MOVE, START, moved, paper6r
 from tests.planners.motions import is_same, planned, readable_or_refused, small, write
@@ -29,6 +30,7 @@ each_format = pytest.mark.parametrize("suffix", SUFFIXES)
 
 def test_the_formats_are_found_by_their_names() -> None:
     assert set(formats()) >= {"csv", "json", "npz"}
+    assert not set(SUFFIXES) & set(YAML_SUFFIXES), "`planners.save` keeps these suffixes for messages of ROS"
     for name in formats():
         assert issubclass(load_method("planners.files", name, "file format"), Format)
 
