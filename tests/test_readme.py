@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -33,8 +34,10 @@ for page, code in json.load(sys.stdin).items():
 
 
 def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
-    """Blocks that begin with ``# NAME.py`` or ``# NAME.toml`` are files, which lie in the folder where the others run."""
+    """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
     pages = {}
+    for file in (ROOT / "examples").glob("*.*"):
+        shutil.copy(file, tmp_path)
     for page in sorted((ROOT / "docs").glob("*.md")):
         code = []
         for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
