@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 
-from optik.errors import NoSolution
 from planners import TimeLaw
 from planners.limits import DERIVATIVES
 from planners.motion.fit import fit_to_limits
@@ -29,16 +28,10 @@ class SlowMiddle(TimeLaw):
     def __init__(self, *, slowness=2.0):
         self.slowness = slowness
 
-    def run(self, joint_path, limits):
+    def _time(self, joint_path, limits):
         """Time the joint path."""
-        robot, bound = joint_path.robot, self.need(limits, joint_path.robot)
-        way = np.ptp(joint_path(joint_path.nodes), axis=0)
-        moves = way > 1e-9 * way.max()
-        if not any(np.isfinite(bound[field][moves]).any() for field in self.enforced):
-            moving = robot.joint_names[int(way.argmax())]
-            raise NoSolution("no joint that moves has a limit", advice=f"a limit for {moving}")
         shape = refit(joint_path, self._progress(joint_path))
-        return fit_to_limits(robot, shape, limits, self.enforced)  # scales the motion in time to the limits
+        return fit_to_limits(joint_path.robot, shape, limits, self.enforced)  # scales the motion in time to the limits
 
     def _progress(self, joint_path):
         """s(t) over one second: a minimum-jerk motion in the variable whose density is the time per distance."""

@@ -10,8 +10,9 @@ from optik.registry import names
 from tests.oracles import REPOSITORY
 
 EXAMPLES = {
-    "optik.ik": "jt.py", "planners.timing": "law.py", "planners.paths": "spiral.py", "planners.files": "tsv.py",
-    "planners.cell.drives": "lagging.py", "benchmarks.problems": "beside.py",
+    "optik.ik": "jt.py", "optik.robots": "arm.toml", "planners.timing": "law.py", "planners.limits": "weighted_speed.py",
+    "planners.paths": "spiral.py", "planners.freedom": "standoff.py", "planners.search": "prm.py", "planners.files": "tsv.py",
+    "planners.cell.drives": "lagging.py", "benchmarks.problems": "beside.py", "benchmarks.suites": "suite.toml",
     "benchmarks.peers.ik": "scipy_least_squares.py", "benchmarks.peers.laws": "scipy_spline.py",
 }  # fmt: skip
 """Files in ``examples/``, by their group."""

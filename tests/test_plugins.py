@@ -35,6 +35,8 @@ from optik.plugins import files, usage
 from planners.paths import path_of
 from tests import conftest
 from tests.oracles import REPOSITORY
+from tests.outside import EXAMPLES as EXAMPLE_OF
+from tests.planners import contacts
 from tests.planners.cases import START, default_joint_path, paper6r
 
 EXAMPLES = REPOSITORY / "examples"
@@ -184,7 +186,7 @@ def test_what_is_no_method_is_refused_by_what_it_must_be(tmp_path: Path, case: s
 
 
 def test_what_must_be_declared_is_named(tmp_path: Path) -> None:
-    text = "from planners import TimeLaw\nclass METHOD(TimeLaw):\n    def run(self, joint_path, limits): ...\n"
+    text = "from planners import TimeLaw\nclass METHOD(TimeLaw):\n    def _time(self, joint_path, limits): ...\n"
     with pytest.raises(
         InvalidInput, match=r"a subclass of planners\.timing\.TimeLaw that defines them; got METHOD without enforced"
     ):
@@ -211,7 +213,10 @@ def test_a_file_whose_suffix_was_forgotten_is_offered(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ("planners.timings=./law.py", "no group 'planners.timings'; there are: optik.ik, planners.timing"),
+        (
+            "planners.timings=./law.py",
+            "no group 'planners.timings'; there are: optik.ik, optik.robots, planners.timing",
+        ),
         ("planners.timing=./none.py", "no such file: ./none.py"),
         ("./law.py", "expected GROUP=PATH"),
     ],
@@ -729,9 +734,52 @@ def test_where_no_code_may_run_none_does(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- examples
+def test_every_kind_of_plug_in_has_an_example_that_the_map_names() -> None:
+    missing = sorted({*registry.GROUPS} - {*EXAMPLE_OF, "benchmarks.blocks"})
+    assert not missing, f"no example for {', '.join(missing)}: add one to examples/ and to tests/outside.py"
+    pages = {
+        name: (REPOSITORY / "docs" / name).read_text(encoding="utf-8") for name in ("architecture.md", "extending.md")
+    }
+    for name in EXAMPLE_OF.values():
+        assert (EXAMPLES / name).is_file()
+        assert [page for page, text in pages.items() if f"examples/{name}" not in text] == [], name
+
+
+def test_the_freedom_of_the_example_is_used_within_its_range() -> None:
+    arm, standoff = paper6r(), {str(EXAMPLES / "standoff.py"): (-0.02, 0.01)}
+    start = arm.fk(START)
+    line = planners.Line(start, start @ optik.se3.pose(np.eye(3), [0.1, 0.05, 0.0]))
+    limits = planners.MotionLimits(2.0, 10.0, 100.0)
+    plan = planners.plan(arm, planners.free(line, **standoff), START, limits=limits)
+    assert plan and plan.freedom is not None and plan.freedom.gain > 0.0
+    (found,) = plan.freedom.ranges
+    assert (found.name, found.unit, found.allowed) == ("standoff", "m", (-0.02, 0.01))
+    seen = np.linalg.inv(start) @ arm.fk(
+        plan.trajectory(np.linspace(0.0, plan.trajectory.end, 200))
+    )  # in the tool's frame
+    np.testing.assert_allclose(seen[:, :3, :3], np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-5)
+    np.testing.assert_allclose(seen[:, 0, 3], 2.0 * seen[:, 1, 3], atol=1e-5)
+    assert np.ptp(seen[:, 2, 3]) > 0.005 and seen[:, 2, 3].min() > -0.02001 and seen[:, 2, 3].max() < 0.01001
+
+
+def test_the_search_of_the_example_finds_the_same_proved_path_again() -> None:
+    arm, rest, turn = optik.load("panda"), contacts.REST, np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    scene = optik.Scene(boxes=[(contacts.pose((0.5, 0.0, 0.45)), (0.5, 0.02, 0.7))], margin=0.005)
+    first, again = (
+        planners.find_path(arm, rest - turn, rest + turn, scene=scene, search=EXAMPLES / "prm.py", paths=1)
+        for _ in range(2)
+    )
+    assert first and len(first.vertices) > 2
+    np.testing.assert_array_equal(first.vertices, again.vertices)
+    closed = optik.Scene(boxes=[(contacts.pose((0.0, 0.0, 0.45)), (3.0, 0.02, 3.0))])
+    assert not planners.find_path(
+        arm, rest - turn, rest + turn, scene=closed, search=EXAMPLES / "prm.py", max_samples=50
+    )
+
+
 def test_every_example_says_what_it_is_and_how_to_try_it() -> None:
     found = [file for file in sorted(EXAMPLES.glob("*.py")) if "METHOD" in file.read_text(encoding="utf-8")]
-    assert len(found) >= 7
+    assert {file.name for file in found} == {name for name in EXAMPLE_OF.values() if name.endswith(".py")}
     for file in found:
         docstring = ast.get_docstring(ast.parse(file.read_text()))
         assert docstring and "in one file" in docstring.splitlines()[0]

@@ -3,9 +3,15 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from optik.registry import own_names
+from planners.limits import ALL_LIMITS
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -28,8 +34,10 @@ for page, code in json.load(sys.stdin).items():
 
 
 def test_the_python_of_the_docs_runs(tmp_path: Path) -> None:
-    """Blocks that begin with ``# NAME.py`` or ``# NAME.toml`` are files, which lie in the folder where the others run."""
+    """The others run beside the examples and the blocks that begin with ``# NAME.py`` or ``# NAME.toml``, which are files."""
     pages = {}
+    for file in (ROOT / "examples").glob("*.*"):
+        shutil.copy(file, tmp_path)
     for page in sorted((ROOT / "docs").glob("*.md")):
         code = []
         for block in re.findall(r"```(?:python|toml)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S):
@@ -57,6 +65,31 @@ def test_every_file_that_the_readme_and_the_docs_link_to_exists() -> None:
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / link).is_file(), f"{page.name} links to {link}"
+
+
+LISTED = {
+    "optik.ik": ("docs/inverse_kinematics.md", r"`{}`"),
+    "planners.timing": ("docs/planning.md", r"^\| `{}` \|"),
+    "planners.limits": ("docs/planning.md", r"^\| `{}` \|"),
+    "planners.files": ("docs/files.md", r"^\| `\.{}` \|"),
+    "benchmarks.problems": ("docs/suites.md", r"`{}`"),
+}
+"""Where the documentation lists the files of a folder, and how a line names one."""
+
+
+@pytest.mark.parametrize("group", LISTED)
+def test_every_file_of_a_folder_is_on_the_page_that_lists_them(group: str) -> None:
+    page, line = LISTED[group]
+    text, names = (ROOT / page).read_text(encoding="utf-8"), own_names(group)
+    names |= set(ALL_LIMITS) if group == "planners.limits" else set()
+    missing = [name for name in sorted(names) if not re.search(line.format(name), text, re.MULTILINE)]
+    assert not missing, f"{page} does not list {', '.join(missing)} of {group}: add a line like those of the others"
+
+
+def test_the_readme_names_every_time_law() -> None:
+    (row,) = re.findall(r"^\| time laws \|.*", TEXT, re.MULTILINE)
+    missing = [name for name in sorted(own_names("planners.timing")) if f"`{name}`" not in row]
+    assert not missing, f"README.md, in the row of the time laws: add {', '.join(missing)}"
 
 
 def test_the_make_targets_that_the_readme_names_exist() -> None:

@@ -15,6 +15,7 @@ from rich.table import Column, Table
 
 from benchmarks.cli.command import JsonCommand, RobotCommand, argument, load_or_error, option, out_console, print_json
 from optik.errors import InvalidInput, OutputError
+from optik.file_io import check_suffix
 from optik.plugins.files import is_path, split_links
 from optik.plugins.usage import record_plugins
 
@@ -101,8 +102,7 @@ class NewCommand(RobotCommand):
     def run(self) -> None:
         """Write the suite."""
         file = self.file
-        if file.suffix.lower() != ".toml":
-            raise InvalidInput("FILE", file, "a name that ends in .toml")
+        check_suffix(file, (".toml",), "FILE")
         arm = self.load()
         text = _suite_text(file, self._name_robot(), arm.name, arm.n)
         try:

@@ -24,9 +24,11 @@ from benchmarks.cli.command import (
     read_numbers,
     translate,
 )
+from benchmarks.cli.motion import DRIVE_HELP, check_simulated
 from optik.check import check_count
 from optik.errors import InvalidInput, NoSolution
-from optik.file_io import write_atomically
+from optik.file_io import check_suffix, write_atomically
+from optik.registry import short_name
 
 if TYPE_CHECKING:
     from planners.cell import Outcome, PanTiltLaser
@@ -52,7 +54,9 @@ class CellCommand(MotionCommand):
     spot: str = numbers(
         "Task", "True position of the spot: x,y,z in the base frame [m]; by default the end of the paper's line.", ""
     )
-    drive: str = option("Task", "ideal or mujoco; by default mujoco if it is installed, else ideal.", "")
+    drive: str = option(
+        "Task", f"{DRIVE_HELP}, that is simulated; by default mujoco if it is installed, else ideal.", ""
+    )
     corrections: int = option("Task", "Number of correction passes, each with new readings.", 0)
     readings: int = option("Task", "Readings of the spot, and of the tool for each correction.", 1)
     # The default is a unit with 13-bit encoders and a range finder of its class.
@@ -71,8 +75,7 @@ class CellCommand(MotionCommand):
         from planners.timing import make_law
 
         check_count(self.seed, "--seed", 0)
-        if self.out.suffix.lower() != ".html":
-            raise InvalidInput("--out", self.out, "a name that ends in .html")
+        check_suffix(self.out, (".html",), "--out")
         law, start, (drive, why) = make_law(self.timing), self.load_start(), choose_drive(self.drive)
         arm = start.arm
         point = np.array(read_numbers(self.spot, "--spot", 3)) if self.spot else arm.fk(start.q)[:3, 3] + WAY
@@ -155,19 +158,9 @@ def displace_laser(laser: PanTiltLaser, away: list[float], seed: int) -> PanTilt
 
 def choose_drive(typed: str) -> tuple[str, str]:
     """Return the drive's name, and a phrase that describes it."""
-    simulated = {
-        "ideal": "on the ideal drive, which follows its set-points exactly",
-        "mujoco": "on the simulated arm in MuJoCo",
-    }
-    if typed:
-        if typed not in simulated:
-            raise InvalidInput(
-                "--drive", repr(typed), "ideal or mujoco", advice="this command moves simulated arms only"
-            )
-        return typed, simulated[typed]
-    if find_spec("mujoco") is not None:
-        return "mujoco", simulated["mujoco"]
-    return "ideal", simulated["ideal"] + "; for MuJoCo: pip install 'optik-toolkit[sim]'"
+    drive = typed or ("mujoco" if find_spec("mujoco") else "ideal")
+    advice = "" if typed or drive == "mujoco" else "; for MuJoCo: pip install 'optik-toolkit[sim]'"
+    return check_simulated(drive), f"on the simulated drive {short_name(drive)}{advice}"
 
 
 # ---------------------------------------------------------------- what it says

@@ -67,12 +67,13 @@ def print_certificate(plan: Any) -> None:
     from planners.limits import ALL_LIMITS, DERIVATIVES
 
     proof, off = plan.certificate, plan.certificate.path_error
+    limits = (*ALL_LIMITS, *proof.extra)
     title = f"{plan.law}: {proof.duration:.4f} s"
     if plan.path is not None:
         way = f"{1e3 * plan.path.end:.1f} mm" if plan.path.unit == "m" else f"{np.degrees(plan.path.end):.4g}°"
         title = f"{plan.solver} + {plan.law}: {way} in {proof.duration:.4f} s"
     table = Table("", "peak / limit", "joint", "time, s", "enforced", title=title)
-    for field in ALL_LIMITS:
+    for field in limits:
         ratio, joint, t = proof.worst(field)
         name, required = field.replace("_", " "), "yes" if field in proof.enforced else "no"
         if not np.isnan(ratio):
@@ -96,7 +97,7 @@ def print_certificate(plan: Any) -> None:
     if plan.slowed > 1.0:
         stretch = 100.0 * (plan.slowed - 1.0)
         out_console.print(f"duration stretched by {stretch:.3g} % to meet the limits")
-    beyond = [f for f in ALL_LIMITS if f not in proof.enforced and proof.worst(f)[0] > 1.0]
+    beyond = [f for f in limits if f not in proof.enforced and proof.worst(f)[0] > 1.0]
     if beyond:
         words = ", ".join(f"{f.replace('_', ' ')} {format_excess(proof.worst(f)[0])}" for f in beyond)
         out_console.print(f"exceeded, since not enforced by {plan.law}: {words}", style="yellow")

@@ -32,6 +32,11 @@ NUMBERS, Q_DEG = "NUMBERS", "Q_DEG"
 
 LIMIT_EXAMPLES = {"velocity": 1, "acceleration": 10, "jerk": 50}
 """Limits that hold for every joint, with examples for messages."""
+LIMIT_HELP = (
+    f"Further limit, repeatable: {''.join(f'{name}, ' for name in names('planners.limits'))}or a file, ./weighted_speed.py=3; "
+    "one number, or one for each joint, in the limit's units."
+)
+"""Help of ``--limit``."""
 
 TRANSLATED = "allow|branch|columns|gravity|ignore|rotation_speed|start|timing|tool_speed|unit|unwrap"
 """Arguments of the library, in messages, that are options of the same name."""
@@ -242,10 +247,13 @@ class LimitsCommand(RobotCommand):
         "Limits", "Acceleration limit of every joint [rad/s², prismatic m/s²]; by default the robot's."
     )
     jerk: float | None = option("Limits", "Jerk limit of every joint [rad/s³, prismatic m/s³]; by default the robot's.")
+    limit: list[str] | None = option("Limits", LIMIT_HELP, metavar="NAME=NUMBERS")
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the typed limits by name."""
-        return {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
+        typed = {name: getattr(self, name) for name in LIMIT_EXAMPLES if getattr(self, name) is not None}
+        pairs = (text.rpartition("=") for text in self.limit or ())
+        return typed | {"extra": {name: read_bound(value, "--limit") for name, _, value in pairs}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,11 +277,9 @@ class MotionCommand(LimitsCommand, StartCommand):
         from planners import MotionLimits
 
         limits = MotionLimits.of(arm, **self.read_typed_limits(arm))
-        by_torque = law.counts_torque and limits.torque is not None  # then the acceleration may be free
-        for name, example in LIMIT_EXAMPLES.items():
-            if name in law.enforced and limits.value(name) is None and not (name == "acceleration" and by_torque):
-                expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {example}"
-                raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
+        for name in law.list_missing(limits, arm):
+            expected, advice = f"a limit for {short_name(self.timing)}", f"for example --{name} {LIMIT_EXAMPLES[name]}"
+            raise InvalidInput(f"--{name}", f"none, and {arm.name} has none of its own", expected, advice=advice)
         return limits
 
 
@@ -310,6 +316,12 @@ def read_numbers(text: str, name: str, *counts: int, what: str = "numbers") -> l
     if not values or (counts and len(values) not in counts):
         raise InvalidInput(name, f"{text!r}, {len(values)} number{'s' * (len(values) != 1)}", expected)
     return values
+
+
+def read_bound(text: str, name: str) -> Any:
+    """Read the bound of a limit: one number, or several as a list."""
+    values = read_numbers(text, name)
+    return values if len(values) > 1 else values[0]
 
 
 def read_held(texts: list[str] | None) -> dict[str, float] | None:

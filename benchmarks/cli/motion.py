@@ -30,7 +30,7 @@ from benchmarks.cli.command import (
     read_configuration,
     translate,
 )  # fmt: skip
-from benchmarks.cli.plan import SceneCommand
+from benchmarks.cli.plan import MOTION_SUFFIXES, SceneCommand
 from optik.arm.model import unit_factors, unit_names
 from optik.errors import InvalidInput, NoSolution
 from optik.file_io import write_atomically
@@ -41,8 +41,11 @@ if TYPE_CHECKING:
     from planners.cell.drives.base import Execution
     from planners.cell.view.show import Show
 
-STORED_MOTION = "a motion that `optik plan … --out FILE` wrote: .json, .npz or .csv"
+STORED_MOTION = f"a motion that `optik plan … --out FILE` wrote: {MOTION_SUFFIXES}"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
+
+DRIVE_HELP = f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file, ./lagging.py"
+"""Begin of the help of options that name a drive."""
 
 ROS_PANEL = "With --on ros"
 """Panel of the help."""
@@ -101,10 +104,8 @@ class DriveCommand(JsonCommand):
     refused.
     """
 
-    plan: Path = argument("PLAN", "A motion that `optik plan --out` wrote: .json, .npz or .csv.")
-    on: str = option(
-        "Options", f"Drive, one of: {', '.join(names('planners.cell.drives'))}; or a file: ./drive.py.", "ideal"
-    )
+    plan: Path = argument("PLAN", f"A{STORED_MOTION[1:]}.")
+    on: str = option("Options", f"{DRIVE_HELP}.", "ideal")
     execute: bool = option("Options", "Send the motion; with --on ros, THE ARM MOVES.", False, "--execute")
     stop: float | None = option("Options", "Time at which to stop on the path [s].")
     solver: str = option("Options", "IK method with which the motion was planned.", "lm")
@@ -291,21 +292,28 @@ class ViewCommand(Command):
         "PLAN", "A file written by `optik plan … --out` or `--out-failed`, or by `optik drive … --out`."
     )
     html: Path | None = option("Options", "Write the page to FILE.html, and do not open it.")
-    drive: str | None = option("Options", "Also execute the motion on a simulated drive: ideal or mujoco.")
+    drive: str | None = option("Options", "Also execute the motion on a simulated drive.")
 
     def run(self) -> None:
         """Write the page, and open it."""
         from planners.cell.view.page import PAGE_SUFFIXES, write_page
 
         html, drive = self.html, self.drive
-        if drive is not None and not getattr(load_method("planners.cell.drives", drive, "drive"), "simulated", False):
-            raise InvalidInput("--drive", f"{drive}, which moves a real arm", "a simulated drive: ideal or mujoco")
+        if drive is not None:
+            check_simulated(drive)
         if html is not None and html.suffix.lower() not in PAGE_SUFFIXES:  # before a drive takes its time
             raise InvalidInput("--html", html, f"a name that ends in {' or '.join(PAGE_SUFFIXES)}")
         page = html or self.plan.with_suffix(".html")
         write_page(_make_show(_read_recording(self.plan, drive), drive), page)
         opened = html is None and webbrowser.open(page.absolute().as_uri())
         out_console.print(f"written to {page}{'' if opened else ': open it in a browser'}", soft_wrap=True)
+
+
+def check_simulated(drive: str) -> str:
+    """Return the name of a drive; raise InvalidInput if it moves a real arm."""
+    if not getattr(load_method("planners.cell.drives", drive, "drive"), "simulated", False):
+        raise InvalidInput("--drive", f"{drive}, which moves a real arm", "a simulated drive")
+    return drive
 
 
 def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:

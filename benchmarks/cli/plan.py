@@ -25,6 +25,7 @@ from benchmarks.cli.command import (
     out_console,
     print_json,
     read_allowed,
+    read_bound,
     read_numbers,
 )
 from optik.arm.model import unit_factors
@@ -32,7 +33,7 @@ from optik.check import check_number
 from optik.errors import InvalidInput
 from optik.file_io import write_atomically
 from optik.plugins.files import is_path, split_links
-from optik.registry import load_method, names
+from optik.registry import names
 from optik.types import Array
 
 if TYPE_CHECKING:
@@ -40,10 +41,8 @@ if TYPE_CHECKING:
 
 SILENT_START = 1e-4
 """Largest difference [rad, m] between the given start and that of the motion for which no line is printed."""
-ROS_SUFFIXES = (".yaml", ".yml")
-"""Suffixes of ROS messages."""
-FILES = (*(f".{name}" for name in names("planners.files")), *ROS_SUFFIXES)
-"""Suffixes of files that a plan can be written to without ``--format``."""
+MOTION_SUFFIXES = ", ".join(f".{name}" for name in names("planners.files"))
+"""Suffixes of motions in files, for messages."""
 
 AVOID_HELP = (
     "Search a way around the obstacles of --scene, for joints, ptp, and paths of the tool with --free. Path and timing are "
@@ -116,9 +115,11 @@ class PlanCommand(MotionCommand, SceneCommand):
     )
     allow: list[str] | None = option("Limits", ALLOW_HELP)
     avoid: bool = option("Scene", AVOID_HELP, False, "--avoid")
-    out: Path | None = option("Output", "File for the motion: .json, .npz, .csv, or .yaml for ROS.")
+    out: Path | None = option("Output", f"File for the motion: {MOTION_SUFFIXES}, or .yaml for ROS.")
     out_failed: Path | None = option("Output", "File for a failed plan, FILE.json, for `optik view`; drives refuse it.")
-    rate: float | None = option("Output", "Points per second in --out FILE.yaml or .csv; by default one at each knot.")
+    rate: float | None = option(
+        "Output", "Points per second in --out FILE.yaml, FILE.csv and others with points; by default one at each knot."
+    )
     format: str | None = option(
         "Output", f"File format of --out, one of: {', '.join(names('planners.files'))}; or a file: ./tsv.py."
     )
@@ -138,9 +139,8 @@ class PlanCommand(MotionCommand, SceneCommand):
         from planners.certificate.violation import LIMIT_WORDS, words_for
 
         start = self.load_start()
-        self._check_avoid()
+        self._check()
         path = self.make_path(start)
-        self._check_out()
         allow, law, arm = read_allowed(self.allow), planners.make_law(self.timing), start.arm
         plan = planners.plan(
             arm, path, start.q, solver=self.solver, timing=law, limits=self.read_limits(arm, law), samples=self.samples,
@@ -151,10 +151,7 @@ class PlanCommand(MotionCommand, SceneCommand):
         refused = find_forbidden(plan.certificate, allow) if plan.has_motion else ()
         valid = plan.has_motion and not refused
         if valid and self.out is not None:
-            if self.out.suffix.lower() in ROS_SUFFIXES and self.format is None:
-                planners.to_ros(plan, self.out, rate=self.rate, allow=allow)
-            else:
-                plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
+            plan.save(self.out, format=self.format, rate=self.rate, allow=allow)
         if not valid and self.out_failed is not None:
             _write_failed(plan, self.out_failed)
         begin = plan.trajectory(0.0) if plan.has_motion else start.q
@@ -187,43 +184,51 @@ class PlanCommand(MotionCommand, SceneCommand):
             if not is_path(name) or not path.lower().endswith((".urdf", ".xml")):
                 raise InvalidInput("--package-dir", f"{name}, which is not a URDF", "a robot from a URDF")
             name = f"{path}#{links}{'&' if links else ''}packages={self.package_dir}"
-        arm = super().load(name)
-        return arm if self.payload is None else _add_payload(arm, self.payload)
+        arm, payload = super().load(name), self.payload
+        if payload is None:
+            return arm
+        if arm.inertia is None:
+            raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
+        try:
+            return arm.with_payload(read_bound(payload.replace(":", ","), "--payload"))
+        except InvalidInput as error:
+            raise InvalidInput("--payload", f"{payload!r}: {error.got}", MASS) from None
 
     def read_typed_limits(self, arm: optik.Robot) -> dict[str, Any]:
         """Return the typed limits by name."""
         typed = super().read_typed_limits(arm)
         for name in ("tool_speed", "rotation_speed"):
             if (text := getattr(self, name)) is not None:
-                typed[name] = _unpack_one(read_numbers(text, f"--{name.replace('_', '-')}"))
+                typed[name] = read_bound(text, f"--{name.replace('_', '-')}")
         for name in TORQUE_UNITS:
             if (text := getattr(self, name)) is not None:
                 typed |= _read_torque_limit(arm, name, text)
         return typed
 
-    def _check_out(self) -> None:
-        """Check before planning that the motion can be written in the requested format."""
-        out, rate = self.out, self.rate
-        if self.out_failed is not None and self.out_failed.suffix.lower() != ".json":
-            raise InvalidInput("--out-failed", self.out_failed, "a name that ends in .json")
-        if rate is not None:
-            check_number(rate, "--rate", "points per second, above 0", above=0.0)
-            if out is None or out.suffix.lower() not in (*ROS_SUFFIXES, ".csv"):
-                came = f"{rate:g} {f'with --out {out}' if out else 'without --out'}"
-                raise InvalidInput("--rate", came, "a file of points", advice="add --out FILE.yaml or --out FILE.csv")
-        if self.format is not None:
-            if out is None:
-                raise InvalidInput("--format", f"{self.format} without --out", "a file", advice="add --out FILE")
-            load_method("planners.files", self.format, "file format")
-        elif out is not None and out.suffix.lower() not in FILES:
-            advice = "for another name add --format"
-            raise InvalidInput("--out", out, f"a name that ends in {', '.join(FILES)}", advice=advice)
+    def _check(self) -> None:
+        """Check before planning that options fit together, and that the motion can be written in the requested format."""
+        from planners.files import check_output
 
-    def _check_avoid(self) -> None:
-        """Check that there is something to avoid."""
         if self.avoid and self.scene is None:
             advice = "add --scene FILE, or --scene self to avoid contact between links"
             raise InvalidInput("--avoid", "no --scene", "a scene", advice=advice)
+        if self.out_failed is not None and self.out_failed.suffix.lower() != ".json":
+            raise InvalidInput("--out-failed", self.out_failed, "a name that ends in .json")
+        if self.rate is not None:
+            check_number(self.rate, "--rate", "points per second, above 0", above=0.0)
+        for name, value in (("--rate", self.rate), ("--format", self.format)):
+            if value is not None and self.out is None:
+                raise InvalidInput(name, f"{value} without --out", "a file", advice="add --out FILE")
+        try:
+            if self.out is not None:
+                check_output(self.out, format=self.format, rate=self.rate)
+        except InvalidInput as error:
+            if error.argument == "options":
+                came, advice = f"{self.rate:g} with --out {self.out}", "add --out FILE.yaml or --out FILE.csv"
+                raise InvalidInput("--rate", came, "a file of points", advice=advice) from None
+            if error.argument != "file":
+                raise
+            raise InvalidInput("--out", error.got, error.expected, advice="for another name add --format") from None
 
 
 def choose_branch(start: Start, path: Any) -> str:
@@ -246,11 +251,6 @@ def _write_failed(plan: planners.Plan, file: Path) -> None:
     err_console.print(f"failed plan written to {file}; to see it: optik view {file}", soft_wrap=True)
 
 
-def _unpack_one(values: list[float]) -> Any:
-    """Return several numbers as they are, and one as itself."""
-    return values if len(values) > 1 else values[0]
-
-
 def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any]:
     """Return a typed limit on torques or torque rates by its name; nothing for the robot's own."""
     name, unit = f"--{field.replace('_', '-')}", TORQUE_UNITS[field]
@@ -270,20 +270,4 @@ def _read_torque_limit(arm: optik.Robot, field: str, text: str) -> dict[str, Any
         raise InvalidInput(name, repr(text), f"robot, none, one number or {arm.n} numbers {unit}")
     if arm.inertia is None:
         raise InvalidInput(name, f"{text} for {arm.name}, whose masses are unknown", "an arm with masses, or none")
-    return {field: _unpack_one(values)}
-
-
-def _add_payload(arm: optik.Robot, payload: str) -> optik.Robot:
-    """Return the arm with the typed payload."""
-    try:
-        masses = [float(part) for part in payload.split(":")]
-    except ValueError:
-        masses = []
-    if len(masses) not in (1, 2):
-        raise InvalidInput("--payload", repr(payload), MASS)
-    if arm.inertia is None:
-        raise InvalidInput("--payload", f"{payload} on {arm.name}, whose masses are unknown", "an arm with masses")
-    try:
-        return arm.with_payload(masses[0] if len(masses) == 1 else (masses[0], masses[1]))
-    except InvalidInput as error:
-        raise InvalidInput("--payload", error.got, error.expected) from None
+    return {field: values if len(values) > 1 else values[0]}

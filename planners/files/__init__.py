@@ -1,4 +1,4 @@
-"""Motion files: one module for each format, found by the file's suffix or by its name."""
+"""Motion files: one module for each format, found by the file's suffix or by its name; YAML is for messages of ROS."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from optik.registry import build_method, names
 from planners.certificate.violation import Allow
 from planners.files.base import Format
 from planners.motion import HasMotion, Motion, get_motion
+from planners.ros.export import YAML_SUFFIXES, to_ros
 
-__all__ = ["Format", "formats", "load_motion", "save"]
+__all__ = ["Format", "check_output", "formats", "load_motion", "save"]
 
 
 def formats() -> tuple[str, ...]:
@@ -31,19 +32,18 @@ def save(
     """Write a valid motion to a file, atomically, in the format of its suffix or in a named one.
 
     Every format holds the arm, the path, the limits, the law's name, the limits that the motion must respect, and the exact
-    polynomials. The motion is certified before it is written.
+    polynomials. The motion is certified before it is written. In ``.yaml`` and ``.yml`` it is the message of `to_ros`.
 
     Parameters
     ----------
     motion : Motion or Plan
         The motion to write.
     file : str or path
-        ``.npz``: arrays ``knots`` and ``coefficients``, the rest as JSON in ``header``. ``.json``: one key a line.
-        ``.csv``: the same lines as comments, then a table of t, q, q̇, q̈ at the knots.
+        Its suffix is the name of a format, one of `planners.files.formats`, or that of a message.
     format : str or path, optional
         Name of the format, or a Python file such as ``"./tsv.py"``, which is run; by default the suffix is the name.
     rate : float, optional
-        Points per second [1/s] in the table of a CSV; by default points at the knots.
+        Points per second [1/s] of a format with points, such as CSV, and of a message; by default points at the knots.
     allow : str or several
         Violations to permit: ``"contact"``, ``"path"``, ``"limits"``, ``"jerk"``, ``"coverage"``, ``"not_proved"``. With all
         of them the motion is not certified.
@@ -53,7 +53,7 @@ def save(
     InvalidMotion
         The motion has a violation that ``allow`` does not permit. The error states its size, where it is, and the word.
     InvalidInput
-        A suffix that is not a format, or a rate for a format without a table.
+        A suffix that is not a format, or a rate for a format without points.
     UnknownName
         No format has that name.
     MissingDependency
@@ -63,10 +63,23 @@ def save(
     OutputError
         The file cannot be written.
     """
-    chosen, motion = _format(file, format, **({} if rate is None else {"rate": rate})), get_motion(motion)
+    chosen, motion = check_output(file, format=format, rate=rate), get_motion(motion)
+    if chosen is None:
+        to_ros(motion, file, rate=rate, allow=allow)
+        return
     motion.check_valid(allow)
     content = chosen.to_bytes(motion)
     write_atomically(file, lambda part: part.write_bytes(content))
+
+
+def check_output(
+    file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None, rate: float | None = None
+) -> Format | None:
+    """Return the format in which `save` writes a file, None for a message of ROS; raise InvalidInput if there is none."""
+    known = (*(f".{name}" for name in formats()), *YAML_SUFFIXES)
+    if format is None and check_suffix(file, known) in YAML_SUFFIXES:
+        return None
+    return _format(file, format, **({} if rate is None else {"rate": rate}))
 
 
 def load_motion(file: str | os.PathLike[str], *, format: str | os.PathLike[str] | None = None) -> Motion:
@@ -109,7 +122,5 @@ def _format(file: str | os.PathLike[str], name: str | os.PathLike[str] | None, *
         name = check_suffix(file, tuple(f".{known}" for known in formats()))[1:]
     elif not isinstance(file, str | os.PathLike):
         raise InvalidInput("file", repr(file)[:120], "a path")
-    built = build_method("planners.files", name, "file format", **options)
-    if not isinstance(built, Format):
-        raise InvalidInput("format", repr(built)[:60], "the name of a Format")
+    built: Format = build_method("planners.files", name, "file format", **options)
     return built

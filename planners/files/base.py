@@ -38,28 +38,7 @@ class Format(ABC):
     A format is one module with a subclass of `Format` that has two methods, and the line ``METHOD = <the class>``. The name
     of the module is the name of the format and the suffix of its files: ``npz.py`` reads and writes ``.npz``. A file with
     another suffix needs ``format=``; a second suffix of the same format is a second module that imports the class and says
-    ``METHOD = <the class>`` again. A whole format, in a file ``packed.py``::
-
-        import json
-        import zlib
-
-        from optik.errors import InvalidInput
-        from planners.files.base import Format, from_plain, to_plain
-
-
-        class Packed(Format):
-            def to_bytes(self, motion):
-                return zlib.compress(json.dumps(to_plain(motion)).encode())
-
-            def from_bytes(self, content):
-                try:
-                    data = json.loads(zlib.decompress(content))
-                except (zlib.error, ValueError) as error:
-                    raise InvalidInput("content", str(error)[:120], "compressed JSON") from None
-                return from_plain(data)
-
-
-        METHOD = Packed
+    ``METHOD = <the class>`` again. ``examples/tsv.py`` is a whole format.
     """
 
     @abstractmethod

@@ -28,7 +28,7 @@ class Csv(Format):
         Points per second in the table [1/s], the last one at the end of the motion; by default points at the knots.
     """
 
-    def __init__(self, rate: float | None = None) -> None:
+    def __init__(self, *, rate: float | None = None) -> None:
         self._rate = rate if rate is None else check_number(rate, "rate", "points per second, above 0", above=0.0)
 
     def to_bytes(self, motion: Motion) -> bytes:

@@ -19,12 +19,12 @@ from optik.file_io import check_suffix, decode_text, read_bytes
 from optik.tables import Names, TextTable, read_names, read_table, warn_of_assumptions
 from optik.types import Array
 from planners.paths.goal import find_continuous
-from planners.ros.export import JointNames, find_columns
+from planners.ros.export import MESSAGE_SUFFIXES, JointNames, find_columns
 from planners.ros.message import POINT_FIELDS, Form, MessagePoints, from_text, read_points
 from planners.trajectory import Trajectory
 from planners.trajectory.controller import INTERPOLATIONS, trajectory_through
 
-READ_SUFFIXES = (".csv", ".json", ".yaml", ".yml")
+READ_SUFFIXES = (".csv", *MESSAGE_SUFFIXES)
 """Suffixes of the files that can be read."""
 WRAPPED = ("joint_trajectory", "trajectory")
 """Keys under which messages hold a JointTrajectory: RobotTrajectory and DisplayTrajectory of moveit_msgs, and goals."""

@@ -1,7 +1,7 @@
 """Limits of a motion: the bound of each kind, its rows in time laws, its judgement and its key in files."""
 
 from planners.limits.base import Limit, ratio_to_limit, scale_of, sides, symmetric_bound
-from planners.limits.inputs import Extreme, LimitedMotion, PathPoints, ToolExtreme
+from planners.limits.inputs import Extreme, PathPoints, ToolExtreme
 from planners.limits.kinds import (
     ALL_LIMITS,
     DERIVATIVES,
@@ -9,9 +9,9 @@ from planners.limits.kinds import (
     LOADED,
     TOOL_SPEEDS,
     DerivativeLimit,
-    ToolSpeedLimit,
     check_names,
     kind_of,
+    limit_names,
     register,
 )
 from planners.limits.motion_limits import (
@@ -35,15 +35,14 @@ __all__ = [
     "DerivativeLimit",
     "Extreme",
     "Limit",
-    "LimitedMotion",
     "MotionLimits",
     "PathPoints",
     "ToolExtreme",
-    "ToolSpeedLimit",
     "check_names",
     "check_path",
     "find_tool_limit_changes",
     "kind_of",
+    "limit_names",
     "ratio_to_limit",
     "register",
     "scale_of",

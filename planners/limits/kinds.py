@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from optik.arm.inertia import Load
 from optik.arm.limits import check_positive
 from optik.arm.plain import read_numbers
 from optik.errors import InvalidInput, UnknownName
+from optik.plugins.files import is_path
 from optik.registry import build_method, names
 from optik.types import Array, Flags
 from planners.limits.base import Limit, middle_and_half, ratio_to_limit, scale_of, sides, symmetric_bound
@@ -385,46 +385,43 @@ LOADED = tuple(kind.name for kind in FIELD_LIMITS if isinstance(kind, LoadedLimi
 _BY_NAME = {kind.name: kind for kind in FIELD_LIMITS}
 """Limits that are fields of `MotionLimits`, by name."""
 _ADDED: dict[str, Limit] = {}
-"""Limits that `register` added in this process, by name."""
+"""Further limits that this process has used, by name: of files in the folder, of others, and those of `register`."""
 
 
 def register(kind: Limit) -> None:
     """Register a kind of limit by its name for ``MotionLimits(extra=...)`` and motion files, in this process."""
     if not isinstance(kind, Limit):
         raise InvalidInput("kind", repr(kind)[:60], "a Limit")
-    taken = kind.name in (*ALL_LIMITS, *names(FOLDER)) or type(_ADDED.get(kind.name, kind)) is not type(kind)
-    if taken:
+    if kind.name in (*ALL_LIMITS, *names(FOLDER)) or type(_ADDED.get(kind.name, kind)) is not type(kind):
         raise InvalidInput("kind", f"the name {kind.name!r}", "a name that no other limit has")
     _ADDED[kind.name] = kind
 
 
-def is_known(name: object) -> bool:
-    """Return whether there is a limit of a name."""
-    return name in _BY_NAME or name in _ADDED or name in names(FOLDER)
+def limit_names() -> tuple[str, ...]:
+    """Return the names of all limits: arguments of `MotionLimits`, files of this folder, and others used in this process."""
+    return tuple(dict.fromkeys((*ALL_LIMITS, *names(FOLDER), *_ADDED)))
 
 
 def check_names(names: object, argument: str) -> tuple[str, ...]:
     """Check that a tuple consists of names of limits, and return it."""
-    expected = f"a tuple of names of limits, out of {', '.join((*ALL_LIMITS, *_ADDED))}"
-    if not isinstance(names, tuple):
-        raise InvalidInput(argument, repr(names)[:60], expected)
-    unknown = [name for name in names if not is_known(name)]
-    if unknown:
-        raise InvalidInput(argument, repr(unknown[0])[:60], expected)
+    wrong = (
+        [n for n in names if n not in ALL_LIMITS and n not in limit_names()] if isinstance(names, tuple) else [names]
+    )
+    if wrong or not isinstance(names, tuple):
+        expected = f"a tuple of names of limits, out of {', '.join(limit_names())}"
+        raise InvalidInput(argument, repr(wrong[0])[:60], expected)
     return names
 
 
 def kind_of(name: str) -> Limit:
-    """Return the kind of limit of a name."""
-    found = _BY_NAME.get(name) or _ADDED.get(name)
-    if found is not None:
-        return found
-    if name not in names(FOLDER):
-        raise UnknownName("limit", name, (*ALL_LIMITS, *names(FOLDER), *_ADDED))
-    return _from_folder(name)
-
-
-@cache
-def _from_folder(name: str) -> Limit:
-    kind: Limit = build_method(FOLDER, name, "limit")
-    return kind
+    """Return the kind of limit of a name, or of a file, which is run."""
+    found: Limit | None = _BY_NAME.get(name) or _ADDED.get(name)
+    if found is None:
+        if not is_path(name) and name not in names(FOLDER):
+            raise UnknownName("limit", name, limit_names())
+        found = build_method(FOLDER, name, "limit")
+        if is_path(name):
+            register(found)
+        else:
+            _ADDED[name] = found
+    return found

@@ -15,7 +15,7 @@ from optik.arm.robot import Robot
 from optik.content import content
 from optik.errors import InvalidInput
 from optik.types import Array
-from planners.limits.base import Limit, is_pair, ratio_to_limit, symmetric_bound
+from planners.limits.base import Limit, ratio_to_limit, symmetric_bound
 from planners.limits.inputs import PathPoints, plain
 from planners.limits.kinds import (
     ALL_LIMITS,
@@ -26,8 +26,8 @@ from planners.limits.kinds import (
     bound_at,
     bounds_on_pieces,
     inside_ends,
-    is_known,
     kind_of,
+    limit_names,
 )
 from planners.paths.base import Path
 from planners.trajectory.curve import monomials
@@ -46,8 +46,8 @@ class MotionLimits:
         Greatest speed of the tool's point [m/s] and of its rotation [rad/s], as Euclidean norms; one, or one for each segment
         of a polyline. A rounded corner has the lesser of the limits of its two segments.
     extra : mapping, optional
-        Bounds of further kinds of limits, by name (`planners.limits.register`). Time laws enforce those of first order like
-        velocities, and the others by stretching the whole motion.
+        Bounds of further kinds of limits, by name or by file, such as ``{"./weighted_speed.py": 3.0}``, which is run. Time laws
+        enforce those of first order like velocities, and the others by stretching the whole motion.
     torque, torque_rate : scalar or (n,) array, optional
         Greatest torques [N·m, N] and torque rates [N·m/s, N/s] of an arm whose masses are known. The torque includes Coulomb
         friction; its rate does not.
@@ -84,7 +84,8 @@ class MotionLimits:
             raise InvalidInput(
                 "extra", repr(self.extra)[:120], "a mapping from names of further limits to their bounds"
             )
-        kept = {name: kind_of(name).check(value) for name, value in self.extra.items() if value is not None}
+        given = {kind_of(name): value for name, value in self.extra.items() if value is not None}
+        kept = {kind.name: kind.check(value) for kind, value in given.items()}
         object.__setattr__(self, "extra", MappingProxyType(kept) if kept else None)
 
     def __eq__(self, other: object) -> bool:
@@ -198,19 +199,6 @@ class MotionLimits:
         """
         bounds = self.bounds(n)
         return {name: symmetric_bound(bounds[name]) for name in DERIVATIVES}
-
-    def symmetric(self) -> MotionLimits:
-        """Return the limits with the side nearer to zero in place of every pair; they are at least as strict."""
-        values = {name: self.value(name) for name in self.names}
-        changed: dict[str, Any] = {
-            name: np.minimum(-np.asarray(v[0]), v[1])
-            for name, v in values.items()
-            if kind_of(name).sided and is_pair(v)
-        }
-        if not changed:
-            return self
-        extra = None if self.extra is None else {name: changed.pop(name, self.extra[name]) for name in self.extra}
-        return replace(self, **changed, extra=extra)
 
     def rows(self, name: str, at: PathPoints) -> Array:
         """Return the rows of one limit at points of a joint path.
@@ -337,7 +325,11 @@ class MotionLimits:
         InvalidInput
             Missing or unknown names, or data that are not a bound.
         """
-        extra = tuple(key for key in data if key not in ALL_LIMITS and is_known(key)) if isinstance(data, dict) else ()
+        extra = (
+            tuple(key for key in data if key not in ALL_LIMITS and key in limit_names())
+            if isinstance(data, dict)
+            else ()
+        )
         required = tuple(name for name in ALL_LIMITS if name not in LOADED)
         checked = read_record(data, (*required, *extra), "limits", optional=LOADED)
         found: dict[str, Any] = {key: kind_of(key).from_plain(value, n) for key, value in checked.items()}

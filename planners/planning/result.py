@@ -206,11 +206,11 @@ class Plan:
         Parameters
         ----------
         file : str or path
-            ``.npz``, ``.json`` or ``.csv``, or the suffix of another format.
+            Its suffix is the name of a format, one of `planners.files.formats`, or ``.yaml`` for a message of ROS.
         format : str, optional
             Name of the format, for a file with another suffix.
         rate : float, optional
-            Points per second [1/s] in the table of a CSV; by default points at the knots.
+            Points per second [1/s] of a format with points, such as CSV, and of a message; by default points at the knots.
         allow : str or several
             Violations to permit, as for `planners.save`.
 

@@ -36,8 +36,7 @@ class RecordedLaw(TimeLaw):
         """Return the limits that the plan's certificate enforces."""
         return tuple(name for name in self._enforced if name in limits.names)
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Raise NoSolution, because the plan's law is not available."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         raise NoSolution(f"{self.name} starts from rest only")
 
 

@@ -28,8 +28,10 @@ from planners.trajectory import Trajectory
 
 JointNames = Mapping[str, str] | Sequence[str] | None
 
-MESSAGE_SUFFIXES = (".yaml", ".yml", ".json")
-"""Suffixes of message files; the tools of ROS write YAML."""
+YAML_SUFFIXES = (".yaml", ".yml")
+"""Suffixes that `planners.save` keeps for messages; the tools of ROS write YAML."""
+MESSAGE_SUFFIXES = (".json", *YAML_SUFFIXES)
+"""Suffixes of message files."""
 
 
 class RosExport(NamedTuple):

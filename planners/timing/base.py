@@ -5,22 +5,24 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, NoReturn, final
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from optik.arm.robot import Robot
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from optik.registry import build_method, names
-from optik.types import Array
+from optik.types import Array, Flags
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
-from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names
+from planners.limits import DERIVATIVES, LOADED, MotionLimits, PathPoints, check_names, kind_of, symmetric_bound
 from planners.trajectory import Trajectory
 from planners.trajectory.curve import apply_chain_rule, find_times, quintic
 
+NO_JOINT_MOTION = 1e-11
+"""Motion of a joint, or of what another limit bounds, that is rounding error [rad, m]: limits on it are ignored."""
 NODE_APART, BRIEF_MOTION = 2e-3, 0.1
 """Least time [s] between a knot for a node of the path and any other knot, and the duration [s] below which it shrinks with the
 motion: shorter pieces of a quintic amplify the rounding of q in the jerk."""
@@ -69,7 +71,7 @@ class ClassName:
 class TimeLaw(ABC):
     """Base of time laws along a joint path. A law is a subclass in a file of its own, named by ``METHOD``.
 
-    The default ``name`` is that of the class in lower case.
+    A law states what it enforces and defines `_time`. The default ``name`` is that of the class in lower case.
     """
 
     name: ClassVar[str] = ClassName()  # type: ignore[assignment] # read as a str
@@ -81,6 +83,13 @@ class TimeLaw(ABC):
     """The requested tool speed [m/s; rad/s for a pure rotation], which must not change after the law; or None."""
 
     @abstractmethod
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory | MotionAnalysis:
+        """Return a motion along the joint path from rest to rest, or its analysis, which the certificate then reuses.
+
+        The arguments are those of `run`. Each limit that the law enforces is given, and one of them bounds the motion.
+        """
+
+    @final
     def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         """Return a motion along the joint path.
 
@@ -101,9 +110,11 @@ class TimeLaw(ABC):
         InvalidInput
             A limit that the law needs is missing.
         NoSolution
-            No timing exists within the limits.
+            No timing exists within the limits, or none of them bounds the motion.
         """
+        return self.run_with_analysis(joint_path, limits).trajectory
 
+    @final
     def run_with_analysis(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
         """Return the motion of `run` with its analysis, which the certificate reuses.
 
@@ -119,8 +130,11 @@ class TimeLaw(ABC):
         MotionAnalysis
             The motion of `run`.
         """
-        motion = check_motion(self, self.run(joint_path, limits), joint_path.robot)
-        return MotionAnalysis(joint_path.robot, motion, joint_path.path)
+        self.check(joint_path, limits)
+        found = self._time(joint_path, limits)
+        if isinstance(found, MotionAnalysis):
+            return found
+        return MotionAnalysis(joint_path.robot, check_motion(self, found, joint_path.robot), joint_path.path)
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
         """Return a motion along the remaining joint path, from a moving state to its end.
@@ -146,10 +160,65 @@ class TimeLaw(ABC):
         NoSolution
             No timing exists within the limits from that state.
         """  # noqa: DOC202
-        raise InvalidInput("timing", self.name, "a law that can start from a moving state: optimal")
+        raise InvalidInput("timing", self.name, "a law with run_from, such as 'optimal'")
 
-    def need(self, limits: MotionLimits, robot: Robot) -> dict[str, Array]:
-        """Return the limits on the joints; raise InvalidInput if one that the law enforces is missing.
+    def check(self, joint_path: JointPath, limits: MotionLimits) -> None:
+        """Raise an error if a limit on the joints that the law needs is missing, or if none of its limits bounds the motion.
+
+        Parameters
+        ----------
+        joint_path : JointPath
+            q(s).
+        limits : MotionLimits
+            Limits of the motion.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that the law needs is missing, or has another number of joints.
+        NoSolution
+            The limits that the law enforces leave every part that moves free.
+        """
+        self.need(limits, joint_path.robot)
+        moving, bounds = find_moving(joint_path), limits.bounds(joint_path.robot.n)
+        names = (*self.enforced, *(name for name in limits.extra or () if kind_of(name).order == 1))
+        if self.enforced and not any(self._is_bounded(joint_path, moving, name, bounds[name]) for name in names):
+            refuse_free_motion(joint_path, moving)
+
+    def _is_bounded(self, joint_path: JointPath, moving: Flags, name: str, bound: Array) -> bool:
+        """Return whether a limit bounds a part that moves; torques count for laws that respect them by themselves."""
+        kind, given = kind_of(name), np.isfinite(symmetric_bound(bound))
+        if kind.subject is None:
+            return bool((given & (moving if kind.homogeneous else self.counts_torque)).any())
+        rates = kind.rows(PathPoints(joint_path, joint_path.nodes), np.where(given, 1.0, np.inf))[..., 0]
+        return bool(np.abs(rates).max() * joint_path.end > NO_JOINT_MOTION)
+
+    def need(self, limits: MotionLimits, robot: Robot) -> None:
+        """Raise InvalidInput if a limit on the joints that the law enforces is missing.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+            Limits of a motion.
+        robot : Robot
+            The arm.
+
+        Raises
+        ------
+        InvalidInput
+            A limit that the law needs is missing, or has another number of joints.
+        """
+        if missing := self.list_missing(limits, robot):
+            named, unknown = " and ".join(missing), self.list_missing(MotionLimits.of(robot), robot)
+            given = dict.fromkeys((*limits.given_names, *unknown))
+            arguments = ", ".join(["robot", *(f"{f}=..." for f in given)])
+            expected = f"limits on {named} for the law {self.name!r}: MotionLimits.of({arguments})"
+            raise InvalidInput(
+                "limits", f"none on {named}", f"{expected}, which keeps the other limits of {robot.name}"
+            )
+
+    def list_missing(self, limits: MotionLimits, robot: Robot) -> list[str]:
+        """Return the names of the limits on the joints that the law needs and that are missing.
 
         Parameters
         ----------
@@ -160,27 +229,9 @@ class TimeLaw(ABC):
 
         Returns
         -------
-        dict of (n,) arrays
-            Velocity, acceleration and jerk [rad/s, rad/s², rad/s³, or m], infinity where free.
-
-        Raises
-        ------
-        InvalidInput
-            A limit that the law needs is missing, or has another number of joints.
+        list of str
+            Out of velocity, acceleration and jerk; not acceleration if the law respects a given torque limit.
         """
-        bound = limits.arrays(robot.n)
-        if missing := self._list_missing(limits, robot):
-            named, unknown = " and ".join(missing), self._list_missing(MotionLimits.of(robot), robot)
-            given = dict.fromkeys((*limits.given_names, *unknown))
-            arguments = ", ".join(["robot", *(f"{f}=..." for f in given)])
-            expected = f"limits on {named} for the law {self.name!r}: MotionLimits.of({arguments})"
-            raise InvalidInput(
-                "limits", f"none on {named}", f"{expected}, which keeps the other limits of {robot.name}"
-            )
-        return bound
-
-    def _list_missing(self, limits: MotionLimits, robot: Robot) -> list[str]:
-        """Return the limits on the joints that the law needs and that are missing."""
         bound, by_torque = limits.arrays(robot.n), self.counts_torque and limits.torque is not None
         free = [f for f in DERIVATIVES if f in self.enforced and not np.isfinite(bound[f]).any()]
         return [f for f in free if f != "acceleration" or not by_torque]
@@ -208,28 +259,23 @@ class TimeLaw(ABC):
         return (*self.enforced, *(name for name in slowed if name not in self.enforced), *(limits.extra or ()))
 
 
-class AnalysingLaw(TimeLaw):
-    """Base of time laws that analyse their motion to scale it to the limits; the plan's certificate reuses the analysis."""
+def find_moving(joint_path: JointPath) -> Flags:
+    """Return which joints (n,) move on a joint path."""
+    return np.asarray(np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION)
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path."""
-        return self._time(joint_path, limits).trajectory
 
-    def run_with_analysis(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        """Time the joint path, and return the motion with its analysis."""
-        if type(self).run is not AnalysingLaw.run:  # a subclass has another motion
-            return super().run_with_analysis(joint_path, limits)
-        return self._time(joint_path, limits)
-
-    @abstractmethod
-    def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        """Time the joint path, and return the motion with its analysis."""
+def refuse_free_motion(joint_path: JointPath, moving: Flags) -> NoReturn:
+    """Raise NoSolution for limits that leave all joints (n,) that move free."""
+    names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
+    raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"a finite limit on one of {names}")
 
 
 def check_law(law: object) -> TimeLaw:
     """Return a time law; raise InvalidInput if it is not one, or enforces unknown limits."""
     if not isinstance(law, TimeLaw):
         raise InvalidInput("timing", repr(law)[:60], "a TimeLaw")
+    if type(law).run is not TimeLaw.run:  # which the planner would not call
+        raise InvalidInput("timing", f"{law.name} with a method run", "a law that defines _time(joint_path, limits)")
     check_names(getattr(law, "enforced", None), f"enforced of the time law {law.name!r}")
     return law
 

@@ -27,7 +27,7 @@ from planners.timing._sectional.ramps import (
     phases_of,
     ratio_of,
 )
-from planners.timing.base import AnalysingLaw, refit, speed_bound
+from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.interior_point.programme import select_spaced, sweep
 from planners.timing.interior_point.rows import derivatives
 from planners.timing.smooth import least_duration
@@ -57,7 +57,7 @@ FIRST_ROOM, ROOM_LEFT, ROOMS = 0.999, 0.998, 3
 """Fraction of the limits that ramps use first, factor on it after an excess, and number of fractions that are tried."""
 
 
-class ConstantSpeed(AnalysingLaw):
+class ConstantSpeed(TimeLaw):
     """Constant speed of the tool, |v|, from the end of one ramp to the start of the other; |ω| if the tool only turns.
 
     The ramps are limited in jerk and as short as the local limits allow. Each takes at most the fraction `ramp` of the
@@ -83,7 +83,6 @@ class ConstantSpeed(AnalysingLaw):
             raise InvalidInput("ramp", ramp, "a fraction above 0, at most 0.5")
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        self.need(limits, joint_path.robot)
         shortest = min(SHORTEST_PHASE, 0.01 * least_duration(joint_path, limits))
         distance = _distance(joint_path, limits)
         if self.speed is not None:

@@ -15,7 +15,7 @@ from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, DERIVATIVES, MotionLimits, kind_of, tool_limits_between
 from planners.motion.fit import FIRST_MARGIN, fit, fit_to_limits, is_within, match_start
-from planners.timing.base import AnalysingLaw, PathState
+from planners.timing.base import PathState, TimeLaw
 from planners.timing.interior_point import iteration
 from planners.timing.interior_point.newton import Iterate, Problem
 from planners.timing.interior_point.programme import (
@@ -66,7 +66,7 @@ BETWEEN_SAMPLES = 1.00005
 """Largest ratio of the tool speed inside a piece to that at the four instants where it is sampled."""
 
 
-class Optimal(AnalysingLaw):
+class Optimal(TimeLaw):
     """Time-optimal with jerk limits: s⃛ is constant on intervals between fixed path parameters, whose durations are free.
 
     The initial guess is a motion that nearly respects all limits, from two sweeps. An interior-point iteration solves the
@@ -123,7 +123,7 @@ class Optimal(AnalysingLaw):
         NoSolution
             The iteration found no motion.
         """
-        self.need(limits, joint_path.robot)
+        self.check(joint_path, limits)
         enforced = self.list_enforced(limits)
         inside = limits if _unloaded(limits) else limits.scale(1.0 - PROOF_EXCESS, ("torque", "torque_rate"))
         for problem, weight in _problems(joint_path, inside, self.intervals, density):
@@ -146,7 +146,7 @@ class Optimal(AnalysingLaw):
 
     def run_from(self, joint_path: JointPath, limits: MotionLimits, state: PathState) -> Trajectory:
         """Time the remaining joint path from a moving state; a motion that starts at rest is slowed as in `run`."""
-        self.need(limits, joint_path.robot)
+        self.check(joint_path, limits)
         at_rest = state.speed == 0.0 and state.acceleration == 0.0
         problem = moving_programme(joint_path, limits, self.intervals, state, joint_path.end)
         found = None if problem is None else _solve(problem, SLOWDOWN_LOADED if at_rest else 0.0)
@@ -180,7 +180,8 @@ class Optimal(AnalysingLaw):
             The motion; None if none is found.
         """
         gentler = limits.scale(GENTLER, ("acceleration",))
-        for guessed in (limits,) if limits.symmetric() == limits else (limits, gentler):
+        pairs = any(bound.ndim > 1 for bound in limits.bounds(joint_path.robot.n).values())
+        for guessed in (limits, gentler) if pairs else (limits,):
             try:
                 problem = moving_programme(joint_path, limits, self.intervals or STOP_INTERVALS, state, end, guessed)
                 found = None if problem is None else _solve(problem, 0.0, most=STOP_ITERATIONS)

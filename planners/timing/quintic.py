@@ -44,8 +44,7 @@ class Quintic(TimeLaw):
             raise InvalidInput("step", step, wanted)
         self.segments = round(duration / step)
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path without checking the limits."""
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         t = np.linspace(0.0, self.duration, self.segments + 1)
         s = np.linspace(0.0, joint_path.end, self.segments + 1)
         q = joint_path(s)

@@ -15,7 +15,7 @@ from planners.limits import ALL_LIMITS, MotionLimits
 from planners.motion.fit import fit
 from planners.timing._sectional.ramps import Ramp, constant_limits, law_of, make_table, phases_of, profile
 from planners.timing._sectional.sections import find_sections
-from planners.timing.base import AnalysingLaw, refit
+from planners.timing.base import TimeLaw, refit
 from planners.timing.smooth import least_duration
 
 SHORTEST_CRUISE = 1e-9
@@ -48,7 +48,7 @@ def velocity_control(
     return [(float(h), float(j)) for h, j in phases if h > 0.0]
 
 
-class RuckigLaw(AnalysingLaw):
+class RuckigLaw(TimeLaw):
     """Sections of s, each with its own bounds on ṡ, s̈ and s⃛, so that one bad point does not slow the whole path.
 
     Dynamic programming over candidate path parameters and speeds finds a chain of ramps. Each ramp is evaluated at sampled
@@ -65,8 +65,7 @@ class RuckigLaw(AnalysingLaw):
     enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        bound = self.need(limits, joint_path.robot)
-        table = make_table(joint_path, limits)
+        bound, table = limits.arrays(joint_path.robot.n), make_table(joint_path, limits)
         if (constant := constant_limits(joint_path.path, table)) is None:
             ramps = find_sections(table, joint_path.path.breaks, least_duration(joint_path, limits))
             law = law_of(ramps, [_solve(ramp) for ramp in ramps])

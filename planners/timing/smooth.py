@@ -8,22 +8,20 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from optik.errors import InvalidInput, NoSolution
+from optik.errors import InvalidInput
 from optik.types import Array
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.follow import JointPath
 from planners.limits import ALL_LIMITS, MotionLimits, PathPoints
 from planners.motion.fit import fit
-from planners.timing.base import AnalysingLaw, refit
+from planners.timing.base import TimeLaw, find_moving, refit, refuse_free_motion
 from planners.trajectory.curve import find_times
 
 QUINTIC = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """s / L = 10 u³ − 15 u⁴ + 6 u⁵ with u = t / T, highest power first: no speed and no acceleration at either end."""
-NO_JOINT_MOTION = 1e-11
-"""Joint motion [rad or m] that is rounding error: limits on such a joint are ignored."""
 
 
-class Smooth(AnalysingLaw):
+class Smooth(TimeLaw):
     """s(t) = L (10 u³ − 15 u⁴ + 6 u⁵), u = t / T (Biagiotti and Melchiorri, Trajectory Planning, §2.1.6).
 
     At a given u, every velocity goes with 1/T, every acceleration with 1/T² and every jerk with 1/T³: one evaluation
@@ -34,8 +32,7 @@ class Smooth(AnalysingLaw):
     enforced: ClassVar[tuple[str, ...]] = ALL_LIMITS
 
     def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
-        bound = self.need(limits, joint_path.robot)
-        duration = least_duration(joint_path, limits)
+        bound, duration = limits.arrays(joint_path.robot.n), least_duration(joint_path, limits)
         c = joint_path.end * QUINTIC / duration ** np.arange(5, -1, -1)
         law = scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration]), extrapolate=True)
         motion = MotionAnalysis(joint_path.robot, refit(joint_path, law, bound["jerk"]), joint_path.path)
@@ -46,8 +43,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     """Return the shortest T of one quintic in s that respects the limits at sampled instants and around every node."""
     if not joint_path.end > 0.0:
         raise InvalidInput("joint_path", "a length of 0", "a path whose ends differ")
-    moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
-    bound = limits.arrays(joint_path.robot.n)
+    moving, bound = find_moving(joint_path), limits.arrays(joint_path.robot.n)
     free: dict[str, Any] = {field: np.where(moving, of, np.inf) for field, of in bound.items()}
     limits = replace(limits, **free)
     u = np.union1d(np.linspace(0.0, 1.0, instants), _sample_times(joint_path.nodes / joint_path.end))
@@ -58,8 +54,7 @@ def least_duration(joint_path: JointPath, limits: MotionLimits, instants: int = 
     ]
     duration: float = max(ratio ** (1.0 / order) for ratio, order in ratios)
     if not 0.0 < duration < np.inf:
-        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
-        raise NoSolution("nothing limits this motion", s=0.0, advice=f"a finite limit on a joint that moves: {names}")
+        refuse_free_motion(joint_path, moving)
     return duration
 
 

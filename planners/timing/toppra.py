@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 import toppra
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 from toppra.constraint.linear_constraint import canlinear_colloc_to_interpolate
 from toppra.interpolator import AbstractGeometricPath
 
@@ -20,6 +19,7 @@ from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints, sides
 from planners.timing.base import TimeLaw, refit, speed_bound
 from planners.timing.smooth import least_duration
 from planners.trajectory import Trajectory
+from planners.trajectory.curve import constant_acceleration
 
 GRID_EXCESS = 1e-5
 """Excess of a limit between grid points above which the grid is refined there."""
@@ -68,9 +68,7 @@ class Toppra(TimeLaw):
         self.grid = grid
         self.retries = 0
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-        """Time the joint path."""
-        self.need(limits, joint_path.robot)
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         bounded = limits.select(tuple(kind.name for kind in limits.kinds if kind.order <= 2))
         most = least_duration(joint_path, bounded) / BRIEFEST_PIECE
         sizes = [max(10, round(min(self.grid * factor, most * factor))) for factor in GRIDS]
@@ -163,13 +161,6 @@ def _peak_ratios(joint_path: JointPath, limits: MotionLimits, s: Array, speed: A
     asked = [limits.ratios(name, points, rates).max(axis=1) for name in ("acceleration", "torque")]
     ratio = np.maximum(np.maximum(*asked), rates[0] / speed_bound(joint_path, limits, at))
     return np.asarray(ratio.reshape(-1, u.size).max(axis=1))
-
-
-def constant_acceleration(s: Array, speed: Array) -> Any:
-    """Return s(t) through grid points, with constant s̈ between them."""
-    h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
-    t = np.concatenate([[0.0], np.cumsum(h)])
-    return PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)
 
 
 class _Speed(toppra.constraint.LinearConstraint):  # type: ignore[misc]

@@ -201,14 +201,16 @@ def quintic(x: Array, left: tuple[Array, Array, Array], right: tuple[Array, Arra
     P = p1 - (p0 + h * (v0 + 0.5 * h * a0))
     V = h * (v1 - (v0 + h * a0))
     A = h * h * (a1 - a0)
-    c = np.empty((6, *p0.shape))
-    c[5] = p0
-    c[4] = v0
-    c[3] = 0.5 * a0
-    c[2] = (10.0 * P - 4.0 * V + 0.5 * A) / h**3
-    c[1] = (-15.0 * P + 7.0 * V - A) / h**4
-    c[0] = (6.0 * P - 3.0 * V + 0.5 * A) / h**5
+    c3, c4, c5 = 10.0 * P - 4.0 * V + 0.5 * A, -15.0 * P + 7.0 * V - A, 6.0 * P - 3.0 * V + 0.5 * A
+    c = np.stack([c5 / h**5, c4 / h**4, c3 / h**3, 0.5 * a0, v0, p0])
     return scipy.interpolate.PPoly(c, x, extrapolate=True)
+
+
+def constant_acceleration(s: Array, speed: Array) -> Any:
+    """Return s(t) through path parameters (k,) with speeds ṡ (k,), and with constant s̈ between them."""
+    h = 2.0 * np.diff(s) / (speed[:-1] + speed[1:])
+    t = np.concatenate([[0.0], np.cumsum(h)])
+    return scipy.interpolate.PPoly(np.stack([0.5 * np.diff(speed) / h, speed[:-1], s[:-1]]), t, extrapolate=True)
 
 
 def quintic_through(x: Array, p: Array, v: Array, a: Array) -> Any:

@@ -23,7 +23,7 @@ def typed(tmp_path: Path, *arguments: str) -> Result:
 def test_the_paper_s_task_goes_end_to_end(tmp_path: Path) -> None:
     done = typed(tmp_path, "--drive", "ideal", "--corrections", "1", "--miscalibration", "2,2", "--seed", "3")
     assert done.exit_code == 0, done.output
-    assert "ideal drive" in done.output and "task.html" in done.output and "after each round" in done.output
+    assert "simulated drive ideal" in done.output and "task.html" in done.output and "after each round" in done.output
     data = json.loads((tmp_path / "task.json").read_text(encoding="utf-8"))
     assert data["status"] == "arrived" and data["drive"] == "ideal" and len(data["rounds"]) == 2
     first, second = (np.linalg.norm(each["error"]) for each in data["rounds"])

@@ -21,6 +21,7 @@ from benchmarks.cli.runs import FEWEST_PARTS, make_progress, update_progress
 from optik.arm.library import read_home, robot_from_toml
 from optik.arm.model import unit_factors
 from optik.errors import InvalidInput
+from optik.registry import names
 from optik.scene.contact import find_contact
 from planners.certificate.violation import ALLOWANCES
 from tests.oracles import REPOSITORY
@@ -395,6 +396,40 @@ def test_an_error_says_what_to_type(typed: Any) -> None:
         status, _, said = typed("plan", "line", *words)
         assert status == 2
         assert advice in said.partition("; got ")[2].partition("; ")[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "group", "form"),
+    [
+        ("optik plan line", "--timing", "planners.timing", "{}"),
+        ("optik plan line", "--out", "planners.files", ".{}"),
+        ("optik plan line", "--format", "planners.files", "{}"),
+        ("optik plan line", "--limit", "planners.limits", "{}"),
+        ("optik plan line", "--solver", "optik.ik", "{}"),
+        ("optik plan line", "--free", "planners.freedom", "{}"),
+        ("optik drive", "PLAN", "planners.files", ".{}"),
+        ("optik drive", "--on", "planners.cell.drives", "{}"),
+        ("optik cell", "--drive", "planners.cell.drives", "{}"),
+        ("optik plan path", "PATH", "planners.paths", "{}"),
+    ],
+)
+def test_the_help_names_every_file_of_a_folder(words: str, option: str, group: str, form: str) -> None:
+    (found,) = (p for p in commands()[words].params if option in (*p.opts, p.metavar))
+    missing = [
+        name for name in names(group) if not re.search(rf"(?<![\w.]){re.escape(form.format(name))}\b", found.help)
+    ]
+    assert not missing, f"{words} --help: {option} does not name {', '.join(missing)} of {group}"
+
+
+def test_a_limit_of_a_file_is_kept_and_printed(typed: Any, tmp_path: Path) -> None:
+    limit, file = REPOSITORY / "examples" / "weighted_speed.py", tmp_path / "line.json"
+    status, out, said = typed("plan", "line", "--limit", f"{limit}=0.8", "--out", str(file))
+    assert status == 0, said
+    assert re.search(r"weighted speed │ 1 +│ arm", out)
+    assert planners.load_motion(file).limits.extra == {"weighted_speed": 0.8}
+    for text, words in (("0.8", "unknown limit ''"), ("weighted=1", "unknown limit 'weighted'"), ("jerk=1", "extra")):
+        status, _, said = typed("plan", "line", "--limit", text)
+        assert status == 2 and words in said
 
 
 def test_the_version_is_the_package_s(typed: Any) -> None:

@@ -20,7 +20,7 @@ from optik import JointLimits, Robot
 from optik.errors import InvalidInput, MissingDependency, NoSolution, OutputError
 from optik.scene.messages import LONGEST_DURATION, NANOSECONDS
 from optik.types import Array
-from planners import JointLine, Line, MotionLimits, Trajectory, make_law, plan
+from planners import JointLine, Line, MotionLimits, Trajectory, load_motion, make_law, plan, save
 from planners.files.setpoints import load_trajectory
 from planners.motion import Motion, get_motion
 from planners.ros.export import to_ros
@@ -447,9 +447,19 @@ def test_times_that_would_not_increase_in_nanoseconds_are_refused(tmp_path: Path
     assert to_ros(replace(hop(), trajectory=trajectory), tmp_path / "motion.json", rate=100.0).points == 51
 
 
+def test_save_writes_the_message_where_the_suffix_is_yaml(tmp_path: Path) -> None:
+    save(hop(), tmp_path / "saved.YAML", rate=100.0)
+    to_ros(hop(), tmp_path / "sent.yaml", rate=100.0)
+    assert (tmp_path / "saved.YAML").read_bytes() == (tmp_path / "sent.yaml").read_bytes()
+    with pytest.raises(InvalidInput, match=r"\.csv, \.json, \.npz, \.yaml, \.yml; got"):
+        save(hop(), tmp_path / "saved.txt")
+    with pytest.raises(InvalidInput, match=r"\.csv, \.json, \.npz; got"):
+        load_motion(tmp_path / "saved.yaml")
+
+
 def test_files_and_plans_that_are_none_are_named(tmp_path: Path) -> None:
     for file in ("motion.txt", "motion", 3):
-        with pytest.raises(InvalidInput, match=r"\.yaml, \.yml, \.json"):
+        with pytest.raises(InvalidInput, match=r"\.json, \.yaml, \.yml"):
             to_ros(hop(), file)
         with pytest.raises(InvalidInput, match=r"\.csv, \.json, \.yaml, \.yml"):
             load_trajectory(file, paper6r())

@@ -24,7 +24,8 @@ from planners.timing._sectional.ramps import Ramp, law_of, make_table, phases_of
 from planners.timing.base import refit
 from planners.timing.constant_speed import _distance as distance_of
 from planners.timing.quintic import Quintic
-from planners.timing.toppra import Toppra, constant_acceleration
+from planners.timing.toppra import Toppra
+from planners.trajectory.curve import constant_acceleration
 from tests import oracles
 from tests.oracles import PAPER
 from tests.oracles.time_optimum import best_duration

@@ -21,6 +21,7 @@ from planners.limits import (
     PathPoints,
     kind_of,
     kinds,
+    limit_names,
     register,
     scale_of,
 )
@@ -88,6 +89,21 @@ def test_the_optimum_uses_its_rows_and_does_not_only_slow_down() -> None:
     found = plan(paper6r(), default_line(), START, limits=limits)
     slowed = free.trajectory.duration / 0.7
     assert found.trajectory.duration < 0.95 * slowed
+
+
+def test_a_limit_of_a_file_is_given_by_its_path_and_then_has_its_name(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(kinds, "_ADDED", {})
+    file = REPOSITORY / "examples" / "weighted_speed.py"
+    limits = MotionLimits(2.0, 10.0, 100.0, extra={str(file): 3.0})
+    assert limits.names[-1] == limit_names()[-1] == "weighted_speed"
+    assert limits == MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})
+    assert MotionLimits.from_plain(limits.to_plain(), 6) == limits
+    taken = tmp_path / "jerk.py"
+    taken.write_text(file.read_text(encoding="utf-8").replace('    name = "weighted_speed"\n', ""), encoding="utf-8")
+    with pytest.raises(InvalidInput, match="a name that no other limit has"):
+        MotionLimits(extra={str(taken): 3.0})
 
 
 def test_a_violation_is_named() -> None:

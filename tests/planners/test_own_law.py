@@ -9,7 +9,7 @@ import pytest
 
 import optik
 import planners
-from optik.errors import InvalidInput
+from optik.errors import InvalidInput, NoSolution
 from planners import MotionLimits, TimeLaw, Trajectory
 from planners.certificate.analysis import MotionAnalysis
 from planners.following.joint_path import JointPath
@@ -26,18 +26,31 @@ class Sluggish(TimeLaw):
 
     enforced: Any = ()
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         return Quintic(duration=2.0).run(joint_path, limits)
 
 
 class Untimed(Sluggish):
     """A law that returns no trajectory."""
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Any:
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Any:
         return 5
 
     def run_from(self, *_: object, **__: object) -> Any:
         return 5
+
+
+class Running(Sluggish):
+    """A law with the method that the planner does not call."""
+
+    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:  # type: ignore[misc]
+        return super().run(joint_path, limits)
+
+
+class Hopeful(Sluggish):
+    """A law that takes no care of limits that it could do without."""
+
+    enforced = ("velocity", "tool_speed", "rotation_speed")
 
 
 def planned(law: Any) -> planners.Plan:
@@ -88,6 +101,27 @@ def test_what_a_law_returns_must_be_a_trajectory_of_the_arm() -> None:
     running = planned(Sluggish())
     with pytest.raises(InvalidInput, match="result of the time law 'untimed'"):
         planners.replan(running, state=1.0, timing=Untimed())
+
+
+def test_a_law_that_overrides_run_is_told_what_to_define() -> None:
+    with pytest.raises(InvalidInput, match=r"_time\(joint_path, limits\); got running with a method run"):
+        planned(Running())
+
+
+def test_the_base_class_refuses_a_motion_that_no_limit_of_the_law_bounds() -> None:
+    robot, turned = paper6r(), START + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.3])
+    joint_path = planners.follow(
+        optik.ik.make_solver(robot, "lm"), planners.Line(robot.fk(START), robot.fk(turned)), START
+    )
+    assert joint_path.joint_path is not None
+    others = np.array([1.0, 1.0, 1.0, 1.0, 1.0, np.inf])
+    snail = MotionLimits(others, 1.0, 1.0)
+    with pytest.raises(NoSolution, match="no limit bounds a joint that moves; try: a finite limit on one of joint6"):
+        Hopeful().run(joint_path.joint_path, snail)
+    with pytest.raises(NoSolution):  # the tool's point stays where it is
+        Hopeful().run(joint_path.joint_path, MotionLimits(others, tool_speed=0.1))
+    for limits in (MotionLimits(others, rotation_speed=0.1), MotionLimits((-others[::-1], others[::-1]))):
+        assert Hopeful().run(joint_path.joint_path, limits).duration == 2.0
 
 
 def test_all_missing_limits_are_named_in_one_error() -> None:

@@ -49,7 +49,7 @@ class Refusing(TimeLaw):
     name: ClassVar[str] = "refusing"
     enforced: ClassVar[tuple[str, ...]] = ()
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         raise NoSolution("it will not", s=0.125, joint="joint2", advice="ask again")
 
 

@@ -110,7 +110,7 @@ class Own(TimeLaw):
 
     enforced = DERIVATIVES
 
-    def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
+    def _time(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
         only = limits.select(DERIVATIVES)
         return make_law("smooth").run(joint_path, only)
 
@@ -273,10 +273,10 @@ def test_law_and_certificate_of_a_plan_share_one_analysis_of_its_motion(
     assert len({id(motion) for motion in analysed}) == len(analysed)
 
 
-def test_a_subclass_of_a_law_with_its_own_run_is_planned_with_it() -> None:
+def test_a_subclass_of_a_law_with_its_own_motion_is_planned_with_it() -> None:
     class Gentle(Smooth):
-        def run(self, joint_path: JointPath, limits: MotionLimits) -> Trajectory:
-            return super().run(joint_path, limits).slowed(2.0)
+        def _time(self, joint_path: JointPath, limits: MotionLimits) -> MotionAnalysis:
+            return super()._time(joint_path, limits).slowed(2.0)
 
     fast, slow = (
         plan(paper6r(), default_line(), START, timing=law, limits=MotionLimits(*OUR)) for law in ("smooth", Gentle())

@@ -10,7 +10,7 @@ import scipy
 from optik.compiled import compiled
 from optik.types import Array
 from planners.following.follow import JointPath
-from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints
+from planners.limits import TOOL_SPEEDS, MotionLimits, PathPoints, kind_of
 from planners.paths.base import Path
 from planners.timing._sweep import make_graded_grid
 from planners.timing.base import speed_bound
@@ -69,8 +69,8 @@ def make_table(joint_path: JointPath, limits: MotionLimits) -> RampTable:
 
 def limit_rows(limits: MotionLimits, at: PathPoints) -> Array:
     """Return the `parts` of a table: rows of the acceleration and jerk limits; of a pair, the side nearer to zero counts."""
-    nearer = limits.symmetric()
-    rows = np.concatenate([nearer.rows(name, at) for name in ("acceleration", "jerk")], axis=2)
+    bound = limits.arrays(at.joint_path.robot.n)
+    rows = np.concatenate([kind_of(name).rows(at, bound[name]) for name in ("acceleration", "jerk")], axis=2)
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 

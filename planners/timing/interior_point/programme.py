@@ -7,17 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optik.errors import NoSolution
 from optik.types import Array
 from planners.following.follow import JointPath
 from planners.limits import DERIVATIVES, MotionLimits, find_tool_limit_changes, sides
 from planners.timing import _sweep
 from planners.timing._sweep import make_graded_grid
-from planners.timing.base import PathState, speed_bound
+from planners.timing.base import PathState, find_moving, refuse_free_motion, speed_bound
 from planners.timing.interior_point import reach
 from planners.timing.interior_point.newton import Problem
 from planners.timing.interior_point.rows import Rows, build_rows, derivatives, swept_rows
-from planners.timing.smooth import NO_JOINT_MOTION, QUINTIC, least_duration
+from planners.timing.smooth import QUINTIC, least_duration
 from planners.trajectory.curve import find_times
 
 UNITS = 64.0
@@ -177,8 +176,7 @@ def _ramps(joint_path: JointPath, bound: dict[str, Array], q1: Array, s: Array) 
     most = np.fmin(2.0 * np.sqrt(A * D), 2.0 * np.cbrt(J * D * D))
     peak = np.where((10.0 * most < V) & moving, 10.0 * most, np.inf)
     if not np.isfinite(np.fmin(V, peak)[moving]).any():
-        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
-        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
+        refuse_free_motion(joint_path, moving)
     least = np.fmin(A, np.sqrt(J * np.fmin(V, most)))
     with np.errstate(invalid="ignore"):
         ramps = np.where(np.isfinite(J) & moving, least / J, 0.0)
@@ -352,7 +350,7 @@ def _make_sweep_input(joint_path: JointPath, limits: MotionLimits) -> _sweep.Alo
         joint_path.path.breaks, joint_path.end, max(SWEEP_PLACES, joint_path.knots.size), SWEEP_PER_PIECE
     )
     bound, top = limits.arrays(joint_path.robot.n), speed_bound(joint_path, limits, s)
-    moving = np.ptp(joint_path.q, axis=0) > NO_JOINT_MOTION
+    moving = find_moving(joint_path)
     A, J = (np.where(moving, bound[field], np.inf) for field in ("acceleration", "jerk"))
     found = derivatives(joint_path, s)
     *loaded, most = swept_rows(joint_path, limits, s, found)
@@ -365,10 +363,6 @@ def _make_sweep_input(joint_path: JointPath, limits: MotionLimits) -> _sweep.Alo
     a, j = float((size / A).max(axis=1).mean()), float((size / J).max(axis=1).mean())
     # by order of magnitude no motion takes less time than these; far higher derivatives need not be told apart
     least = max(float((np.diff(s) / top[1:]).sum()), np.sqrt(length * a), np.cbrt(length * j))
-    free = not np.isfinite([bound[field][moving] for field in DERIVATIVES]).any() and not np.isfinite(limits.tool).any()
-    if (free and not most.size) or not 0.0 < least < np.inf:
-        names = ", ".join(joint_path.robot.joint_names[i] for i in np.flatnonzero(moving))
-        raise NoSolution("no limit bounds a joint that moves", s=0.0, advice=f"finite limits on one of {names}")
     top = np.minimum(top, FASTEST * length / least)
     highest = FASTEST * length / least**2, FASTEST**2 * length / least**3
     return _sweep.Along(s, q1, q2, q3, A, J, top, highest)
