@@ -168,8 +168,8 @@ def choose_drive(typed: str) -> tuple[str, str]:
 
 def _write_page(outcome: Outcome, file: Path) -> Path | None:
     """Write the page that plays the task."""
-    from planners.cell.view.page import write_page
-    from planners.cell.view.show import show_outcome
+    from optik.view.page import write_page
+    from planners.cell.show import show_outcome
 
     try:
         show = show_outcome(outcome)

@@ -37,9 +37,9 @@ from optik.file_io import write_atomically
 from optik.registry import load_method, names
 
 if TYPE_CHECKING:
+    from optik.view.show import Show
     from planners import Motion, Plan
     from planners.cell.drives.base import Execution
-    from planners.cell.view.show import Show
 
 STORED_MOTION = f"a motion that `optik plan … --out FILE` wrote: {MOTION_SUFFIXES}"
 """Files that `optik drive` reads; `optik view` also reads an execution and a failed plan."""
@@ -252,7 +252,7 @@ def compute_tool_error(done: Execution) -> tuple[float, float]:
 
 def execution_data(done: Execution) -> dict[str, Any]:
     """Return an execution as plain data for files and programs."""
-    from planners.cell.view.recorded import EXECUTION
+    from planners.cell.recorded import EXECUTION
 
     data: dict[str, Any] = {
         "format": EXECUTION, "drive": done.drive, "robot": done.robot.name,
@@ -296,7 +296,7 @@ class ViewCommand(Command):
 
     def run(self) -> None:
         """Write the page, and open it."""
-        from planners.cell.view.page import PAGE_SUFFIXES, write_page
+        from optik.view.page import PAGE_SUFFIXES, write_page
 
         html, drive = self.html, self.drive
         if drive is not None:
@@ -318,8 +318,10 @@ def check_simulated(drive: str) -> str:
 
 def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
     """Return the recording for a page; with a drive, execute a plan first."""
+    from optik.view.show import Show
     from planners.cell.drives import make_drive
-    from planners.cell.view.show import Show, show_execution, show_motion
+    from planners.cell.show import show_execution
+    from planners.motion.show import show_motion
     from planners.plan import Plan
 
     if drive is None or not isinstance(shown, Plan):
@@ -335,8 +337,8 @@ def _make_show(shown: Motion | Plan | Show, drive: str | None = None) -> Show:
 
 def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Show:
     """Read a motion (as a plan, for a drive), an execution or a failed plan; errors as in `read_motion`."""
+    from planners.cell.recorded import EXECUTION, FAILED_PLAN, show_recorded
     from planners.cell.stored import restore_plan
-    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN, show_recorded
 
     data = _read_json(file)
     if data.get("format") in (EXECUTION, FAILED_PLAN):
@@ -350,7 +352,7 @@ def _read_recording(file: Path, drive: str | None = None) -> Motion | Plan | Sho
 
 def read_motion(file: Path) -> Motion:
     """Read a motion."""
-    from planners.cell.view.recorded import EXECUTION, FAILED_PLAN
+    from planners.cell.recorded import EXECUTION, FAILED_PLAN
     from planners.files import load_motion
 
     if file.is_dir():

@@ -244,7 +244,7 @@ def choose_branch(start: Start, path: Any) -> str:
 
 def _write_failed(plan: planners.Plan, file: Path) -> None:
     """Write a failed plan for `optik view`, marked as failed, and name the file on the error stream."""
-    from planners.cell.view.recorded import failed_plan_data
+    from planners.cell.recorded import failed_plan_data
 
     text = json.dumps(failed_plan_data(plan), allow_nan=False) + "\n"
     write_atomically(file, lambda part: part.write_text(text, encoding="utf-8"))

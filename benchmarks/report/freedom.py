@@ -33,7 +33,7 @@ from benchmarks.report.numbers import number
 from benchmarks.report.tables import Column, Group, Table, table_of
 from benchmarks.report.timing.line import detailed
 from benchmarks.report.timing.space import read_track
-from planners.cell.view.page import embed_arm
+from optik.view.page import embed_arm
 
 HOW_COMPARED = (
     "Before is the motion along the initial path within the same limits: the given path of the tool, or the straight line in "

@@ -13,9 +13,9 @@ import numpy as np
 
 from optik.check import format_value, real_array
 from optik.compiled import compiled, inlined
-from optik.distance import DISTANCE_ROUNDING, NearestPoint, dot
 from optik.errors import InvalidInput
 from optik.kinematics import Triple
+from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint, dot
 from optik.scene.mesh import SOLID_WIDTH
 from optik.types import Array
 

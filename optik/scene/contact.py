@@ -12,7 +12,10 @@ from numpy.typing import ArrayLike
 from optik import kinematics
 from optik.arm.shapes.check import Capsules
 from optik.compiled import compiled, inlined
-from optik.distance import (
+from optik.errors import InvalidInput
+from optik.kinematics import Chain, Triple
+from optik.scene.cloud import count_parts, segment_cloud
+from optik.scene.distance import (
     DISTANCE_ROUNDING,
     NearestPoint,
     segment_box,
@@ -20,9 +23,6 @@ from optik.distance import (
     segment_plane,
     segment_segment,
 )
-from optik.errors import InvalidInput
-from optik.kinematics import Chain, Triple
-from optik.scene.cloud import count_parts, segment_cloud
 from optik.scene.mesh import segment_mesh
 from optik.types import Array, Indices
 

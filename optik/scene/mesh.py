@@ -15,9 +15,9 @@ import numpy as np
 from optik.arm.limits import freeze
 from optik.check import format_value, real_array
 from optik.compiled import compiled
-from optik.distance import DISTANCE_ROUNDING, NearestPoint, dot
 from optik.errors import InvalidInput
 from optik.kinematics import Triple
+from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint, dot
 from optik.types import Array
 
 MOST_CORNERS = 4096

@@ -13,6 +13,7 @@ from planners.cell.error_split import ErrorSplit, PathSplit, split_configuration
 from planners.cell.gripper import Gripper, HeldObject
 from planners.cell.laser import PanTiltLaser
 from planners.cell.outcome import CellStatus, Outcome, Round, Step
+from planners.cell.show import show_execution, show_outcome
 from planners.cell.sighting import Plane, Sighting, SightStatus, Spot
 from planners.cell.stored import restore_plan
 from planners.ros.rclpy import RclpyTransport
@@ -57,6 +58,8 @@ __all__ = [
     "make_setpoints",
     "mujoco_model",
     "restore_plan",
+    "show_execution",
+    "show_outcome",
     "split_configurations",
     "split_errors",
     "to_mjcf",

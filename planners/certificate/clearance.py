@@ -148,8 +148,8 @@ def clearance(robot: Robot, trajectory: Trajectory, scene: Scene) -> Clearance:
     For two capsules of the arm only the joints between their links count, seen from the inner link. R, V and A are the exact
     extrema of the polynomials, or within one polynomial their Taylor sums from m where those are less. An interval whose bound
     is not close to the least distance found so far is halved, at a knot first. Distances are exact but for rounding, which is
-    subtracted (`optik.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016; before
-    it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
+    subtracted (`optik.scene.distance`). The method follows the dichotomy by which HPP validates paths (Mirabel et al. 2016;
+    before it Schwarzer, Saha and Latombe 2005) and conservative advancement (Mirtich 2000).
     """
     check_scene(robot, scene)
     assert robot.shapes is not None

@@ -8,7 +8,6 @@ import numpy as np
 
 from optik import kinematics
 from optik.compiled import compiled, inlined
-from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain
 from optik.scene.contact import (
     CLOUD,
@@ -23,6 +22,7 @@ from optik.scene.contact import (
     read_row,
     transform_point,
 )
+from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.types import Array, Flags, Indices
 from planners.certificate.bounds import instants
 

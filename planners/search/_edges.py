@@ -12,7 +12,6 @@ from optik.arm.robot import Robot
 from optik.arm.shapes.check import Capsules
 from optik.arm.shapes.enclosure import complete_frame
 from optik.compiled import compiled, inlined
-from optik.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.kinematics import Chain, Triple
 from optik.scene import Scene
 from optik.scene.cloud import count_parts
@@ -32,6 +31,7 @@ from optik.scene.contact import (
     read_row,
     transform_point,
 )
+from optik.scene.distance import DISTANCE_ROUNDING, NearestPoint
 from optik.types import Array, Indices
 from planners.certificate.clearance_search import EndMotion, locate_capsule
 

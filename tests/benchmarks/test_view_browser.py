@@ -14,9 +14,10 @@ import optik
 from optik.scene import Scene
 from optik.scene.contact import find_contact
 from optik.types import Array
-from planners.cell.view.page import embed_arm, write_page
-from planners.cell.view.show import Beam, Show, Track, sample_track, show_motion
+from optik.view.page import embed_arm, write_page
+from optik.view.show import Beam, Show, Track
 from planners.limits import MotionLimits
+from planners.motion.show import plot_limits, sample_track, show_motion
 from tests.benchmarks.browser import CHROMIUM, Browser
 from tests.planners.motions import planned
 
@@ -308,7 +309,7 @@ def loaded() -> Show:
     scene = Scene([(T, [0.1, 0.1, 0.6])], planes=[([0.0, 0.0, -0.2], [0.0, 0.0, 1.0])], margin=0.02)
     limits = MotionLimits.of(robot, velocity=0.8, acceleration=(-6.0, 3.0))
     done = Track(t, q + turn + 0.001, rate, None, np.full_like(turn, 3.0))
-    return Show(robot, "loaded", track, robot.fk(track.q)[:, :3, 3], done, scene, limits)
+    return Show(robot, "loaded", track, robot.fk(track.q)[:, :3, 3], done, scene, plot_limits(limits, robot.n))
 
 
 @pytest.fixture(scope="module")

@@ -81,7 +81,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "planners/certificate/clearance_search.py": (EDGES, *CONTACT, CLOUDS),
     "planners/certificate/clearance.py": (EDGES, *CONTACT),
     "optik/scene/contact.py": (EDGES, *CONTACT, "tests/optik/test_scene.py", CLOUDS),
-    "optik/distance.py": (EDGES, *CONTACT[::-1]),
+    "optik/scene/distance.py": (EDGES, *CONTACT[::-1]),
     "planners/certificate/checks.py": (EDGES, *CERTIFICATE[1:]),
     "planners/certificate/path_error.py": (RETRACED, *CERTIFICATE),
     "planners/certificate/path_bounds.py": (PATH_BOUNDS, RETRACED, *CERTIFICATE),
@@ -197,7 +197,7 @@ DRAWN = (
     "planners/certificate/projection.py",
     "planners/certificate/segment_speed.py",
     "planners/certificate/clearance_search.py",
-    "optik/distance.py",
+    "optik/scene/distance.py",
     "planners/limits/base.py",
     "planners/limits/kinds.py",
     "planners/trajectory/curve.py",
@@ -232,7 +232,7 @@ NEWER = (
     "planners/certificate/effort.py",
     "planners/motion/fit.py",
     "optik/dynamics.py",
-    "optik/distance.py",
+    "optik/scene/distance.py",
     "optik/scene/contact.py",
     "optik/arm/shapes/model.py",
     "optik/arm/shapes/enclosure.py",
@@ -259,7 +259,7 @@ DRAWS = {"drawn": (20251121, 80, DRAWN), "newer": (20261122, 100, NEWER)}
 
 AREAS = (
     *("planners/search", "planners/choice", "planners/paths", "planners/freedom", "planners/replan"),
-    *("planners/timing/brake", "optik/scene", "optik/distance.py", "optik/arm/shapes", "planners/certificate"),
+    *("planners/timing/brake", "optik/scene", "optik/scene/distance.py", "optik/arm/shapes", "planners/certificate"),
 )
 """Searches, path and time together, paths, freedoms, replanning, stops, scenes, distances, shapes and the certificate."""
 SCATTERED = {"areas": (20261126, 60, AREAS)}
@@ -449,7 +449,7 @@ LISTED: tuple[tuple[str, str, str], ...] = (
     ("planners/search/find.py", "== goals).all(axis=1)", "== goals).any(axis=1)"),
     ("planners/search/find.py", "* min(map(measure_length", "* max(map(measure_length"),
     ("planners/choice/columns.py", "f * b * time[1]", "f * b * time[0]"),
-    ("optik/distance.py", "depth, min(max((m", "depth, max(max((m"),
+    ("optik/scene/distance.py", "depth, min(max((m", "depth, max(max((m"),
     ("optik/arm/shapes/enclosure.py", "extent = 0.5 * ds", "extent = 5.0 * ds"),
     ("optik/arm/shapes/enclosure.py", "+ 0.5 * dphi * np.minimum(", "+ 5.0 * dphi * np.minimum("),
     ("optik/arm/shapes/enclosure.py", "i * dphi for i in (-1, 1, -1, 1)", "i * dphi for i in (-1, 1, -2, 1)"),
@@ -463,12 +463,12 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "if kind == SELF and spheres[i, 3] < 1.0:",
     ): "the capsule is located again, at the same place",
     (
-        "optik/distance.py",
+        "optik/scene/distance.py",
         "across = sqrt(x[0] * x[0] + x[1] * x[1])",
         "across = sqrt(x[1] * x[0] + x[1] * x[1])",
     ): "another length of Newton's step within a bisection, whose end is the same",
     (
-        "optik/distance.py",
+        "optik/scene/distance.py",
         "if away < 0.0 and bend <= 0.0:",
         "if away < 0.0 and bend < 0.0:",
     ): "a second derivative of exactly 0",

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from optik.distance import (
+from optik.scene.distance import (
     DISTANCE_ROUNDING,
     NearestPoint,
     segment_box,

@@ -12,14 +12,14 @@ from optik import Scene
 from optik.errors import InvalidInput, UnknownName
 from optik.scene.contact import find_nearest_pairs
 from optik.types import Array
+from optik.view.data import describe_show
 from planners import Line, MotionLimits, Plan, PlanStatus, PointToPoint, ViaPoint, free, load_motion, plan
-from planners.cell.view.data import describe_show
-from planners.cell.view.show import show_motion
 from planners.choice import avoid
 from planners.choice.choose import Choice, JointChoice
 from planners.choice.clearances import ClearanceLimits, NearPairs, bodies_of, pair_rooms
 from planners.choice.first_paths import advise_elbow
 from planners.choice.programme import FreeProgramme
+from planners.motion.show import show_motion
 from planners.paths.free_path import FreePath
 from planners.search.rrt_connect import RRTConnect
 from planners.timing.optimal import Optimal

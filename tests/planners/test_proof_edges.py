@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from optik import DHRow, JointLimits, Robot, Scene, Shapes
 from optik.arm.inertia import Inertia
-from optik.distance import DISTANCE_ROUNDING
 from optik.errors import InvalidInput
 from optik.ik.base import Tolerance
 from optik.scene.contact import BOX, PLANE, ROUND, SELF, bound_distance
+from optik.scene.distance import DISTANCE_ROUNDING
 from optik.scene.model import UNIT_NORMAL
 from optik.types import Array
 from planners import Trajectory
@@ -356,7 +356,7 @@ STATED = {
     "planners.certificate.segment_speed": {"CROSSING_ROUNDING": 1e-12},
     "planners.cell.drives._checks": {"GREATEST_STEP": 1.0 + 1e-6},
     "planners.cell.calibration": {"CONFIDENCE": 0.999, "MOST_LEFT_OUT": 0.25, "MOST_TURN": 0.05},
-    "optik.distance": {"DISTANCE_ROUNDING": 1e-9},
+    "optik.scene.distance": {"DISTANCE_ROUNDING": 1e-9},
     "optik.scene.model": {"UNIT_NORMAL": 1e-14},
 }  # fmt: skip
 """What docstrings, documentation and formats promise; tests of behaviour take the code's own constants."""

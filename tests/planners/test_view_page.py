@@ -14,17 +14,11 @@ from optik import se3
 from optik.errors import InvalidInput, NoSolution, OutputError
 from optik.scene import Scene
 from optik.types import Array
+from optik.view.page import MOST_PAGE, make_page, write_page
+from optik.view.show import Show, Track
 from planners.cell import Cell, Outcome, PanTiltLaser, Spot, make_drive
-from planners.cell.view.page import MOST_PAGE, make_page, write_page
-from planners.cell.view.show import (
-    Show,
-    Track,
-    sample_track,
-    show_execution,
-    show_motion,
-    show_outcome,
-    thin_execution,
-)
+from planners.cell.show import show_execution, show_outcome, thin_execution
+from planners.motion.show import sample_track, show_motion
 from tests.planners.cases import MOVE, START, paper6r
 from tests.planners.faulty import FaultyIdeal, Stall
 from tests.planners.motions import planned

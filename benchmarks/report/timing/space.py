@@ -29,8 +29,8 @@ from benchmarks.report.figures import (
 from benchmarks.report.numbers import number
 from benchmarks.report.timing.line import arm_of, detailed, law_control
 from optik.types import Array
-from planners.cell.view.page import embed_arm
-from planners.cell.view.show import Track, thin
+from optik.view.page import embed_arm
+from optik.view.show import Track, thin
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure, Scatter3d

@@ -13,9 +13,11 @@ from optik.errors import InvalidInput, NoSolution
 from optik.scene import Scene
 from optik.scene.contact import find_contact, find_nearest_pairs
 from optik.types import Array
-from planners.cell.view._facts import certificate_facts, drive_words, motion_facts, unread_facts
-from planners.cell.view.show import Show, Track, sample_path, sample_track, thin_execution
+from optik.view.show import Show, Track
+from planners.cell.facts import drive_words, unread_facts
+from planners.cell.show import thin_execution
 from planners.files.base import from_plain
+from planners.motion.show import certificate_facts, motion_facts, plot_limits, sample_path, sample_track
 from planners.paths import path_of
 from planners.plan import Plan
 
@@ -90,7 +92,7 @@ def _show_execution(data: Mapping[str, Any]) -> Show:
     rows += [(name.capitalize(), read_word(data[name], name)) for name in ("reason", "advice") if data.get(name)]
     return Show(
         motion.robot, f"{motion.robot.name}: {motion.law} on the drive {drive_words(drive)}", planned,
-        sample_path(motion.path), executed, motion.scene, motion.limits,
+        sample_path(motion.path), executed, motion.scene, plot_limits(motion.limits, motion.robot.n),
         facts=(*motion_facts(motion), *certificate_facts(motion.certify()), *rows, *unread_facts(unread)),
     )  # fmt: skip
 

@@ -15,8 +15,7 @@ from optik.scene import Scene
 from optik.scene.contact import BOX, CLOUD, CYLINDER, MESH, PLANE, ROUND, SELF, find_clearances, find_pairs
 from optik.scene.mesh import find_hull
 from optik.types import Array
-from planners.cell.view.show import Show, Track, thin
-from planners.limits import sides
+from optik.view.show import Show, Track, thin
 
 MOST_OBJECTS_DRAWN = 2000
 """Largest number of drawn objects of a scene, the nearest to the path: a phone still turns them smoothly."""
@@ -33,8 +32,6 @@ PLOTS = {
     "clearance": ("Clearance", ""),
 }
 """Quantities of a motion that a page plots: title, and suffix of a joint's unit."""
-PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
-"""Quantities with a limit of the motion, and the name of that limit."""
 SHAPE_KINDS = {BOX: "boxes", ROUND: "rounds", PLANE: "planes", SELF: "own", CYLINDER: "cylinders", MESH: "meshes"}
 SHAPE_KINDS[CLOUD] = "clouds"
 """Kinds of the second shape of a pair, as the scripts name them."""
@@ -186,10 +183,7 @@ def _find_torques(robot: Robot, track: Track) -> Array | None:
 
 def _describe_limits(show: Show) -> dict[str, list[list[float | None]]]:
     """Return the lower and the upper limits of each quantity; None for a joint without a limit."""
-    robot = show.robot
-    bounds = {} if show.limits is None else show.limits.bounds(robot.n)
-    pairs = {"q": (robot.limits.lower, robot.limits.upper)}
-    pairs |= {name: sides(bounds[limit]) for name, limit in PLOT_LIMITS.items() if limit in bounds}
+    pairs = {"q": (show.robot.limits.lower, show.robot.limits.upper), **show.limits}
     return {
         name: [[x if np.isfinite(x) else None for x in side.tolist()] for side in pair] for name, pair in pairs.items()
     }

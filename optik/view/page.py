@@ -13,8 +13,8 @@ from optik.errors import InvalidInput
 from optik.file_io import check_suffix, write_atomically
 from optik.scene import Scene
 from optik.types import Array
-from planners.cell.view.data import describe_show, describe_surroundings, describe_track, list_plots
-from planners.cell.view.show import Show, Track
+from optik.view.data import describe_show, describe_surroundings, describe_track, list_plots
+from optik.view.show import Show, Track
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -98,7 +98,7 @@ def _template(name: str) -> Template:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, loader=PackageLoader("planners.cell", "view"),
+        autoescape=True, undefined=StrictUndefined, loader=PackageLoader("optik", "view"),
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     return environment.get_template(name)
@@ -108,7 +108,7 @@ def _asset(name: str) -> Markup:
     """Return the text of a file beside this one."""
     from markupsafe import Markup
 
-    return Markup(files("planners.cell").joinpath("view", name).read_text(encoding="utf-8"))
+    return Markup(files("optik").joinpath("view", name).read_text(encoding="utf-8"))
 
 
 def _assets(*names: str) -> Markup:

@@ -1,0 +1,135 @@
+"""The content of a viewer for a motion: it at instants, its path, limits and facts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from optik.arm.robot import Robot
+from optik.types import Array
+from optik.view.show import Show, Track
+from planners.certificate.certificate import Certificate
+from planners.limits import ALL_LIMITS, MotionLimits, sides
+from planners.motion.motion import HasMotion, Motion, get_motion
+from planners.paths.base import Path
+from planners.paths.point_to_point import PointToPoint
+from planners.trajectory import Trajectory
+
+MOST_INSTANTS = 2000
+"""Largest number of instants of a motion; the viewer interpolates cubics between them."""
+SAMPLE_PERIOD = 0.004
+"""Interval between instants of a short motion [s]; cubics between them deviate by at most 1e-7 rad at usual jerks."""
+PATH_POINTS = 400
+"""Number of drawn points of a path."""
+PLOT_LIMITS = {"dq": "velocity", "ddq": "acceleration", "torque": "torque"}
+"""Quantities that a viewer plots with a limit of the motion, and the name of that limit."""
+
+
+def show_motion(motion: Motion | HasMotion) -> Show:
+    """Return the content of a viewer for a motion.
+
+    Parameters
+    ----------
+    motion : Motion or Plan
+        Such as `planners.load_motion` reads.
+
+    Returns
+    -------
+    Show
+        Its facts include the motion's certificate.
+
+    Raises
+    ------
+    NoSolution
+        A plan that failed.
+    InvalidInput
+        Neither a motion nor a plan.
+    """
+    found = get_motion(motion)
+    proof = getattr(motion, "certificate", None)
+    if not isinstance(proof, Certificate):
+        proof = found.certify()
+    return Show(
+        found.robot, f"{found.robot.name}: {found.law or 'a motion'}", sample_track(found.trajectory),
+        sample_path(found.path), scene=found.scene, limits=plot_limits(found.limits, found.robot.n),
+        facts=(*motion_facts(found), *certificate_facts(proof)), before=sample_first_way(found.path),
+    )  # fmt: skip
+
+
+def plot_limits(limits: MotionLimits, n: int) -> dict[str, tuple[Array, Array]]:
+    """Return the lower and upper limits (n,) of each quantity of a viewer's plots."""
+    bounds = limits.bounds(n)
+    return {name: sides(bounds[limit]) for name, limit in PLOT_LIMITS.items() if limit in bounds}
+
+
+# ---------------------------------------------------------------- motions at instants
+
+
+def sample_track(trajectory: Trajectory) -> Track:
+    """Sample a motion for a viewer."""
+    count = int(np.clip(np.ceil(trajectory.duration / SAMPLE_PERIOD), 1, MOST_INSTANTS - 1)) + 1
+    t = np.linspace(0.0, trajectory.duration, count)
+    return Track(t, trajectory(t), trajectory(t, 1), trajectory(t, 2))
+
+
+def sample_first_way(path: Path) -> Array | None:
+    """Return the points of the tool along the way around obstacles near which a path began, or None."""
+    if not isinstance(path, PointToPoint) or path.corners is None:
+        return None
+    u = np.linspace(0.0, len(path.corners) - 1.0, PATH_POINTS)
+    q = np.stack([np.interp(u, np.arange(len(path.corners)), x) for x in path.corners.T], axis=1)
+    return np.asarray(path.robot.fk(q)[:, :3, 3])
+
+
+def sample_path(path: Path) -> Array:
+    """Return the points of a path to draw."""
+    s = np.union1d(np.linspace(0.0, path.end, PATH_POINTS), path.breaks)
+    return np.asarray(path.pose(s)[:, :3, 3], dtype=np.float64)
+
+
+# ---------------------------------------------------------------- facts
+
+
+def motion_facts(motion: Motion) -> tuple[tuple[str, str], ...]:
+    """Return the arm, law, path and scene of a motion as rows."""
+    robot, path = motion.robot, motion.path
+    shapes = (
+        "no shapes, shown as lines between its joint frames" if robot.shapes is None else f"{robot.shapes.m} capsules"
+    )
+    turn = f"{np.degrees(path.end):.4g}° of rotation" if path.turns_only else f"{path.end:.4g} rad"
+    way = f"{1e3 * path.end:.4g} mm" if path.unit == "m" else turn
+    rows = [
+        ("Arm", f"{robot.name}, {robot.n} joints, {shapes}"),
+        ("Path", f"{path.name}, {way}"),
+        ("Law", motion.law or "not stated"),
+        ("Duration", f"{motion.trajectory.duration:.4f} s"),
+        *payload_facts(robot),
+    ]
+    if motion.speed is not None:
+        unit = "rad/s" if path.turns_only else "m/s"
+        rows.append(("Requested tool speed", f"{motion.speed:.4g} {unit}"))
+    if motion.scene is not None:
+        rows.append(("Scene", f"{len(motion.scene.names)} objects, margin {1e3 * motion.scene.margin:.4g} mm"))
+    return tuple(rows)
+
+
+def payload_facts(robot: Robot) -> tuple[tuple[str, str], ...]:
+    """Return the payload of an arm as rows."""
+    if robot.payload is None:
+        return ()
+    centre = ", ".join(f"{1e3 * x:.4g}" for x in robot.payload.com)
+    return (("Payload", f"{robot.payload}, centre of mass at ({centre}) mm in the tool's frame"),)
+
+
+def certificate_facts(proof: Certificate) -> tuple[tuple[str, str], ...]:
+    """Return the certificate of a motion as rows."""
+    rows = [("Certificate", "valid" if proof.is_valid else f"NOT valid: {'; '.join(proof.reasons)}")]
+    for name in ALL_LIMITS:
+        ratio, joint, t = proof.worst(name)
+        if not np.isnan(ratio):
+            enforced = "" if name in proof.enforced else ", not enforced by the law"
+            much = f"{100 * ratio:.4g} % of its limit" if ratio < 10.0 else f"{ratio:.3g} times its limit"
+            words = f"{much} at {t:.3f} s, {joint}{enforced}"
+            rows.append((f"Largest {name.replace('_', ' ')}", words))
+    if proof.clearance is not None:
+        rows += [(f"Clearance {words}", kind.describe()) for words, kind in proof.clearance.kinds.items()]
+    return tuple(rows)
