@@ -1,7 +1,6 @@
 """A limit in one file: the weighted sum of the joint speeds, for example of the flow that hydraulic joints draw together.
 
-planners.limits.register(METHOD())
-limits = MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})
+Try it: ``optik plan line --limit examples/weighted_speed.py=0.8``, or ``MotionLimits(extra={"./weighted_speed.py": 3.0})``.
 """
 
 import numpy as np
@@ -14,7 +13,6 @@ WEIGHTS = np.array([3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
 class WeightedSpeed(Limit):
     """Bound on Σ w |q̇| [rad/s]: one number for the whole arm, of first order."""
 
-    name = "weighted_speed"
     units = ("rad/s", "m/s")
     order = 1
     subject = "arm"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from optik.errors import InvalidInput, MissingDependency, UnknownName
-from optik.plugins.files import MODULES, SUFFIXES, import_file, is_path, split_links
+from optik.plugins.files import MODULES, SUFFIXES, import_file, is_path, name_method, split_links
 from optik.plugins.options import defaults, find_nearest_name
 from optik.plugins.usage import UsedPlugin, in_finished_run, note, resolve_file, suggest_file
 
@@ -147,7 +147,8 @@ def load_method(group: str, name: str | os.PathLike[str], kind: str = "method") 
         _loaded[group, str(name)] = _where(point), method
         return method
     with _name_dependency(kind, str(name)):
-        return importlib.import_module(f"{group}.{name}").METHOD
+        module = importlib.import_module(f"{group}.{name}")
+    return name_method(module.METHOD, module.__name__, str(name))
 
 
 def build_method(group: str, name: str | os.PathLike[str], kind: str, *arguments: Any, **options: Any) -> Any:

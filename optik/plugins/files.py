@@ -138,10 +138,15 @@ def exec_module(file: Path, name: str) -> ModuleType:
         own = isinstance(kind, type) and kind.__module__.partition(".")[0] == name
         if own and kind.__reduce_ex__ is object.__reduce_ex__:
             kind.__reduce_ex__ = _reduce
-    method = values.get("METHOD")
-    if isinstance(method, type) and method.__module__ == name and "name" not in vars(method):
-        method.name = file.stem  # type: ignore[attr-defined]
+    name_method(values.get("METHOD"), name, file.stem)
     return module
+
+
+def name_method(method: Any, module: str, name: str) -> Any:
+    """Return a METHOD; a class of this module that states no name gets this one."""
+    if isinstance(method, type) and method.__module__ == module and "name" not in vars(method):
+        method.name = name  # type: ignore[attr-defined]
+    return method
 
 
 def _reduce(self: Any, protocol: Any) -> Any:

@@ -404,13 +404,11 @@ def limit_names() -> tuple[str, ...]:
 
 def check_names(names: object, argument: str) -> tuple[str, ...]:
     """Check that a tuple consists of names of limits, and return it."""
-    wrong = (
-        [n for n in names if n not in ALL_LIMITS and n not in limit_names()] if isinstance(names, tuple) else [names]
-    )
-    if wrong or not isinstance(names, tuple):
-        expected = f"a tuple of names of limits, out of {', '.join(limit_names())}"
-        raise InvalidInput(argument, repr(wrong[0])[:60], expected)
-    return names
+    given = names if isinstance(names, tuple) else (names,)
+    wrong = [name for name in given if name not in ALL_LIMITS and name not in limit_names()]
+    if wrong or given is not names:
+        raise InvalidInput(argument, repr((wrong or given)[0])[:60], f"a tuple out of {', '.join(limit_names())}")
+    return given
 
 
 def kind_of(name: str) -> Limit:

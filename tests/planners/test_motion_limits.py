@@ -10,6 +10,7 @@ import pytest
 
 from optik.errors import InvalidInput, NoSolution, UnknownName
 from optik.plugins.files import import_file
+from optik.registry import short_name
 from optik.types import Array
 from planners import Motion, MotionLimits, certify, load_motion, plan, save
 from planners.certificate.analysis import MotionAnalysis
@@ -28,6 +29,7 @@ from planners.limits import (
 from planners.limits.inputs import LimitedMotion
 from planners.motion.fit import fit_to_limits, stretch_factor
 from tests.oracles import REPOSITORY
+from tests.outside import everything
 from tests.planners.cases import START, default_joint_path, default_line, paper6r
 
 OUR = MotionLimits(2.0, 10.0, 100.0)
@@ -91,6 +93,24 @@ def test_the_optimum_uses_its_rows_and_does_not_only_slow_down() -> None:
     assert found.trajectory.duration < 0.95 * slowed
 
 
+@pytest.mark.parametrize("limit", everything("planners.limits"), ids=short_name)
+def test_every_limit_scales_with_time_and_is_kept(limit: str) -> None:
+    kind, law = kind_of(limit), plan(paper6r(), default_line(), START, limits=OUR).trajectory
+    one = MotionLimits(extra={limit: 1.0})
+    fast, slow = (
+        certify(paper6r(), default_line(), motion, one).worst(kind.name)[0] for motion in (law, law.slowed(2.0))
+    )
+    if kind.homogeneous:
+        assert fast == pytest.approx(slow * 2.0**kind.order, rel=1e-6)
+    found = plan(paper6r(), default_line(), START, limits=MotionLimits(2.0, 10.0, 100.0, extra={limit: 0.5 * fast}))
+    assert found and 0.9 < found.certificate.worst(kind.name)[0] <= 1.0
+    at = PathPoints(found.joint_path, found.certificate.s)
+    speed = np.linalg.norm(found.trajectory(found.certificate.t, 1), axis=1) / np.linalg.norm(at.q(1), axis=1)
+    if kind.order == 1:  # at the knots the rows give the value, which the judgement bounds
+        ratios = found.limits.ratios(kind.name, at, [speed])
+        assert 0.9 < ratios.max() <= found.certificate.worst(kind.name)[0] * (1.0 + 1e-6)
+
+
 def test_a_limit_of_a_file_is_given_by_its_path_and_then_has_its_name(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -101,7 +121,7 @@ def test_a_limit_of_a_file_is_given_by_its_path_and_then_has_its_name(
     assert limits == MotionLimits(2.0, 10.0, 100.0, extra={"weighted_speed": 3.0})
     assert MotionLimits.from_plain(limits.to_plain(), 6) == limits
     taken = tmp_path / "jerk.py"
-    taken.write_text(file.read_text(encoding="utf-8").replace('    name = "weighted_speed"\n', ""), encoding="utf-8")
+    taken.write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
     with pytest.raises(InvalidInput, match="a name that no other limit has"):
         MotionLimits(extra={str(taken): 3.0})
 
